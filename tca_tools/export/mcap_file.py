@@ -20,6 +20,7 @@ from tca_tools.why.coping import went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact, kind_of
 from tca_wire.text.facts_in_words import Wording, place
+from tca_wire.text.measures import run_time
 from tca_wire.vocabulary import Outcome
 
 _SECOND = 1_000_000_000
@@ -97,7 +98,7 @@ def _now(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
     """Of a run that goes on, that it does at the present: so far the file goes."""
     if run.is_live and run.times:
         time = max(nanoseconds(run.time), nanoseconds(run.times[-1]))
-        text = f"still running: nothing has happened since {run.times[-1]:.3f} s"
+        text = f"still running: nothing has happened since {run_time(run.times[-1])}"
         yield Said(time, "/tca/log", "", _line(time + since_1970(run), _INFO, text, run.numbers[-1]))
 
 

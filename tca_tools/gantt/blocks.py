@@ -10,6 +10,7 @@ from itertools import pairwise
 
 from tca_tools.gantt.chart import Bar, Ending
 from tca_tools.spans import levels
+from tca_wire.text.measures import from_to, percent
 
 _NAMED = 4
 """How many messages the title of a block names."""
@@ -59,7 +60,7 @@ def _title(block: Bar) -> str:
     killed = sum(bar.ending is Ending.KILLED for bar in block.parts)
     failed = sum(bool(bar.ending) for bar in block.parts) - killed
     ended = "".join(f"; {number} {how}" for number, how in ((failed, "failed"), (killed, "killed")) if number)
-    where = f"from {block.start:.3f} s to {block.end:.3f} s, {share_of(block):.0%} of the time"
+    where = f"{from_to(block.start, block.end)}, {percent(share_of(block))} of the time"
     return f"{len(block.parts)} messages {where}: {', '.join(parts)}{ended}"
 
 

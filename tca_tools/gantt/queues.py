@@ -6,6 +6,7 @@ from tca_tools.drawing.svg import rectangle, width_of
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.blocks import queue_lengths
 from tca_tools.gantt.chart import Row, lanes_of
+from tca_wire.text.measures import from_to
 
 QUEUE_LANE = 9.0
 MOST_QUEUE_LANES, _MOST_OF_NOBODYS = 6, 3
@@ -40,7 +41,7 @@ def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
     for start, end, number in steps:
         height = max((tall - 4) * number / most, 1.0)
         left, right, y = scale.x(start), scale.x(end), top + tall - 2 - height
-        title = f"at most {number} {row.queue_kind} from {start:.3f} s to {end:.3f} s"
+        title = f"at most {number} {row.queue_kind} {from_to(start, end)}"
         yield rectangle(f'fill="{CURVE}"', left, y, right, height, title)
     if lanes_of(row.queued) == 1:
         return  # there is nothing to compare

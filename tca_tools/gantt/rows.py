@@ -12,6 +12,7 @@ from tca_tools.gantt.chart import Bar, Chart, Ending, Row, lanes_of
 from tca_tools.gantt.looks import CHARACTER, COLOURS, dark, light, row_label
 from tca_tools.gantt.queues import MOST_QUEUE_LANES, QUEUE_LANE, curve, is_curve, queue_height
 from tca_tools.terminal import columns_of
+from tca_wire.text.measures import from_to
 from tca_wire.text.printable import printable
 
 _LANE = 24.0
@@ -184,7 +185,7 @@ class Painter:
             for some in _together(seen, _TOGETHER * self._scale.pixel):
                 (first, title), (last, _) = some[0], some[-1]
                 x, y = self._scale.x((first + last) / 2), top - _FLAG_ABOVE
-                count = f"{len(some)} failures from {first:.3f} s to {last:.3f} s, first: " * (len(some) > 1)
+                count = f"{len(some)} failures {from_to(first, last)}, first: " * (len(some) > 1)
                 yield (
                     f'<path class="flag" fill="{COLOURS[ending]}" d="M{x - _FLAG_WIDTH / 2:.2f} {y:.1f} '
                     f'h{_FLAG_WIDTH:.0f} l{-_FLAG_WIDTH / 2:.0f} {_FLAG_HEIGHT:.0f} z">'

@@ -8,6 +8,7 @@ from tca_tools.why.coping import failing, told_to
 from tca_tools.why.stretches import Stretch
 from tca_tools.why.whereabouts import for_whom
 from tca_wire.text.facts_in_words import by_whom, place, raised_by
+from tca_wire.text.measures import duration, from_to, run_time
 from tca_wire.vocabulary import Outcome
 
 NEWLINE = "\n"
@@ -28,7 +29,7 @@ def handled(run: Run, handling: Handling) -> str:
 def raised(run: Run, task: Task, failure: Raised) -> str:
     """``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
     told = told_to(run, task, failure.time)
-    title = f"{task} failed at {failure.time:.3f} s: {failure.text.partition(NEWLINE)[0]}{raised_by(failure.by)}"
+    title = f"{task} failed at {run_time(failure.time)}: {failure.text.partition(NEWLINE)[0]}{raised_by(failure.by)}"
     return title + (f", {told}" if told else "")
 
 
@@ -94,4 +95,4 @@ def _waits_for(run: Run, wait: HandlerWait) -> str:
 
 def _span(run: Run, start: float, end: float | None) -> str:
     until = run.time if end is None else end
-    return f"from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s") + f", {until - start:.3f} s"
+    return f"{from_to(start, end)}, {duration(until - start)}"

@@ -24,6 +24,11 @@ def run_time(seconds: float) -> str:
     return f"{seconds:.3f} s" if seconds < 10_000 else f"{seconds:.1f} s"
 
 
+def from_to(start: float, end: float | None) -> str:
+    """``from 0.700 s to 1.400 s``; of what goes on: ``from 0.700 s on``."""
+    return f"from {run_time(start)} on" if end is None else f"from {run_time(start)} to {run_time(end)}"
+
+
 def percent(share: float) -> str:
     """``62%``, ``4.1%``."""
     return f"{share:.0%}" if share >= 0.0995 else f"{share:.1%}"

@@ -1,23 +1,28 @@
-from collections.abc import Callable
-from colorsys import rgb_to_hls
+"""``tca gantt``: which bars a chart has, what they tell, from when until when it goes, and the chart as text."""
+
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import pytest
 from click.testing import Result
-from tools.story import QUERY, Story, stumbling, walking
+from tools.story import COMMAND, QUERY, THIS, Story, locking, silent_for, stumbling, walking
 
 from tca_tools.gantt.axis import ticks
-from tca_tools.gantt.build import NO_HANDLER, chart
-from tca_tools.gantt.chart import Chart, lanes_of
-from tca_tools.gantt.looks import dark, light
-from tca_tools.gantt.svg import svg_text
+from tca_tools.gantt.blocks import in_blocks, queue_lengths, share_of
+from tca_tools.gantt.build import NO_HANDLER, SUSPENDED, chart
+from tca_tools.gantt.chart import Chart, Kind, Row, lanes_of
 from tca_tools.gantt.text import chart_lines
+from tca_tools.gantt.window import ALL, Pick
+from tca_tools.run.fold import History
+from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
-from tca_wire.vocabulary import MessageClass
+from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.vocabulary import Condition, MessageClass
 
 Tca = Callable[..., Result]
-SVG = "{http://www.w3.org/2000/svg}"
+Expect = Callable[[str, str], None]
+NOW = 1000.0
 
 
 @pytest.fixture
@@ -25,58 +30,73 @@ def run(tmp_path: Path) -> Path:
     return stumbling().write(tmp_path / "run")
 
 
-def handled(drawing: Chart, label: str) -> list[tuple[str, float, float]]:
-    row = next(row for row in drawing.rows if row.label == label)
-    return [(bar.name, bar.start, bar.end) for bar in row.handled]
+def told(drawing: Chart) -> Iterator[str]:
+    """All that a chart has."""
+    yield f"{drawing.start:.2f} to {drawing.end:.2f}: {', '.join(drawing.names)}"
+    for row in drawing.rows:
+        yield f"{row.label}, connected {row.connected}"
+        for bar in (*row.bars, *row.claims):
+            end = "open" if bar.is_open else bar.ending
+            yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {end}: {bar.title()}".replace(" : ", ": ")
+            yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.raised)
+            yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
+            yield from [f"    {bar.words(200)}"] * (bar.why is not None)
 
 
-def test_the_chart_in_blocks(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
-    expect("gantt_stumbling", tca("gantt", run, COLUMNS="100").stdout)
-    expect("gantt_stumbling_ascii", tca("gantt", run, "--ascii", "--from", 0.5, "--to", 2.5, COLUMNS="72").stdout)
+def labels(drawing: Chart) -> list[str]:
+    return [row.label for row in drawing.rows]
 
 
-def test_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
-    for width in (20, 40, 133):
-        lines = tca("gantt", run, COLUMNS=str(width)).stdout.splitlines()
-        assert max(map(len, lines)) <= width
+def row_of(story: Story, label: str, pick: Pick = ALL) -> Row:
+    return next(row for row in chart(story.fold(), pick=pick).rows if row.label == label)
 
 
-def test_bars_of_handlers_and_their_waits() -> None:
-    drawing = chart(walking().fold())
-    assert [row.label for row in drawing.rows] == ["user interface", "gait planner", "perception", "controller"]
-    assert handled(drawing, "gait planner") == [
-        ("traverse arc", 0.5, 0.7),
-        ("take steps", 0.7, 1.4),
-        ("take steps", 1.4, 2.2),
+# --- approved ---------------------------------------------------------------------------------------------------------
+
+
+def test_all_bars(expect: Expect) -> None:
+    drawings = [
+        chart(stumbling().fold()),
+        chart(locking().fold()),
+        chart(walking().fold(), pick=Pick(messages={2, 3}, beside={5}, held={3})),
     ]
-    planner, controller = drawing.rows[1], drawing.rows[3]
-    assert [(wait.start, wait.end) for bar in planner.handled for wait in bar.waits] == [(0.8, 1.22), (1.5, 1.98)]
-    assert planner.handled[1].title() == "take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s"
-    assert (
-        planner.handled[1].waits[0].title()
-        == "take steps {2} waits for elevation map {5} from 0.800 s to 1.220 s, 0.420 s"
-    )
-    assert [(bar.name, bar.is_open) for bar in controller.handled] == [("move leg", False), ("move body", True)]
+    expect("gantt_bars", "\n".join(line for drawing in drawings for line in told(drawing)) + "\n")
 
 
-def test_queued_messages_have_lanes_of_their_own() -> None:
-    planner = chart(walking().fold()).rows[1]
-    assert [(bar.start, bar.end, bar.lane) for bar in planner.queued] == [(0.6, 0.7, 0), (0.6, 1.4, 1)]
-    assert (planner.lanes, lanes_of(planner.queued)) == (1, 2)
-    assert planner.queued[0].title() == "take steps {2} queued for gait planner from 0.600 s to 0.700 s, 0.100 s"
+def test_the_chart_as_text(tca: Tca, run: Path, tmp_path: Path, expect: Expect) -> None:
+    walk, locks = walking().write(tmp_path / "walk"), locking().write(tmp_path / "locks")
+    shown = [
+        tca("gantt", run, COLUMNS="100"),
+        tca("gantt", run, "--ascii", "--from", 0.5, "--to", 2.5, COLUMNS="72"),
+        tca("gantt", locks, COLUMNS="100"),
+        tca("gantt", locks, "--story", 4, "--ascii", COLUMNS="100"),
+        tca("gantt", walk, "--story", 1, COLUMNS="100"),
+    ]
+    expect("gantt", "\n".join(one.stdout for one in shown))
 
 
-def test_a_wait_outside_of_any_handler_is_a_bar_of_its_module() -> None:
-    bar = chart(walking().fold()).rows[0].handled[0]
-    assert (bar.name, bar.start, bar.end, bar.is_open) == ("traverse arc", 0.5, 4.0, True)
-    assert [(wait.start, wait.end) for wait in bar.waits] == [(0.5, 4.0)]
+# --- rows and bars ----------------------------------------------------------------------------------------------------
 
 
 def test_a_row_for_each_resource_and_for_what_nobody_handles() -> None:
     story = Story().module("arm", "reach", resource="arm")
     story.say(facts.ResourceChanged("arm", "gripper", 2))
-    story.queued(story.goal("dance", "x"))
-    assert [row.label for row in chart(story.fold()).rows] == ["arm", "arm / gripper", NO_HANDLER]
+    story.queued(story.goal("dance", "x")).at(1.0)
+    drawing = chart(story.fold())
+    assert labels(drawing) == ["arm", "arm / gripper", NO_HANDLER]
+    assert [(row.lanes, lanes_of(row.queued)) for row in drawing.rows] == [(1, 0), (1, 0), (0, 1)]
+
+
+def test_rows_of_a_module_stand_together_and_what_is_no_modules_below() -> None:
+    story = Story().module("oven", "heat").module("store", "fetch").at(1.0)
+    for module, resource in [("oven", "chamber"), ("store", "phone"), ("oven", "meter")]:
+        story.delivered(story.command("bake", "user"), module, resource)
+    story.queued(story.command("fly", "user"))
+    story.say(facts.SuspendedOrResumed(TaskId(story.command("mop", "user")), True)).at(2.0)
+    rows = labels(chart(story.fold()))
+    used = ["oven / chamber", "oven / meter", "store / phone"]
+    assert [label for label in rows if label in used] == used
+    assert rows[-2:] == [SUSPENDED, NO_HANDLER]
 
 
 def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_there(tca: Tca, tmp_path: Path) -> None:
@@ -95,22 +115,6 @@ def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_the
     assert asked[3] == "user  " + "_" * 46
 
 
-def test_a_row_only_of_queues_has_no_room_for_bars() -> None:
-    story = Story().module("legs", "walk")
-    story.queued(story.goal("dance", "x")).at(1.0)
-    legs, nobody = chart(story.fold()).rows
-    assert (legs.lanes, lanes_of(legs.queued)) == (1, 0)
-    assert (nobody.lanes, lanes_of(nobody.queued)) == (0, 1)
-
-
-def test_a_chart_begins_and_ends_where_something_happens() -> None:
-    story = Story().module("legs", "walk")
-    story.at(50.0).delivered(story.goal("walk", "x"), "legs").at(60.0).returned(1).at(500.0)
-    drawing = chart(story.fold())
-    assert (drawing.start, drawing.end) == pytest.approx((49.8, 60.2))
-    assert (chart(story.fold(), start=0.0).start, chart(story.fold(), end=500.0).end) == (0.0, 500.0)
-
-
 def test_bars_that_overlap_in_one_resource_have_lanes() -> None:
     story = Story().module("map", "where")
     ids = [story.received("where", QUERY, "x") for _ in range(4)]
@@ -118,8 +122,7 @@ def test_bars_that_overlap_in_one_resource_have_lanes() -> None:
         story.at(float(time)).delivered(number, "map")
         if time >= 2:
             story.returned(ids[time - 2])
-    row = chart(story.at(9.0).fold()).rows[0]
-    bars = [(round(bar.start), bar.end, bar.lane) for bar in row.handled]
+    bars = [(round(bar.start), bar.end, bar.lane) for bar in row_of(story.at(9.0), "map").handled]
     assert bars == [(0, 2, 0), (1, 3, 1), (2, 9, 0), (3, 9, 1)]
 
 
@@ -129,64 +132,277 @@ def test_a_part_of_the_time_keeps_the_colours() -> None:
     assert [len(row.handled) for row in part.rows] == [1, 0, 0, 2]
 
 
-def rectangles(picture: str) -> dict[str, tuple[float, float]]:
-    """From where to where each titled rectangle goes."""
-    found = {}
-    for rectangle in ET.fromstring(picture).iter(f"{SVG}rect"):
-        if (title := rectangle.find(f"{SVG}title")) is not None and title.text:
-            left = float(rectangle.get("x", 0))
-            found[title.text] = (left, left + float(rectangle.get("width", 0)))
-    return found
-
-
-def test_the_picture_has_a_rectangle_for_each_bar_and_wait() -> None:
-    picture = svg_text(chart(stumbling().fold()), "stumbling <1>")
-    found = rectangles(picture)
-    leg = found["move leg {6} handled by controller from 1.400 s to 3.400 s, 2.000 s"]
-    body = found["move body {7} handled by controller from 3.400 s to 4.500 s, 1.100 s: failed"]
-    wait = found["take steps {2} waits for elevation map {5} from 0.800 s to 1.220 s, 0.420 s"]
-    steps = found["take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s"]
-    assert leg[1] == pytest.approx(body[0], abs=1.0)
-    assert (body[1] - body[0]) / (leg[1] - leg[0]) == pytest.approx(0.55, abs=0.01)
-    assert steps[0] < wait[0] < wait[1] < steps[1]
-    assert 'class="failed"' in picture
-    assert "url(#queued1)" in picture
-
-
-def test_names_stand_in_bars_that_have_room() -> None:
-    picture = ET.fromstring(svg_text(chart(stumbling().fold()), "title"))
-    texts = [text.text for text in picture.iter(f"{SVG}text")]
-    assert texts.count("move leg") == 2  # in the legend and in its bar
-    assert texts.count("traverse arc") == 1  # in the legend; its own bar is too narrow
-    assert texts.count("waits for traverse arc") == 1
-    assert "gait planner" in texts
-
-
-def test_hostile_names_are_escaped() -> None:
-    story = Story().module("<&>\x1b\x00", 'a "b"')
-    goal = story.goal("</svg>\x07", "x")
-    story.queued(goal, "<&>\x1b\x00").at(1.0).delivered(goal, "<&>\x1b\x00").at(2.0)
-    picture = svg_text(chart(story.fold()), "]]> & <title>")
-    assert "</svg>\\x07" in [text.text for text in ET.fromstring(picture).iter(f"{SVG}text")]
-
-
-def test_an_empty_run() -> None:
-    history = Story().fold()
-    assert ET.fromstring(svg_text(chart(history), "empty")).tag == f"{SVG}svg"
-    assert len(list(chart_lines(chart(history), 80))) == 4
+def test_a_row_only_of_what_is_not_shown_is_left_out() -> None:
+    story = Story().module("legs", "walk")
+    story.queued(story.goal("dance", "x")).at(1.0).delivered(1, "legs").at(9.0)
+    assert labels(chart(story.fold())) == ["legs", NO_HANDLER]
+    assert labels(chart(story.fold(), start=2.0)) == ["legs"]
 
 
 def test_broadcasts_are_told_apart_by_receiver() -> None:
     story = Story().module("map", "pose").module("screen", "pose")
     pose = story.received("pose", MessageClass.BROADCAST, "legs")
     story.say(facts.Delivered(2, pose, "map", "map"), facts.Delivered(3, pose, "screen", "screen")).at(1.0)
-    assert handled(chart(story.fold()), "screen") == [("pose", 0.0, 1.0)]
+    assert [(bar.name, bar.start, bar.end) for bar in row_of(story, "screen").handled] == [("pose", 0.0, 1.0)]
+
+
+def test_a_lock_is_in_the_row_of_the_copy_that_it_was_asked_of() -> None:
+    """It is for all of them, yet one row shows it, as the journal says."""
+    story = Story().module("legs", "move").module("legs#2", "move").module("eyes").at(1.0)
+    story.say(facts.Claimed(90, "legs#2", "legs#2", False, "eyes", TaskId(0)), facts.Granted(90))
+    story.at(3.0).say(facts.ClaimEnded(90, "released"))
+    assert {row.label: len(row.claims) for row in chart(story.fold()).rows} == {"legs": 0, "legs#2": 1}
+
+
+def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_that_has_left() -> None:
+    story = Story().module("legs", "move", resource="left").at(0.5).module("wheels", "move")
+    move = story.at(1.0).command("move", "x")
+    story.say(facts.SuspendedOrResumed(TaskId(move), True)).at(3.0).say(facts.SuspendedOrResumed(TaskId(move), False))
+    story.at(4.0)
+    for name in ("wheels", "legs"):
+        story.say(facts.HandlerRemoved("move", name), facts.ModuleLeft(name, "it said goodbye"))
+    late = story.command("move", "x")
+    run = story.say(facts.SuspendedOrResumed(TaskId(late), True)).at(5.0).fold()
+
+    def suspended(*modules: str) -> list[float]:
+        rows = chart(run, pick=Pick(modules=modules) if modules else ALL).rows
+        return [bar.start for row in rows for bar in row.queued if bar.kind is Kind.SUSPENDED]
+
+    assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
+
+
+def test_a_wiretap_is_named() -> None:
+    story = Story().module("arm", "move").module("checker", "check").at(1.0)
+    story.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT, "safety"))
+    move = story.command("move", "user")
+    check = story.received("check", COMMAND, "central", parent=move)
+    story.say(facts.TapFired(90, move, check)).delivered(check, "checker").at(3.0)
+    (bar,) = row_of(story, "arm", Pick(held={move})).held
+    assert bar.words(200) == "move {1}: until check {2}, the listener of a wiretap of safety, has been handled"
+
+
+def waiting_for_two() -> Chart:
+    """A move {3} waits for a move {1} until 3 s and for a look {2} until 4 s; and so does another one {4}."""
+    story = Story().module("legs", "move", "look").at(1.0)
+    first, second = story.command("move", "user"), story.command("look", "user")
+    both = [sequential_achievement(TaskId(one), THIS) for one in (first, second)]
+    held = [story.command("move", "user", 0, *both) for _ in range(2)]
+    story.delivered(first, "legs").delivered(second, "legs")
+    story.at(3.0).returned(first).reached(first, Moment.END_ACHIEVING)
+    story.at(4.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    for one in held:
+        story.delivered(one, "legs")
+    return chart(story.fold(), pick=Pick(held=held))
+
+
+def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
+    (row,) = (row for row in waiting_for_two().rows if row.held)
+    assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held) == [
+        (0, 1.0, 3.0, "move {3}: until move {1}, look {2} are achieved"),
+        (0, 3.0, 4.0, "until look {2} is achieved"),
+        (1, 1.0, 3.0, "move {4}: until move {1}, look {2} are achieved"),
+        (1, 3.0, 4.0, "until look {2} is achieved"),
+    ]
+    lines = [line for line in chart_lines(waiting_for_two(), 120) if "until" in line]
+    assert [line.count("╎ until look {2} is achieved ·") for line in lines] == [1, 1]
+
+
+def test_what_nobody_would_handle_stands_where_that_is_said() -> None:
+    story = Story().module("legs", "move").at(1.0)
+    move = story.command("move", "user")
+    story.delivered(move, "legs")
+    fly = story.command("fly", "user", 0, sequential_achievement(TaskId(move), THIS))
+    drawing = chart(story.at(5.0).fold(), pick=Pick(held={fly}))
+    assert [row.label for row in drawing.rows if row.held] == [NO_HANDLER]
+
+
+def granted_at_once() -> Story:
+    """A program without handlers gets a lock without having to wait for it, and so does a handler."""
+    story = Story().module("legs", "move").module("guest").at(1.0)
+    move = story.received("move", COMMAND, "user")
+    story.delivered(move, "legs").at(2.0)
+    for number, sender, origin in ((90, "guest", 0), (91, "legs", move)):
+        story.say(facts.Claimed(number, "arm", "arm", False, sender, TaskId(origin)), facts.Granted(number))
+    return story.at(3.0).returned(move)
+
+
+def test_a_wait_of_no_length_is_not_drawn() -> None:
+    drawing = chart(granted_at_once().fold())
+    assert [(row.label, len(row.handled)) for row in drawing.rows] == [("legs", 1)]
+    assert drawing.rows[0].handled[0].waits == []
+
+
+# --- what is asked for ------------------------------------------------------------------------------------------------
+
+
+def test_only_some_modules(tca: Tca, run: Path) -> None:
+    drawing = chart(walking().fold(), pick=Pick(frozenset({"controller", "perception"})))
+    assert labels(drawing) == ["perception", "controller"]
+    wrong = tca("gantt", run, "--module", "controler").stderr
+    assert "no module 'controler' in this journal: did you mean 'controller'?" in wrong
+
+
+def test_only_a_subtree_with_what_its_handlers_ask(tca: Tca, run: Path) -> None:
+    shown = tca("gantt", run, "--task", 3).stdout
+    assert [line.split("  ")[0] for line in shown.splitlines()[3:6]] == ["gait planner", "", "perception"]
+    assert "controller" not in shown  # take steps {3} never got as far
+    assert "held" not in shown  # only a story tells that
+    assert "controller" in tca("gantt", run, "--task", "take steps").stdout  # all tasks of that name
+
+
+def test_tasks_that_are_not_there(tca: Tca, run: Path) -> None:
+    for asked, said in (
+        (("--task", "take step"), "no task 'take step' in this journal: did you mean 'take steps'?"),
+        (("--task", 99), "no task '99' in this journal"),
+        (("--task", 5), "elevation map {5} is a query, no task: 'tca tree --story 5' tells what became of it"),
+        (("--story", "take steps"), "3 tasks are called 'take steps': name one by its number: 2, 3, 4"),
+    ):
+        result = tca("gantt", run, *asked)
+        assert result.exit_code == 1
+        assert said in result.stderr
+    assert tca("gantt", run, "--task", 1, "--story", 1).exit_code == 2
 
 
 def test_a_span_that_is_none(tca: Tca, run: Path) -> None:
     result = tca("gantt", run, "--from", 3, "--to", 2)
-    assert result.exit_code == 2
-    assert "3 is not before the end, 2" in result.stderr
+    assert (result.exit_code, "3 is not before the end, 2" in result.stderr) == (2, True)
+
+
+def test_as_it_was(tca: Tca, run: Path) -> None:
+    then = tca("gantt", run, "--at", 2.0, COLUMNS="100").stdout
+    assert then.splitlines()[0] == "run: 0.47 to 2.00 s"
+    assert "move body" not in then
+    part = tca("gantt", run, "--from", 1.0, "--to", 4.0, COLUMNS="100").stdout
+    assert part.splitlines()[0] == "run: 1.00 to 4.00 s"
+    assert "█!" in part  # what went on at 4.0 s failed later
+
+
+# --- from when until when it goes by itself ---------------------------------------------------------------------------
+
+
+def now_of(story: Story, *, is_live: bool = True) -> History:
+    """The run, long after its last message."""
+    history = story.fold()
+    history.time, history.is_live = NOW, is_live
+    return history
+
+
+def moved() -> Story:
+    """A single move, from second 10 to second 20."""
+    story = Story().module("legs", "move").at(10.0)
+    return story.acted(story.command("move", "user"), "legs", 10.0)
+
+
+@pytest.mark.parametrize("is_live", [True, False])
+def test_the_chart_of_a_run_in_which_all_has_ended_ends_with_that(is_live: bool) -> None:
+    history = now_of(moved(), is_live=is_live)
+    drawing = chart(history)
+    assert (drawing.start, drawing.end) == pytest.approx((9.8, 20.2))
+    assert (chart(history, 5.0, 900.0).start, chart(history, 5.0, 900.0).end) == (5.0, 900.0)
+
+
+def test_the_default_of_the_command_and_of_a_report(tca: Tca, tmp_path: Path) -> None:
+    folder = moved().write(tmp_path / "run")
+    with silent_for(folder, 600.0):
+        assert tca("gantt", folder).stdout.startswith("run: 9.80 to 20.20 s\n")
+        tca("report", folder, "-o", tmp_path / "run.html")
+    page = (tmp_path / "run.html").read_text()
+    marks = re.findall(r'class="faint tick[^>]*>(\d+) s<', page)
+    assert (marks[0], marks[-1]) == ("10", "20")
+
+
+def test_what_goes_on_reaches_until_now() -> None:
+    moving, waiting, monitored = Story().module("legs", "move").at(10.0), moved(), moved()
+    moving.delivered(moving.command("move", "user"), "legs")
+    waiting.queued(waiting.command("fly", "user"))
+    monitored.at(30.0).received("watch", MessageClass.POINT_MONITOR, "user")  # nobody has begun to watch
+    for story in (walking(), moving, waiting, monitored):
+        assert chart(now_of(story)).end == NOW
+
+
+def test_a_task_that_is_held_has_no_bar_but_goes_on() -> None:
+    story = moved()
+    arm = story.at(21.0).command("grip", "user")
+    story.command("move", "user", 0, sequential_achievement(TaskId(arm), THIS))
+    assert chart(now_of(story)).end == NOW
+    assert chart(now_of(story), pick=Pick(messages=[1])).end == pytest.approx(20.2)
+    assert chart(now_of(story, is_live=False)).end < 30.0
+
+
+def test_a_lock_that_somebody_still_has_and_a_monitor_that_watches_are_just_there() -> None:
+    story = moved().at(25.0).module("eyes").say(facts.Claimed(90, "legs", "legs", False, "eyes", TaskId(0)))
+    story.say(facts.Granted(90))
+    monitor = story.received("look", MessageClass.DEMON_MONITOR, "user")
+    story.delivered(monitor, "legs").returned(monitor)
+    assert 25.0 < chart(now_of(story)).end < 26.0
+    story.at(40.0).say(facts.ClaimEnded(90, "released"))
+    assert 40.0 < chart(now_of(story)).end < 41.0
+
+
+def test_the_story_of_a_task_goes_from_its_birth_to_its_end_though_others_go_on(tmp_path: Path, tca: Tca) -> None:
+    story = Story().module("legs", "move").module("user").at(1.0)
+    first, second = story.command("move", "user"), story.command("move", "user")
+    story.queued(second, "legs").acted(first, "legs", 1.0).acted(second, "legs", 1.0)
+    story.at(50.0).say(facts.WaitBegan("user", 0, TaskId(first), Moment.END_ACHIEVING)).at(60.0)
+    story.say(facts.WaitEnded("user", 0, TaskId(first))).at(70.0)
+    folder = story.write(tmp_path / "late")
+    for asked, said in (
+        ((second,), "story of 2: 1.00 to 3.04 s"),
+        ((second, "--to", 9), "story of 2: 1.00 to 9.00 s"),
+        ((second, "--from", 0), "story of 2: 0.00 to 3.04 s"),
+        ((first,), "story of 1: 1.00 to 2.02 s"),
+        ((first, "--at", 1.5), "story of 1: 1.00 to 1.50 s"),
+    ):
+        assert tca("gantt", folder, "--story", *asked).stdout.splitlines()[0] == f"late, {said}"
+
+
+# --- very many, very short, and odd ------------------------------------------------------------------------------------
+
+
+def test_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
+    for width in (20, 40, 133):
+        assert max(map(len, tca("gantt", run, COLUMNS=str(width)).stdout.splitlines())) <= width
+
+
+def test_an_empty_run() -> None:
+    assert len(list(chart_lines(chart(Story().fold()), 80))) == 4
+
+
+def test_narrow_bars_are_put_together_only_with_neighbours() -> None:
+    story = Story().module("legs", "step")
+    for number in range(3):
+        story.at(float(number)).acted(story.command("step", "x"), "legs", 0.01)
+    wide, blocks = in_blocks(row_of(story, "legs").handled, 0.0, 2.0, 0.5)
+    assert ([bar.start for bar in wide], [len(block.parts) for block in blocks]) == ([2.0], [2])
+    assert (round(blocks[0].start, 6), blocks[0].end, round(share_of(blocks[0]), 3)) == (0.0, 1.01, 0.02)
+
+
+@pytest.mark.parametrize("is_suspended", [True, False])
+def test_of_many_that_wait_the_number_is_shown(tca: Tca, tmp_path: Path, *, is_suspended: bool) -> None:
+    story = Story().module("legs", "step")
+    ids = [story.at(number * 1.0).received("step", COMMAND, "x") for number in range(40)]
+    for number in ids:
+        if is_suspended:
+            story.say(facts.SuspendedOrResumed(TaskId(number), True))
+        else:
+            story.queued(number, "legs")
+    for number in ids:
+        story.at(100.0 + number).say(*[facts.SuspendedOrResumed(TaskId(number), False)] * is_suspended)
+        story.delivered(number, "legs").returned(number)
+    row = row_of(story, SUSPENDED if is_suspended else "legs")
+    assert max(number for *_, number in queue_lengths(row.queued, 0.0, 10.0)) == 40
+    shown = tca("gantt", story.write(tmp_path / "run"), COLUMNS="100").stdout
+    assert ("┄ 40 ┄" if is_suspended else "░ 40 ░") in shown
+
+
+def test_a_short_wait_looks_like_one() -> None:
+    """However little room it has: what a program waits for is not handled."""
+    story = Story().module("legs", "move").module("guest").at(1.0)
+    story.say(facts.Claimed(90, "legs", "legs", False, "guest", TaskId(0))).at(1.001).say(facts.Granted(90))
+    story.at(1.5).say(facts.ClaimEnded(90, "released")).at(2.0)
+    story.acted(story.command("move", "user"), "legs", 20.0)
+    lines = {line[:5].strip(): line for line in chart_lines(chart(story.fold()), 60)}
+    assert ("▒" in lines["guest"], "█" in lines["guest"]) == (True, False)
 
 
 @pytest.mark.parametrize(
@@ -203,17 +419,3 @@ def test_a_span_that_is_none(tca: Tca, run: Path) -> None:
 )
 def test_ticks_are_round(start: float, end: float, labels: list[str]) -> None:
     assert [label for _, label in ticks(start, end, 5)] == labels
-
-
-def test_no_message_is_drawn_in_the_colour_of_failures() -> None:
-    for number in range(200):
-        red, green, blue = (int(dark(number)[place : place + 2], 16) for place in (1, 3, 5))
-        hue, _, saturation = rgb_to_hls(red / 255, green / 255, blue / 255)
-        assert saturation < 0.2 or 0.05 < hue < 0.93, dark(number)
-
-
-def test_colours_are_dark_or_light() -> None:
-    assert len({dark(number) for number in range(40)}) == 40
-    for number in range(40):
-        assert all(int(light(number)[place : place + 2], 16) > 150 for place in (1, 3, 5))
-        assert sum(int(dark(number)[place : place + 2], 16) for place in (1, 3, 5)) < 420

@@ -343,7 +343,7 @@ def test_direct_messages_are_counted_and_shown_though_central_never_saw_them() -
     assert not history.messages
     (row,) = chart(history).rows
     assert [bar.ending for bar in row.handled] == ["", "failed"]
-    title = "height, directly from walker, handled by map from 1.250 s to 1.500 s, 0.250 s"
+    title = "height, directly from walker, handled by map from 1.250 s to 1.500 s, 250 ms"
     assert row.handled[0].title() == title
 
 

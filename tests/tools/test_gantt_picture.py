@@ -1,0 +1,243 @@
+"""``tca gantt -o``: what can be seen in the picture, as files, and of very many bars."""
+
+import re
+import sys
+from collections.abc import Callable
+from colorsys import rgb_to_hls
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+from click.testing import Result
+from tools.made_robots import stepping
+from tools.story import COMMAND, Story, locking, stumbling, walking
+from tools.test_coping import asking
+
+from tca_tools.drawing.svg import width_of
+from tca_tools.gantt.axis import Scale
+from tca_tools.gantt.build import chart
+from tca_tools.gantt.chart import Bar, Kind, Row
+from tca_tools.gantt.looks import dark, light
+from tca_tools.gantt.queues import curve, is_curve, queue_height
+from tca_tools.gantt.svg import svg_text
+from tca_tools.gantt.window import Pick
+from tca_wire.journal import facts
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Outcome
+
+Tca = Callable[..., Result]
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return stumbling().write(tmp_path / "run")
+
+
+def drawn(story: Story, pick: Pick | None = None) -> str:
+    return svg_text(chart(story.fold(), pick=pick) if pick else chart(story.fold()), "run")
+
+
+def shapes(picture: str) -> str:
+    """What is drawn, a line each: its look, where it begins and ends, and what it tells."""
+    lines = []
+    for one in ET.fromstring(picture).iter():
+        look = one.get("class") or one.get("fill", "")
+        where = f"{float(one.get('x', 0)):.0f}" + (f"+{float(one.get('width', 0)):.0f}" if one.get("width") else "")
+        if one.tag in (f"{SVG}rect", f"{SVG}text", f"{SVG}path") and (one.get("x") or one.tag == f"{SVG}path"):
+            lines.append(f"{one.tag.removeprefix(SVG)} {look} {where}: {one.findtext(f'{SVG}title') or one.text or ''}")
+    return "\n".join(lines) + "\n"
+
+
+def test_the_picture(expect: Callable[[str, str], None]) -> None:
+    expect("gantt_picture", shapes(drawn(stumbling())) + shapes(drawn(locking())))
+
+
+def shop(*failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, rows: int = 1) -> Story:
+    """Many short steps, each in the next row, of which some end otherwise."""
+    story = Story()
+    for number in range(rows):
+        story.module(f"legs {number}", "step")
+    for number in range(steps):
+        command = story.at(float(number)).received("step", COMMAND, "x")
+        how = outcome if number in failing else Outcome.DONE
+        story.delivered(command, f"legs {number % rows}").at(number + 0.5).returned(command, how)
+    return story
+
+
+# --- what means what ---------------------------------------------------------------------------------------------------
+
+
+def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
+    found = re.findall(
+        r'class="flag" fill="#\w+" d="M([\d.]+) .*?<title>(.*?)</title>', drawn(shop(100, 500, 501, 502))
+    )
+    [(first, told), (second, merged)] = [(float(left), title) for left, title in found]
+    assert told.startswith("step {101} handled by legs 0 from 100.000 s to 100.500 s")
+    assert merged.startswith("3 failures from 500.500 s to 502.500 s, first: step {501}")
+    assert second - first == pytest.approx((501.5 - 100.5) / 999.5 * 1700, abs=1)
+
+
+def test_flags_are_in_the_legend_in_their_colours() -> None:
+    looks = ('fill="url(#flag)"', 'fill="url(#amber-flag)"')
+    for story, seen in ((asking(dealt_with=True), (0, 1)), (shop(3), (1, 0)), (shop(), (0, 0))):
+        assert tuple(map(drawn(story).count, looks)) == seen
+
+
+@pytest.mark.parametrize(("steps", "look"), [(3, 'class="killed"'), (1000, 'fill="#10161d"')])
+def test_what_was_killed_has_a_dark_end(steps: int, look: str) -> None:
+    """A narrow one, or a block of many, has a foot."""
+    plain, killed = (drawn(shop(*bad, outcome=Outcome.KILLED, steps=steps)) for bad in ((), (2,)))
+    assert killed.count(look) > plain.count(look)
+    assert (">killed</text>" in killed, ">killed</text>" in plain) == (True, False)
+
+
+def test_what_failed_is_seen_in_a_block() -> None:
+    assert drawn(shop(999)).count("#c81e1e") == 4  # its foot and flag, in the style of frames, and in the legend
+
+
+def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca: Tca) -> None:
+    folder = locking().write(tmp_path / "locking")
+    assert tca("gantt", folder, "--story", 4, "-o", tmp_path / "story.svg").exit_code == 0
+    picture = ET.fromstring((tmp_path / "story.svg").read_text())
+    titled = {
+        (rectangle.findtext(f"{SVG}title") or "").split(" from ")[0]: rectangle.get("class")
+        for rectangle in picture.iter(f"{SVG}rect")
+    }
+    assert titled["move {4} handled by legs"] is None
+    assert titled["move {2} handled by legs"] == "beside"  # had the legs
+    assert titled["look {3} handled by eyes"] == "beside"  # had locked them
+    assert "adjust {5} handled by legs" not in titled
+    written = {one.text: one.get("class", "").partition(" ")[0] for one in picture.iter(f"{SVG}text")}
+    assert written["look"] == "in"  # dark: white could not be read there
+
+
+def test_no_colour_of_a_message_is_that_of_something_else() -> None:
+    """Not red, which means a failure; no grey; dark to write on, or light."""
+    assert len({dark(number) for number in range(40)}) == 40
+    for number in range(200):
+        red, green, blue = (int(dark(number)[place : place + 2], 16) for place in (1, 3, 5))
+        hue, _, saturation = rgb_to_hls(red / 255, green / 255, blue / 255)
+        assert saturation > 0.25
+        assert 0.05 < hue < 0.93
+        assert red + green + blue < 420
+        assert all(int(light(number)[place : place + 2], 16) > 150 for place in (1, 3, 5))
+
+
+def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
+    name = "controller of the left " * 3
+    picture = drawn(Story().module(name, "move").module("legs", "step"))
+    assert re.findall(r'class="label"[^>]*>(.*?)</text>', picture) == [f"{name[:39]}…<title>{name}</title>", "legs"]
+
+
+def test_hostile_names_are_escaped() -> None:
+    story = Story().module("<&>\x1b\x00", 'a "b"')
+    goal = story.goal("</svg>\x07", "x")
+    story.queued(goal, "<&>\x1b\x00").at(1.0).delivered(goal, "<&>\x1b\x00").at(2.0)
+    picture = svg_text(chart(story.fold()), "]]> & <title>")
+    assert "</svg>\\x07" in [text.text for text in ET.fromstring(picture).iter(f"{SVG}text")]
+
+
+# --- queues -------------------------------------------------------------------------------------------------------------
+
+SCALE = Scale(1000.0, 0.0, 1000.0)
+
+
+def queue(*bars: tuple[float, float], is_nobodys: bool = False) -> Row:
+    """A row of what waits, each bar in its lane, on a plot of 1000 pixels and seconds."""
+    waiting = [Bar("step", start, end, str, Kind.QUEUED, lane=lane) for lane, (start, end) in enumerate(bars)]
+    return Row("legs", queued=waiting, is_nobodys=is_nobodys)
+
+
+def test_a_queue_is_hatched_where_that_can_be_seen_and_else_a_curve() -> None:
+    assert not is_curve(queue((0, 40), (10, 50), (20, 25)), SCALE)
+    assert is_curve(queue((0, 4), (10, 15), (20, 25)), SCALE)
+    assert is_curve(queue(*[(0, 40)] * 7), SCALE)
+    assert not is_curve(queue(*[(0, 40)] * 3, is_nobodys=True), SCALE)
+    assert is_curve(queue(*[(0, 40)] * 4, is_nobodys=True), SCALE)  # they take little room
+
+
+@pytest.mark.parametrize(
+    ("bars", "left", "right"),
+    [
+        ([(200, 900)] * 7, 100, 200),  # left of the highest step
+        ([(0, 100)] * 7, 100, 260),  # right of it
+        ([(0, 100)] * 7 + [(0, 300)] * 7, 100, 460),  # behind what is high, too
+        ([(0, 1000)] * 7, 0, 120),  # over it, in the row
+        ([(0, 700)] * 6 + [(690, 1000)] * 7, 0, 700),  # over it, too
+    ],
+)
+def test_the_number_of_a_curve_is_beside_its_highest_step_and_in_the_row(
+    bars: list[tuple[float, float]], left: float, right: float
+) -> None:
+    *_, words = curve(queue(*bars), SCALE, 1.0, 0.0)
+    found = re.search(r'class="number( before)?" x="([\d.]+)"[^>]*>(up to [^<]+)', words)
+    assert found
+    begin = float(found[2]) - (width_of(found[3]) if found[1] else 0)
+    assert left <= begin <= right - width_of("up to 7 queued")
+
+
+def test_where_never_more_than_one_waits_no_number_is_needed() -> None:
+    row = queue((0, 4), is_nobodys=True)
+    assert len(list(curve(row, SCALE, 1.0, 0.0))) == 1
+    assert queue_height(row, is_curve=True) == queue_height(row, is_curve=False)
+
+
+def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:
+    story = Story().module("legs", "step").at(1.0)
+    tasks = [TaskId(story.command("step", "user")) for _ in range(5)]
+    picture = drawn(story.say(*(facts.SuspendedOrResumed(task, True) for task in tasks)).at(9.0))
+    assert ">how many are queued or suspended</text>" in picture
+    assert "up to 5 suspended" in picture
+    assert ">suspended</text>" not in picture
+
+
+# --- very many ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("steps", [4, 300])
+def test_what_is_held_is_said_and_does_not_grow_without_end(steps: int) -> None:
+    picture = drawn(stepping(steps=steps), Pick(held=range(1, 2 + steps)))
+    said = [one.text or "" for one in ET.fromstring(picture).iter(f"{SVG}text")]
+    assert picture.count('stroke-dasharray="4 3"') <= 1 + 6  # with the legend's
+    assert ("more are held" in picture) == (steps > 7)
+    assert ("step {4}: until step {3} is achieved" in said) == (steps < 7)  # narrow bars say less
+
+
+def test_a_long_run_is_a_picture_of_bounded_size() -> None:
+    picture = drawn(shop(steps=12_000, rows=10))
+    assert float(ET.fromstring(picture).get("width", 0)) <= 2_000
+    assert picture.count("<rect") < 6_000
+    assert re.search(r"\d+ messages from [\d.]+ s to [\d.]+ s, [\d.]+% of the time: \d+ step", picture)
+
+
+# --- files --------------------------------------------------------------------------------------------------------------
+
+
+def test_files(tca: Tca, run: Path, tmp_path: Path) -> None:
+    beginnings = {"svg": b"<svg", "txt": b"run: 0.42", "html": b"<!doctype html>", "png": b"\x89PNG", "pdf": b"%PDF"}
+    for kind, beginning in beginnings.items():
+        result = tca("gantt", run, "-o", tmp_path / f"chart.{kind}")
+        assert result.exit_code == 0, result.stderr
+        assert (tmp_path / f"chart.{kind}").read_bytes().startswith(beginning)
+    assert "must end in .svg, .png, .pdf, .html or .txt" in tca("gantt", run, "-o", tmp_path / "chart.gif").stderr
+
+
+def test_a_picture_that_needs_a_package_says_which(
+    tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "vl_convert", None)
+    result = tca("gantt", run, "-o", tmp_path / "chart.png")
+    assert (result.exit_code, "pip install 'tca-central[pictures]'" in result.stderr) == (1, True)
+    assert not (tmp_path / "chart.png").exists()
+
+
+def test_a_page_fetches_nothing_and_stays_well_formed(tca: Tca, tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "</script>")
+    tca("gantt", folder, "-o", tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert not re.findall(r"(?:src|href|url)\s*[=(]\s*['\"]?\s*(?:https?:)?//", page)
+    assert page.count("</script>") == 1
+    for drawing in re.findall(r"<svg .*?</svg>", page, re.DOTALL):
+        ET.fromstring(drawing)
+    assert "z16" in page  # what shows only when it is zoomed
