@@ -1,4 +1,4 @@
-"""The options that ``tca gantt`` and ``tca tree`` share: which log, which part of it, which file."""
+"""The options that several tools have: which log, which part of it, which file."""
 
 import math
 from collections.abc import Callable
@@ -30,12 +30,11 @@ class _Moment(click.ParamType):  # type: ignore[type-arg]
 
 
 MOMENT = _Moment()
-
-
+log_argument = click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
 force_option = click.option("--force", is_flag=True, help="Write over a file that no command of tca has made, too.")
 
 _SHARED = (
-    click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path)),
+    log_argument,
     click.option("--from", "start", metavar="SECONDS", type=MOMENT, help="Only what went on from then on."),
     click.option("--to", "end", metavar="SECONDS", type=MOMENT, help="Only what went on until then."),
     click.option("--at", metavar="SECONDS", type=MOMENT, help="As it was then, when nothing later was known."),

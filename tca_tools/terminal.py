@@ -1,12 +1,10 @@
 """What fits a terminal: width, cutting, padding, and no control characters from foreign text."""
 
 import os
-import re
 import shutil
 import sys
 import unicodedata
 
-_NUMBER = re.compile(r" \{\d+\}")
 _LEAST_NAME = 6
 """Columns that are left of a name before its number."""
 
@@ -38,16 +36,13 @@ def cut(text: str, width: int | None) -> str:
     return "".join(kept) + "…" * (width > 0)
 
 
-def cut_name(text: str, width: int) -> str:
-    """The same of a task's name, of which the number stays: ``pour a very l… {24}``; and what is behind it, if that has
-    room.
-    """
-    *_, number = _NUMBER.finditer(text) if columns_of(text) > width else [None]
-    if number is None:
+def cut_name(text: str, number: int, width: int) -> str:
+    """The same of a task's name, of which the number stays, and what follows it if that has room: ``pour a … {24}``."""
+    name, marker, after = text.rpartition(f" {{{number}}}")
+    if not name or columns_of(text) <= width:
         return cut(text, width)
-    ends = (text[number.start() :], number[0])
-    end = next((one for one in ends if columns_of(one) + _LEAST_NAME <= width), "")
-    return cut(text[: number.start()] if end else text, width - columns_of(end)) + end
+    end = next((one for one in (marker + after, marker) if columns_of(one) + _LEAST_NAME <= width), "")
+    return cut(name if end else text, width - columns_of(end)) + end
 
 
 def padded(text: str, width: int) -> str:

@@ -14,7 +14,7 @@ from tca_tools.errors import ToolError
 from tca_tools.export.csv_files import write_csv
 from tca_tools.export.tables import TABLES, Table
 from tca_tools.log.fact_rows import fact_row
-from tca_tools.options import force_option
+from tca_tools.options import force_option, log_argument
 from tca_tools.output import check_free, made_for, make_folder, new_file
 from tca_tools.run.folding import folded
 from tca_tools.run.journals import Log, open_log
@@ -93,7 +93,7 @@ FORMATS = {
 
 
 @click.command()
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@log_argument
 @click.option("--to", "name", type=click.Choice(list(FORMATS)), help="The format (default: what the file's name says).")
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="The file; for tables, the folder."

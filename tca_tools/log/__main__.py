@@ -12,6 +12,7 @@ import click
 from tca_tools.data import data_text
 from tca_tools.log.classic import classic_lines
 from tca_tools.log.fact_rows import fact_row
+from tca_tools.options import log_argument
 from tca_tools.run.journals import newest_journal, open_log, run_folders, runs_in
 from tca_tools.run.selection import no_task
 from tca_tools.terminal import columns_of, cut, line_width, padded
@@ -31,7 +32,7 @@ def log() -> None:
 
 
 @log.command()
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@log_argument
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option("--classic", is_flag=True, help="In the words of TCA's own message log.")
 @click.option("--follow", is_flag=True, help="Show what comes, too, until interrupted.")

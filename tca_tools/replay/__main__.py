@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import ToolError
-from tca_tools.options import MOMENT
+from tca_tools.options import MOMENT, log_argument
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Recording
 from tca_tools.run.journals import open_log
@@ -14,7 +14,7 @@ from tca_tools.terminal import line_width
 
 
 @click.command()
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@log_argument
 @click.option("--speed", metavar="FACTOR", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True,
               help="How fast time passes while it plays.")  # fmt: skip
 @click.option("--at", metavar="SECONDS", type=MOMENT, help="Begin there (default: at the start).")

@@ -5,14 +5,14 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import DamagedLog, ToolError
-from tca_tools.options import check_output, force_option
+from tca_tools.options import check_output, force_option, log_argument
 from tca_tools.output import write_output
 from tca_tools.run.folding import folded
 from tca_tools.run.journals import Log, open_log
 
 
 @click.command()
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@log_argument
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The file, .html.")
 @force_option
 def report(log_path: Path | None, output: Path, *, force: bool) -> None:

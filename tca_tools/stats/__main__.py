@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from tca_tools.options import MOMENT
+from tca_tools.options import MOMENT, check_span, log_argument
 from tca_tools.run.folding import folded
 from tca_tools.run.journals import open_log
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
@@ -32,7 +32,7 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
 
 
 @click.command()
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@log_argument
 @click.option("--from", "start", metavar="SECONDS", type=MOMENT, help="Only what was sent or begun from there on.")
 @click.option("--to", "end", metavar="SECONDS", type=MOMENT, help="Only what was known then.")
 @click.option(
@@ -63,8 +63,7 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
     """  # noqa: D301 - click wants the character itself
     journal = open_log(log_path)
     history = folded(journal, end)
-    if start is not None and start >= history.time:
-        raise click.BadParameter(f"{start:g} is not before the end, {history.time:g}", param_hint="'--from'")
+    check_span(start, history.time)
     measured = measure(history, start)
     messages = sorted(measured.messages, key=lambda one: one.name)
     if sort != "name":

@@ -76,7 +76,7 @@ def plan(at: RunAt, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan:
     places: list[Place] = []
     top = 0.0
     for row in rows:
-        label = cut_name(printable(str(row.task)), _LONGEST_NAME) if row.task else words.folded(row)
+        label = cut_name(printable(str(row.task)), row.task.id, _LONGEST_NAME) if row.task else words.folded(row)
         above = places[row.parent].left if row.parent >= 0 else 0.0
         left = above + indent + shifts.get(row.parent, 0.0)
         place = Place(row, left, top, columns_of(label) * CHARACTER + 14, label)

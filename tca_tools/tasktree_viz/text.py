@@ -79,7 +79,11 @@ def tree_lines(
     prefixes = _prefixes(rows, guides, *_levels(widest))
     names = [(before, _name(row)) for row, (before, _) in zip(rows, prefixes, strict=True)]
     name_width = min(max(columns_of(before + name) for before, name in names), widest)
-    labels = [before + cut_name(name, name_width - columns_of(before)) for before, name in names]
+    numbers = [row.task.id if row.task else 0 for row in rows]
+    labels = [
+        before + cut_name(name, number, name_width - columns_of(before))
+        for number, (before, name) in zip(numbers, names, strict=True)
+    ]
     beside = name_width + state_width + 3 * _GAP + 2 * _TIMES_WIDTH
     goes_on = any(row.task and row.task.state not in OVER for row in rows)
     columns = _Columns(state_width, width is None or beside + _NOTE_WIDTH * goes_on <= width)

@@ -9,13 +9,14 @@ from types import FrameType
 import click
 
 from tca_tools.errors import ToolError
+from tca_tools.options import log_argument
 from tca_tools.run.journals import open_log
 
 _LOCAL = "127.0.0.1"
 
 
 @click.command()
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@log_argument
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, help="Where to serve the page (0: where there is room)."
 )

@@ -23,7 +23,7 @@ LONG = "pour concrete with a really very long name that has no end in sight at a
     ],
 )
 def test_the_number_stays_as_long_as_something_of_the_name_does(width: int, told: str) -> None:
-    found = cut_name("pour concrete {24} (exception handler)", width)
+    found = cut_name("pour concrete {24} (exception handler)", 24, width)
     assert (found, columns_of(found) <= width) == (told, True)
 
 
