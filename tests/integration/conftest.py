@@ -5,15 +5,20 @@ from pathlib import Path
 
 import pytest
 from integration.commanded import FELL, HEALTH, LATER, MOVE, SAY, SOON, TICK, WALK, WHERE, Pose
-from integration.programs import central
+from module.real_central import RealCentral
 
 from tca_module import Client, Module, Task, connect
 
 
 @pytest.fixture
-def address(tmp_path: Path) -> Iterator[str]:
-    with central(tmp_path, "--quiet") as daemon:
-        yield daemon.address
+def daemon(tmp_path: Path) -> Iterator[RealCentral]:
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as daemon:
+        yield daemon
+
+
+@pytest.fixture
+def address(daemon: RealCentral) -> str:
+    return daemon.address
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ class Central:
     """A running daemon."""
 
     def __init__(self, folder: Path, *options: str, bind: str = "", command: Sequence[str] = MODULE) -> None:
+        folder.mkdir(exist_ok=True)
         self.address = bind or f"ipc://{folder}/central.sock"
         self.journal = folder / "journal"
         command = [*command, "--bind", self.address, "--journal", str(self.journal), *options]

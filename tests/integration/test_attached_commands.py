@@ -2,16 +2,14 @@
 
 import json
 import re
-from pathlib import Path
 
 import pytest
 from integration.commanded import FELL, FIX, LATER, LOOK, MOVE, SAY_MOVE, SOON, WALK, tca
+from module.real_central import RealCentral
 
-from tca_central.status.topics import SHOWN_TASKS
 from tca_live.questions import attached
 from tca_live.tasks import detach
 from tca_module import Client, Condition, Refused, connect
-from tca_tools.run.journals import open_log
 from tca_wire.journal import facts
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
@@ -58,21 +56,22 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
 
 
 def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_number(
-    robot: list[str], user: Client
+    robot: list[str], user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("tca_central.status.topics.SHOWN_TASKS", 20)
     first = user.monitor(LOOK, period=1000.0)
-    refs = [user.monitor(LOOK, period=1000.0) for _ in range(SHOWN_TASKS)]
+    refs = [user.monitor(LOOK, period=1000.0) for _ in range(20)]
     text = tca(attached)[1]
     listed = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
     assert listed == [first.id, *(ref.id for ref in refs[:-1])]
-    assert text.endswith(f"only these are told: there are {SHOWN_TASKS + 1:,} monitors\n")
-    assert tca(detach, "look")[2].startswith(f"there are {SHOWN_TASKS + 1:,} monitors, of which central tells only")
+    assert text.endswith("only these are told: there are 21 monitors\n")
+    assert tca(detach, "look")[2].startswith("there are 21 monitors, of which central tells only")
     last = refs[-1].id
     assert tca(detach, str(last))[:2] == (0, f"number {last}: detached\n")
     assert first.id in [one["id"] for one in user.status("attached")["monitors"]]
 
 
-def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, tmp_path: Path) -> None:
+def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, daemon: RealCentral) -> None:
     walk = user.goal(WALK, 1)
     walk.wait_for(walk.handling.end, SOON)
     with connect("panel") as panel:
@@ -108,6 +107,6 @@ failure 'fell' of task {walk.id} 'walk'"
         user.detach(walk.id)
     with pytest.raises(Refused, match="there is no exception handler or wiretap 9999"):
         user.detach(9999)
-    gone = [fact for entry in open_log(tmp_path / "journal") for fact in entry.facts if isinstance(fact, facts.Removed)]
+    gone = daemon.facts(facts.Removed)
     numbers = [of_all.id, of_one.id, check.id, watched.id]
     assert [(fact.id, fact.by) for fact in gone] == list(zip(numbers, ["tca detach"] * 3 + ["user"], strict=True))

@@ -3,6 +3,7 @@
 import os
 import signal
 import socket as sockets
+import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -329,11 +330,11 @@ def test_handlers_may_be_threads_of_this_process_too(tmp_path: Path) -> None:
 def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address) as user, ExitStack() as programs:
         legs = programs.enter_context(program(MOVES_UNTIL_TERMINATED, daemon.address))
-        for _ in range(8):
+        for _ in range(3):
             moves = [user.command(MOVE, number, sequential=False) for number in range(20)]
             successor = programs.enter_context(program(MOVES_UNTIL_TERMINATED, daemon.address))
             while sum("move" in module["handles"] for module in user.status("modules")) < 2:
-                pass
+                time.sleep(0.01)
             moves += [user.command(MOVE, number, sequential=False) for number in range(20, 40)]
             legs.send_signal(signal.SIGTERM)
             assert [move.result(timeout=20) for move in moves] == list(range(40))
@@ -345,7 +346,7 @@ def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:
 BROKEN = """
     from tca_central import core
     from tca_central.__main__ import central
-    from tca_wire import headers
+    from tca_wire.packets import headers
     def broken(*_):
         assert False, "the cat is both dead and alive"
     core.HANDLERS[headers.GetVariable] = broken

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from integration.programs import central
+from module.real_central import RealCentral
 
 pytestmark = pytest.mark.slow
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -49,10 +49,10 @@ PRINTED = {
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_example(path: Path, tmp_path: Path) -> None:
     assert len(path.read_text().splitlines()) <= 60
-    with central(tmp_path) as daemon:
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as daemon:
         done = subprocess.run(
-            [sys.executable, str(path)], capture_output=True, text=True, timeout=150, check=False,
-            env={**os.environ, "TCA_CENTRAL": daemon.address},
+            [sys.executable, str(path)], capture_output=True, text=True, timeout=60, check=False,
+            env={**os.environ, "TCA_CENTRAL": daemon.address, "PYTHONPATH": str(EXAMPLES.parent)},
         )  # fmt: skip
     assert done.returncode == 0, done.stderr
     expected = PRINTED[path.stem]

@@ -3,6 +3,7 @@
 import contextlib
 import signal
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -25,25 +26,27 @@ CALLS: dict[str, Callable[[Client, SentTask[Any], SentTask[Any]], object]] = {
 }
 
 
-@pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize("has_heard", [True, False], ids=["known", "unheard"])
-def test_a_killed_central_takes_its_numbers_with_it(tmp_path: Path, call: str, *, has_heard: bool) -> None:
-    again = tmp_path / "again"
-    again.mkdir()
-    with central(tmp_path) as first, connect("user", first.address) as user:
-        old = user.command(WORK, 1)
+def test_a_killed_central_takes_its_numbers_with_it(tmp_path: Path, *, has_heard: bool) -> None:
+    """Each call is the first one of its user."""
+    with ExitStack() as stack:
+        first = stack.enter_context(central(tmp_path))
+        users = {call: stack.enter_context(connect(call, first.address)) for call in CALLS}
+        olds = {call: user.command(WORK, 1) for call, user in users.items()}
         first.signal(signal.SIGKILL)
         first.process.wait()
-        with central(again, bind=first.address) as second, connect("stranger", first.address) as stranger:
-            theirs = stranger.command(WORK, 2)
+        second = stack.enter_context(central(tmp_path / "again", bind=first.address))
+        stranger = stack.enter_context(connect("stranger", first.address))
+        theirs = [stranger.command(WORK, 2) for _ in CALLS]
+        assert [task.id for task in theirs] == [old.id for old in olds.values()]
+        for call, user in users.items():
             if has_heard:
                 with contextlib.suppress(CentralLost):
                     user.modules()
             new = (user if has_heard else stranger).command(WORK, 3, sequential=False)
-            assert theirs.id == old.id
             with pytest.raises(CentralLost, match="is lost: central was restarted"):
-                CALLS[call](user, old, new)
-            assert [task.data(WORK) for task in stranger.tasks(WORK)] == [2, 3]
-        told = [fact for entry in open_log(second.journal) for fact in entry.facts]
-        done = facts.Constrained | facts.KillPlanned | facts.Killed | facts.DeadlineSet | facts_of_watching.TapAdded
-        assert not [fact for fact in told if isinstance(fact, done)]
+                CALLS[call](user, olds[call], new)
+        assert sorted(task.data(WORK) for task in stranger.tasks(WORK)) == [2] * len(CALLS) + [3] * len(CALLS)
+    told = [fact for entry in open_log(second.journal) for fact in entry.facts]
+    done = facts.Constrained | facts.KillPlanned | facts.Killed | facts.DeadlineSet | facts_of_watching.TapAdded
+    assert not [fact for fact in told if isinstance(fact, done)]

@@ -27,6 +27,8 @@ BROAD = "1.4 0.6 0.3 1.9"
 
 HUGE = "1.9 0.0 1.2 1.9"
 
+ROCKS = [HUGE, *(pytest.param(rock, marks=pytest.mark.soak) for rock in (TALL, BROAD))]
+
 MOVES = ("move leg", "move body")
 LADDER = ("raise leg", "replan move", "shuffle feet", "give up")
 
@@ -89,6 +91,7 @@ def test_over_a_low_rock_the_leg_is_raised(backend: str, tmp_path: Path) -> None
     assert "recoveries: 1 x raise leg" in done.output
 
 
+@pytest.mark.soak
 def test_around_a_tall_rock_the_step_is_planned_anew(walked: Walks) -> None:
     done = walked(TALL)
     assert_walked(done)
@@ -110,6 +113,7 @@ def test_around_a_tall_rock_the_step_is_planned_anew(walked: Walks) -> None:
     assert len(step.handlings) == 2  # planned, and planned anew
 
 
+@pytest.mark.soak
 def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked: Walks) -> None:
     done = walked(BROAD)
     assert_walked(done)
@@ -141,7 +145,7 @@ def test_the_rungs_are_tried_from_the_leg_up(walked: Walks) -> None:
     assert firsts == sorted(firsts)
 
 
-@pytest.mark.parametrize("rock", [TALL, BROAD, HUGE])
+@pytest.mark.parametrize("rock", ROCKS)
 def test_a_stability_check_precedes_every_move(walked: Walks, rock: str) -> None:
     """Every time that a controller begins a move, a check that nothing else has used was made before it."""
     history = walked(rock).history
@@ -154,7 +158,7 @@ def test_a_stability_check_precedes_every_move(walked: Walks, rock: str) -> None
         assert len(before) >= task.handlings.index(handling) + 1
 
 
-@pytest.mark.parametrize("rock", [TALL, BROAD, HUGE])
+@pytest.mark.parametrize("rock", ROCKS)
 def test_a_footfall_check_follows_every_leg_move(walked: Walks, rock: str) -> None:
     """No leg move is achieved, and nothing goes on after it, before its footfall was checked."""
     history = walked(rock).history
@@ -174,6 +178,7 @@ def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> 
     assert "checks: none" in done.output
 
 
+@pytest.mark.soak
 def test_without_recovery_the_same_rock_ends_the_walk(tmp_path: Path) -> None:
     done = walk(tmp_path, "--backend", "kinematic", "--metres", "1", "--bare", "--rock", *LOW.split())
     assert done.code == 1

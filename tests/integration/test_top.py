@@ -17,7 +17,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from integration.programs import central, program, run
+from click.testing import CliRunner
+from integration.programs import central, program
+
+from tca_live.top import top
 
 pytestmark = pytest.mark.slow
 
@@ -135,11 +138,11 @@ def test_the_address_that_was_tried_is_named(tmp_path: Path, monkeypatch: pytest
 
 
 def test_one_frame_for_scripts(address: str) -> None:
-    told = json.loads(run("tca_live.top", "--once", "--json", TCA_CENTRAL=address).stdout)
+    told = json.loads(CliRunner().invoke(top, ["--once", "--json", "--central", address]).stdout)
     assert {line["module"] for line in told["resources"]} == {"legs", "map"}
     assert {line["message"] for line in told["messages"]} == {"step", "where"}
-    shown = run("tca_live.top", "--once", TCA_CENTRAL=address, COLUMNS="100")
-    assert shown.returncode == 0
+    shown = CliRunner().invoke(top, ["--once", "--central", address])
+    assert shown.exit_code == 0
     assert "rates of the whole run" in shown.stdout
     assert "\x1b" not in shown.stdout
 
@@ -151,6 +154,6 @@ def test_wrong_usage_is_one_line(address: str, tmp_path: Path) -> None:
         ((), 2, "tca top needs a terminal: ask for --once"),
         (("--once", "--central", f"ipc://{tmp_path}/nobody"), 1, "does not answer"),
     ):
-        ended = run("tca_live.top", *options, TCA_CENTRAL=address)
-        assert ended.returncode == code
+        ended = CliRunner(env={"TCA_CENTRAL": address}).invoke(top, options)
+        assert ended.exit_code == code
         assert why in ended.stderr

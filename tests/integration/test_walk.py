@@ -23,7 +23,7 @@ def walk(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=150, check=False)
 
 
-@pytest.fixture(scope="module", params=[pytest.param("kinematic", marks=pytest.mark.soak), "pybullet"])
+@pytest.fixture(scope="module", params=["kinematic", pytest.param("pybullet", marks=pytest.mark.soak)])
 def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     if request.param == "pybullet":
         pytest.importorskip("pybullet")

@@ -18,7 +18,7 @@ lives = st.lists(operation, max_size=60)
 
 
 @given(lives)
-@settings(max_examples=120)
+@settings(max_examples=60)
 def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[tuple[str, int, int, int, int]]) -> None:
     live(operations)
 
@@ -27,12 +27,12 @@ def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[t
 @settings(max_examples=1)
 def test_invariants_hold_in_lives_of_thousands_of_events_and_everything_ends(seed: int) -> None:
     life = Life()
-    life.go_on(seed, 4_000)
+    life.go_on(seed, 2_000)
     end_life(life)
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=3)
+@settings(max_examples=2)
 def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> None:
     """Circles are looked for from both ends: the way there must be the way back."""
     life = Life()

@@ -147,7 +147,7 @@ def test_everything_ends_in_many_lives(taken: list[tuple[str, int, int, int]]) -
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_lives_of_all_constructs_end(seed: int) -> None:
     life = Mixed()
     life.go_on(seed, 100)

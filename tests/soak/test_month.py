@@ -23,6 +23,7 @@ def check_that_it_does_not_grow(hours: list[int], restart_after: int, slack: int
     assert size_then <= size * 1.1, sizes
 
 
+@pytest.mark.soak
 def test_central_does_not_grow_in_a_morning_whose_modules_die_every_five_minutes() -> None:
     # 5 killed tasks in 4 h stay in a list that is swept when it has 64 such entries: some 20 objects. One object for
     # each of the 48 restarts would come on top of that.
