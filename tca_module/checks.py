@@ -1,9 +1,8 @@
-"""What users give to calls, checked before anything leaves: each MisuseError says what, which and what fits."""
+"""Checks of what users give to calls, before anything leaves: a MisuseError says what, which, and what it must be."""
 
 import inspect
-from collections.abc import Collection, Mapping, Sequence
-from difflib import get_close_matches
-from typing import Any, TypeGuard
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, NamedTuple, get_args
 
 from tca_module.errors import MisuseError
 from tca_module.signatures import arguments_taken, is_async
@@ -30,6 +29,8 @@ BRIEF = 1.0
 """Seconds: a wait that is to be shorter ends soon by itself, and is no deadlock."""
 
 HIGHEST_PRIORITY = 1_000_000
+MOST_PENDING = 10_000  # what central keeps for one resource anyway
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e7  # seconds; the longest is some months
 
 _CALLS: dict[type[Message[Any, Any]], str] = {
     Goal: "goal()",
@@ -38,7 +39,121 @@ _CALLS: dict[type[Message[Any, Any]], str] = {
     MultiQuery: "multi_query()",
     Inform: "inform()",
     Broadcast: "broadcast()",
+    Variable: "set_variable()",
 }
+
+
+class Kind(NamedTuple):
+    """What an argument must be."""
+
+    words: str
+    fits: Callable[[Any], bool]
+
+
+def check(call: str, kind: Kind, **values: Any) -> None:
+    """Raise MisuseError for the first of these named values that is of another kind."""
+    for name, value in values.items():
+        if not kind.fits(value):
+            raise MisuseError(f"{call}: {name} must be {kind.words}, not {value!r:.60}")
+
+
+def is_whole(value: Any) -> bool:
+    """Whether it is a whole number; True and False are none."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_count(value: Any) -> bool:
+    return is_whole(value) and 1 <= value < 2**63
+
+
+def _is_from(value: Any, least: float, most: float = float("inf")) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+
+
+def _is_text(text: Any) -> bool:
+    """Not so with half a character, as Python makes them of names of files."""
+    return isinstance(text, str) and (text.isascii() or not any("\ud800" <= one <= "\udfff" for one in text))
+
+
+def _is_name(name: Any) -> bool:
+    return isinstance(name, str) and bool(name.strip()) and name.isprintable() and len(name) <= Limit.NAME
+
+
+def _are_constraints(value: Any) -> bool:
+    return isinstance(value, list | tuple) and all(isinstance(each, Constraint) for each in value)
+
+
+def _are_messages(value: Any) -> bool:
+    return isinstance(value, Collection) and value != "" and all(isinstance(each, Message) for each in value)
+
+
+def _is_list_of_pairs(value: Any) -> bool:
+    return isinstance(value, list | tuple) and all(isinstance(pair, tuple) and len(pair) == 2 for pair in value)
+
+
+_NAME = f"1 to {Limit.NAME:d} printable characters"
+
+FLAG = Kind("True or False", lambda value: isinstance(value, bool))
+TEXT = Kind("a text that can be sent", _is_text)
+NAME = Kind(_NAME, _is_name)
+NAME_OR_NONE = Kind(f"{_NAME}, or None", lambda value: value is None or _is_name(value))
+SECONDS = Kind("0 or more seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME))
+DURATION = Kind("more than 0 seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME) and value > 0)
+DURATION_OR_NONE = Kind(f"{DURATION.words}, or None", lambda value: value is None or DURATION.fits(value))
+PERIOD = Kind(
+    f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds", lambda v: _is_from(v, SHORTEST_PERIOD, LONGEST_PERIOD)
+)
+DELAY = Kind(f"0 to {LONGEST_PERIOD:g} seconds", lambda value: _is_from(value, 0, LONGEST_PERIOD))
+PATIENCE = Kind("0 or more seconds", lambda value: _is_from(value, 0))
+TIMEOUT = Kind("0 or more seconds, or None to wait for ever", lambda value: value is None or _is_from(value, 0))
+COUNT = Kind("1 or more", _is_count)
+MAXIMUM = Kind("1 or more, or None for any number", lambda value: value is None or _is_count(value))
+CAPACITY = Kind("1 to 64", lambda value: is_whole(value) and 1 <= value <= 64)
+PENDING = Kind(
+    f"1 to {MOST_PENDING:,}, or None", lambda value: value is None or (is_whole(value) and 1 <= value <= MOST_PENDING)
+)
+PLAN_AHEAD = Kind("0 or more, or None for any number", lambda v: v is None or (is_whole(v) and 0 <= v < 2**63))
+PRIORITY = Kind(
+    f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}",
+    lambda value: is_whole(value) and abs(value) <= HIGHEST_PRIORITY,
+)
+NUMBER = Kind("a number, as in the journal", lambda value: is_whole(value) and 0 <= value < 2**63)
+POINT = Kind("a point of a task, such as task.achieving.end", lambda value: isinstance(value, Point))
+POINT_OR_NONE = Kind(f"{POINT.words}, or None", lambda value: value is None or isinstance(value, Point))
+CONSTRAINT = Kind("a constraint, such as a.achieving.end <= b.planning.start", lambda v: isinstance(v, Constraint))
+CONSTRAINTS = Kind("a list of constraints, such as [a <= b, c <= d]", _are_constraints)
+PAIRS = Kind("a list of pairs, such as [(COLLISION, RAISE_LEG)]", _is_list_of_pairs)
+CONDITION = Kind("a Condition, such as Condition.BEFORE_HANDLING", lambda value: value in tuple(Condition))
+SCOPE = Kind(" or ".join(f"Scope.{one.name}" for one in Scope), lambda value: value in tuple(Scope))
+VARIABLE = Kind("a Variable", lambda value: isinstance(value, Variable))
+MESSAGE = Kind("a message, such as Goal('walk', Path)", lambda value: isinstance(value, Message))
+MESSAGES = Kind("a list of messages, such as [WALK]", _are_messages)
+MESSAGE_OR_NAME = Kind(
+    "a message, its name, or None for all",
+    lambda value: value is None or isinstance(value, Message) or bool(value and _is_text(value)),
+)
+FAILS = Kind(
+    "a goal, a command, a task, or None for all tasks",
+    lambda value: isinstance(value, Message) and value.message_class.is_task,
+)
+CENTRAL = Kind(
+    "an address such as 'tcp://rover:7400', a LocalCentral, or None",
+    lambda value: value is None or hasattr(value, "transport") or (_is_text(value) and value != ""),
+)
+
+
+def one_of(options: Any) -> Kind:
+    """The kind of what a Literal allows."""
+    return Kind(f"one of {', '.join(get_args(options))}", lambda value: value in get_args(options))
+
+
+def is_brief(call: str, timeout: float | None) -> bool:
+    """Whether a wait is so short that central need not look at it. Raises MisuseError if *timeout* is none."""
+    check(call, TIMEOUT, timeout=timeout)
+    return timeout is not None and timeout < BRIEF
+
+
+# --- messages --------------------------------------------------------------------------------------------------------
 
 
 def name_of(message: Message[Any, Any]) -> str:
@@ -46,252 +161,31 @@ def name_of(message: Message[Any, Any]) -> str:
     return f"{message.message_class} '{message.name}'"
 
 
-# --- messages --------------------------------------------------------------------------------------------------------
-
-
 def check_message(message: Any) -> None:
     """Raise MisuseError for what is no message: a name, mostly."""
     if not isinstance(message, Message):
-        msg = f"{message!r:.60} is no message: give the declaration, such as Goal('walk', Path)"
-        raise MisuseError(msg)
+        raise MisuseError(f"{message!r:.60} is no message: give the declaration, such as Goal('walk', Path)")
 
 
 def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") -> None:
     """Raise MisuseError for a message of another class than those that *call* takes."""
     if not isinstance(message, wanted):
-        known = {**_CALLS, Variable: "set_variable()"}
-        advice = f": use {known[type(message)]}" if type(message) in known and not call else ""
+        advice = f": use {_CALLS[type(message)]}" if type(message) in _CALLS and not call else ""
         classes = " or ".join(kind.__name__ for kind in wanted)
-        msg = f"{call or _CALLS[wanted[0]]} takes messages of class {classes}, and {message!r:.60} is none{advice}"
-        raise MisuseError(msg)
+        raise MisuseError(f"{call or _CALLS[wanted[0]]} takes messages of class {classes}, not {message!r:.60}{advice}")
 
 
 def check_executable(message: Any) -> None:
     """Raise MisuseError for what can't be sent whatever its class."""
-    if not isinstance(message, tuple(_CALLS)):
-        classes = ", ".join(kind.__name__ for kind in _CALLS)
-        msg = f"execute() takes messages to send ({classes}), and {message!r:.60} is none"
-        raise MisuseError(msg)
-
-
-def name_wanted(message: Any) -> str:
-    """The name of the messages that are asked for: of a message, a name, or None, which is all of them ("")."""
-    if isinstance(message, Message):
-        return message.name
-    if message is not None and not isinstance(message, str):
-        msg = f"{message!r:.60} is no message: give the declaration, its name, or None for all"
-        raise MisuseError(msg)
-    if message is None:
-        return ""
-    if not message:
-        msg = f"{message!r} names no message: give the declaration, its name, or None for all"
-        raise MisuseError(msg)
-    if not _can_be_sent(message):
-        msg = f"{message!r:.60} is no text that can be sent"
-        raise MisuseError(msg)
-    return message
-
-
-# --- failures --------------------------------------------------------------------------------------------------------
-
-
-def check_handles(failure: Any, handler: Any) -> None:
-    """Raise MisuseError for what can't take care of a failure: it would be found out when the failure is there.
-
-    An exception handler gets the failure's data, which must fit what it wants, or none. One for any failure (None) must
-    take None: what central raises, such as "timeout", has no data. What it makes of other data than it wants is its own
-    affair.
-    """
-    if not isinstance(handler, ExceptionHandler):
-        msg = f"{handler!r:.60} is no ExceptionHandler: declare the message as one"
-        raise MisuseError(msg)
-    if failure is None:
-        if first_misfit(NO_DATA, handler.data.schema):
-            msg = (
-                f"{name_of(handler)} wants data of type {handler.data}, and is for any failure, also for those without \
-data, as all of central's: declare it without data, or with {handler.data} | None"
-            )
-            raise MisuseError(msg)
-        return
-    if not isinstance(failure, Failure):
-        msg = f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision', Contact), or None"
-        raise MisuseError(msg)
-    if handler.data.kind is not type(None) and (misfit := first_misfit(failure.data.schema, handler.data.schema)):
-        msg = f"{name_of(handler)} wants data of type {handler.data}, and failure '{failure.name}' has {failure.data}: \
-declare both with the same type, or the exception handler without data ({misfit})"
-        raise MisuseError(msg)
-
-
-def checked_pairs(pairs: Any) -> Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]:
-    """The value of ``on_failure=``. Raises MisuseError if it is no list of pairs."""
-    if not isinstance(pairs, list | tuple) or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs):
-        msg = f"on_failure={pairs!r:.80} is no list of pairs: write on_failure=[(COLLISION, RAISE_LEG)]"
-        raise MisuseError(msg)
-    for failure, handler in pairs:
-        check_handles(failure, handler)
-    return pairs
-
-
-def check_attachable(place: Any) -> None:
-    """Raise MisuseError for what exception handlers can't be attached to."""
-    if not isinstance(place, Message) or not place.message_class.is_task:
-        msg = f"of={place!r:.60} never fails: give a goal, a command or a task, or None for all tasks"
-        raise MisuseError(msg)
-
-
-def check_raised(failure: Any) -> None:
-    """Raise MisuseError for what can't be raised on a task."""
-    if not isinstance(failure, FailureRaised):
-        hint = f"call it, {failure.name!r} is only declared" if isinstance(failure, Failure) else "COLLISION(contact)"
-        msg = f"fail() takes a failure with its data, and {failure!r:.60} is none: {hint}"
-        raise MisuseError(msg)
-
-
-# --- options ---------------------------------------------------------------------------------------------------------
-
-
-def is_whole(value: Any) -> TypeGuard[int]:
-    """Whether it is a whole number; True and False are none."""
-    return isinstance(value, int) and not isinstance(value, bool)
+    if not isinstance(message, Goal | Command | Query | MultiQuery | Inform | Broadcast):
+        classes = "a Goal, Command, Query, MultiQuery, Inform or Broadcast"
+        raise MisuseError(f"execute() takes {classes}, not {message!r:.60}")
 
 
 def check_known(what: str, options: Mapping[str, object], known: Collection[str]) -> None:
     """Raise MisuseError for an option that there is not."""
     if unknown := sorted(options.keys() - set(known)):
-        msg = f"{what} can't have {unknown[0]}=: the options are {', '.join(known)}"
-        raise MisuseError(msg)
-
-
-def check_flags(what: str, **flags: Any) -> None:
-    """Raise MisuseError for what is neither True nor False."""
-    for name, flag in flags.items():
-        if not isinstance(flag, bool):
-            msg = f"{what}: {name}={flag!r:.40} is neither True nor False"
-            raise MisuseError(msg)
-
-
-def check_text(what: str, **texts: Any) -> None:
-    """Raise MisuseError for what is no text, or holds half a character, as Python makes them of names of files."""
-    for name, text in texts.items():
-        if not isinstance(text, str):
-            msg = f"{what}: {name}={text!r:.40} is no text"
-            raise MisuseError(msg)
-        if not _can_be_sent(text):
-            msg = f"{what}: {name}={text!r:.40} is no text that can be sent"
-            raise MisuseError(msg)
-
-
-def _can_be_sent(text: str) -> bool:
-    return text.isascii() or not any("\ud800" <= character <= "\udfff" for character in text)
-
-
-def _is_name(name: Any) -> TypeGuard[str]:
-    return isinstance(name, str) and bool(name.strip()) and name.isprintable() and len(name) <= Limit.NAME
-
-
-def checked_name(what: str, name: Any) -> str:
-    """*name*, if modules and resources may be called so. Raises MisuseError."""
-    if not _is_name(name):
-        msg = f"{name!r:.60} is no {what} name: 1 to {Limit.NAME:d} printable characters are"
-        raise MisuseError(msg)
-    return name
-
-
-def name_or_none(what: str, **names: Any) -> str:
-    """The one name that is given, as central is told of it: None is "". Raises MisuseError for what is no name: an
-    empty one, or 0, is some mistake, and does not mean that none is given.
-    """
-    ((option, name),) = names.items()
-    if name is None:
-        return ""
-    if not _is_name(name):
-        msg = f"{what}: {option}={name!r:.60} is no name: give 1 to {Limit.NAME:d} printable characters, or None"
-        raise MisuseError(msg)
-    return name
-
-
-def _is_seconds(seconds: Any) -> bool:
-    return isinstance(seconds, int | float) and not isinstance(seconds, bool) and seconds >= 0
-
-
-def check_seconds(what: str, **times: Any) -> None:
-    """Raise MisuseError for what is no number of seconds, or more than ten years."""
-    for name, seconds in times.items():
-        if not _is_seconds(seconds) or seconds > LONGEST_TIME:
-            msg = f"{what}: {name}={seconds!r:.40} is no time: give seconds, 0 or more, at most {LONGEST_TIME:g}"
-            raise MisuseError(msg)
-
-
-def check_lasting(what: str, **times: Any) -> None:
-    """Raise MisuseError for what is no number of seconds that last: a deadline of 0 s could only be missed."""
-    check_seconds(what, **times)
-    for name, seconds in times.items():
-        if not seconds:
-            msg = f"{what}: {name}={seconds!r:.40} is over at once: give seconds, more than 0"
-            raise MisuseError(msg)
-
-
-def check_count(what: str, **counts: Any) -> None:
-    """Raise MisuseError for what can't be counted up to."""
-    for name, count in counts.items():
-        if not is_whole(count) or not 1 <= count < 2**63:
-            msg = f"{what}: {name}={count!r:.40} can't be: give 1, 2, ..."
-            raise MisuseError(msg)
-
-
-def checked_maximum(what: str, maximum: Any) -> int:
-    """A maximum as central is told of it: None is 0. Raises MisuseError for what is neither None nor a count."""
-    if maximum is None:
-        return 0
-    if not is_whole(maximum) or not 1 <= maximum < 2**63:
-        msg = f"{what}: maximum={maximum!r:.40} can't be: give 1, 2, ... or None for any number"
-        raise MisuseError(msg)
-    return maximum
-
-
-def check_point(point: Any) -> None:
-    """Raise MisuseError for what is no point of a task."""
-    if not isinstance(point, Point):
-        msg = f"{point!r:.60} is no point of a task: task.achieving.end is one"
-        raise MisuseError(msg)
-
-
-def check_constraints(constraints: Any) -> None:
-    """Raise MisuseError for what is no constraint."""
-    for constraint in constraints:
-        if not isinstance(constraint, Constraint):
-            msg = f"{constraint!r:.60} is no constraint: write first.achieving.end <= second.achieving.start"
-            raise MisuseError(msg)
-
-
-def check_number(what: str, number: Any) -> None:
-    """Raise MisuseError for what is no number of a task."""
-    if not is_whole(number) or not 0 <= number < 2**63:
-        msg = f"{what} takes the number of a task, as in the journal, and {number!r:.40} is none"
-        raise MisuseError(msg)
-
-
-def check_condition(condition: Any) -> None:
-    """Raise MisuseError for what says not when a wiretap sends its listener."""
-    if condition not in tuple(Condition):
-        near = get_close_matches(str(condition), tuple(Condition), 1, 0) if isinstance(condition, str) else []
-        known = Condition(near[0]) if near else Condition.BEFORE_HANDLING
-        msg = f"condition={condition!r:.40} is none: Condition.{known.name} is one"
-        raise MisuseError(msg)
-
-
-def check_topic(topic: Any, known: Collection[str]) -> None:
-    """Raise MisuseError for what central has nothing to say of."""
-    if topic not in tuple(known):
-        msg = f"status() of topic={topic!r:.40} can't be asked: {', '.join(known)} can"
-        raise MisuseError(msg)
-
-
-def check_scope(scope: Any) -> None:
-    """Raise MisuseError for what says not what is to be killed."""
-    if scope not in tuple(Scope):
-        msg = f"scope={scope!r:.40} is none: {', '.join(f'Scope.{one.name}' for one in Scope)} are"
-        raise MisuseError(msg)
+        raise MisuseError(f"{what} has no option {unknown[0]}: the options are {', '.join(known)}")
 
 
 def check_monitor_options(monitor: Monitor[Any], options: Mapping[str, Any]) -> None:
@@ -300,74 +194,72 @@ def check_monitor_options(monitor: Monitor[Any], options: Mapping[str, Any]) -> 
     if not isinstance(monitor, PollingMonitor):
         for name in ("period", "initial_wait"):
             if name in options:
-                msg = f"{what} can't have {name}=: only polling monitors test again and again"
-                raise MisuseError(msg)
+                raise MisuseError(f"{what} can't have {name}: only polling monitors test again and again")
     elif options.get("period") is None:
-        msg = f"{what} needs period=: the seconds from one test of its condition to the next"
-        raise MisuseError(msg)
-    check_lasting(what, **{name: options[name] for name in ("period", "duration") if options.get(name) is not None})
-    checked_maximum(what, options.get("maximum"))
-    check_count(what, fire_every=options.get("fire_every", 1))
-    check_flags(what, **{name: options[name] for name in ("initial_wait", "for_ever", "sequential") if name in options})
-    if options.get("until") is not None:
-        check_point(options["until"])
+        raise MisuseError(f"{what} needs period: the seconds from one test of its condition to the next")
+    check(what, DURATION_OR_NONE, period=options.get("period"), duration=options.get("duration"))
+    check(what, MAXIMUM, maximum=options.get("maximum"))
+    check(what, COUNT, fire_every=options.get("fire_every", 1))
+    check(what, FLAG, **{name: options[name] for name in ("initial_wait", "for_ever", "sequential") if name in options})
+    check(what, POINT_OR_NONE, until=options.get("until"))
+    check(what, CONSTRAINTS, constraints=options.get("constraints", []))
 
 
-def check_function(what: str, function: Any, wanted: str) -> None:
-    """Raise MisuseError for what can't be called with arguments such as "(sender, reply)", or must be awaited."""
-    number = wanted.count(",") + 1
+# --- failures --------------------------------------------------------------------------------------------------------
+
+
+def check_handles(failure: Any, handler: Any) -> None:
+    """Raise MisuseError for an exception handler that can't take the data of a failure.
+
+    It gets the failure's data, which must fit, or none. A handler of any failure (None) must take None: what central
+    raises, such as "timeout", has no data.
+    """
+    if not isinstance(handler, ExceptionHandler):
+        raise MisuseError(f"{handler!r:.60} is no ExceptionHandler: declare the message as one")
+    wants = f"{name_of(handler)} wants data of type {handler.data}"
+    if failure is None:
+        if first_misfit(NO_DATA, handler.data.schema):
+            advice = f"declare it without data, or with {handler.data} | None"
+            raise MisuseError(f"{wants}, and failures of central, such as 'timeout', have none: {advice}")
+    elif not isinstance(failure, Failure):
+        raise MisuseError(f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision'), or None")
+    elif handler.data.kind is not type(None) and (misfit := first_misfit(failure.data.schema, handler.data.schema)):
+        advice = f"declare both with the same type, or the exception handler without data ({misfit})"
+        raise MisuseError(f"{wants}, and failure '{failure.name}' has {failure.data}: {advice}")
+
+
+def checked_pairs(what: str, pairs: Any) -> Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]:
+    """The value of ``on_failure=``. Raises MisuseError if it is no list of pairs."""
+    check(what, PAIRS, on_failure=pairs)
+    for failure, handler in pairs:
+        check_handles(failure, handler)
+    pairs_: Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]] = pairs
+    return pairs_
+
+
+def check_raised(failure: Any) -> None:
+    """Raise MisuseError for what can't be raised on a task."""
+    if not isinstance(failure, FailureRaised):
+        hint = f"'{failure.name}' is only declared, call it" if isinstance(failure, Failure) else "COLLISION(contact)"
+        raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
+
+
+# --- functions -------------------------------------------------------------------------------------------------------
+
+
+def check_function(
+    what: str, function: Any, wanted: str, possible: Sequence[int] = (), *, may_be_async: bool = False
+) -> int:
+    """How many arguments a function takes, of the *possible* numbers; *wanted* shows them, such as "(sender, reply)".
+
+    Raises MisuseError for what can't be called so, or must be awaited.
+    """
     if not callable(function):
-        msg = f"{what}: {function!r:.60} is no function: give one that takes {wanted}"
-        raise MisuseError(msg)
+        raise MisuseError(f"{what}: {function!r:.60} is no function: give one that takes {wanted}")
     name = getattr(function, "__qualname__", repr(function))
-    if is_async(function):
-        msg = f"{what}: {name} is 'async def', and nobody awaits it: make it a plain function"
-        raise MisuseError(msg)
-    if arguments_taken(function, (number,)) is None:
-        msg = f"{what}: {name} is declared with {inspect.signature(function)}: declare it with {wanted}"
-        raise MisuseError(msg)
-
-
-def check_priority(what: str, priority: Any) -> None:
-    """Raise MisuseError for a priority that can't be."""
-    if not is_whole(priority) or abs(priority) > HIGHEST_PRIORITY:
-        msg = f"{what} can't have priority {priority!r}: whole numbers up to {HIGHEST_PRIORITY} can be"
-        raise MisuseError(msg)
-
-
-def listed(constraints: Any) -> Sequence[Constraint]:
-    """The constraints of an option. Raises MisuseError for a single one."""
-    if not isinstance(constraints, list | tuple) or not all(isinstance(each, Constraint) for each in constraints):
-        msg = f"constraints={constraints!r:.80} is no list of constraints: write constraints=[a <= b, c <= d]"
-        raise MisuseError(msg)
-    return constraints
-
-
-def check_timeout(timeout: Any) -> None:
-    """Raise MisuseError for what is neither seconds nor None."""
-    if timeout is not None and not _is_seconds(timeout):
-        msg = f"timeout={timeout!r:.40} is no time to wait: give seconds, 0 or more, or None to wait for ever"
-        raise MisuseError(msg)
-
-
-def check_patience(patience: Any) -> None:
-    """Raise MisuseError for what is no time to wait for central."""
-    if not _is_seconds(patience):
-        msg = f"patience={patience!r:.40} is no time to wait for central: give seconds, 0 or more"
-        raise MisuseError(msg)
-
-
-def check_central(central: Any) -> None:
-    """Raise MisuseError for what is no place where central could be."""
-    if central is None or hasattr(central, "transport"):
-        return
-    if not isinstance(central, str) or not central:
-        msg = f"central={central!r:.60} is no address: give one such as 'tcp://rover:7400', a LocalCentral, or None"
-        raise MisuseError(msg)
-    check_text("where central is", central=central)
-
-
-def is_brief(timeout: float | None) -> bool:
-    """Whether a wait with this timeout is one that central need not look at. Raises as ``check_timeout``."""
-    check_timeout(timeout)
-    return timeout is not None and timeout < BRIEF
+    if is_async(function) and not may_be_async:
+        raise MisuseError(f"{what}: {name} is 'async def', and nobody awaits it: make it a plain function")
+    arguments = arguments_taken(function, possible or (wanted.count(",") + 1,))
+    if arguments is None:
+        raise MisuseError(f"{what}: {name} is declared with {inspect.signature(function)}: declare it with {wanted}")
+    return arguments

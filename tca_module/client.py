@@ -1,11 +1,12 @@
 """The client: what a script that handles nothing sends with."""
 
 from types import TracebackType
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, Self
 
 import msgspec
 
-from tca_module.checks import check_patience, check_topic, checked_name
+from tca_module import checks
+from tca_module.checks import check, one_of
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Timeout
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
 from tca_module.link.opening import CentralAddress, hello, new_incarnation, open_connection
@@ -40,7 +41,7 @@ class Client(Sender):
 
         Raises Timeout if it does not say so within *timeout* seconds (None: waits for ever).
         """
-        check_topic(topic, get_args(Topic))
+        check("status()", one_of(Topic), topic=topic)
         connection = self._connection()
         request = connection.request(Ask(0, topic), wants_answer=True, is_awaited=True)
         if not connection.wait(request, timeout, f"the question for {topic}"):
@@ -66,8 +67,7 @@ class Client(Sender):
 
     def _connection(self) -> Connection:
         if self._link is None:
-            msg = "this client is closed: use it inside its 'with' block, or connect() again"
-            raise MisuseError(msg)
+            raise MisuseError("this client is closed: use it inside its 'with' block, or connect() again")
         return self._link
 
 
@@ -77,8 +77,9 @@ def connect(name: str = "script", central: CentralAddress = None, patience: floa
     Raises CentralLost if none answers in *patience* seconds: in a script that nobody catches it ends the program with
     one line and exit code 1.
     """
-    check_patience(patience)
-    greeting = hello(checked_name("module", name), new_incarnation())
+    check("connect()", checks.NAME, name=name)
+    check("connect()", checks.PATIENCE, patience=patience)
+    greeting = hello(name, new_incarnation())
     try:
         return Client(open_connection(central, greeting, patience))
     except CentralLost as error:

@@ -5,19 +5,12 @@ import logging
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar, overload
 
-from tca_module.checks import (
-    check_central,
-    check_flags,
-    check_function,
-    check_patience,
-    checked_name,
-    is_whole,
-    name_or_none,
-)
+from tca_module import checks
+from tca_module.checks import check, check_function
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped
 from tca_module.link.connection import PATIENCE, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
@@ -59,14 +52,18 @@ class Module(Sender):
 
     def __init__(
         self, name: str, central: CentralAddress = None, *, capacity: int = 1,
-        requires: Iterable[Message[Any, Any]] = (),
+        requires: Collection[Message[Any, Any]] = (),
     ) -> None:  # fmt: skip
         super().__init__()
-        self._required = _checked_messages(name, requires)
-        self.name = checked_name("module", name)
-        check_central(central)
+        check("Module()", checks.NAME, name=name)
+        what = f"module '{name}'"
+        check(what, checks.CENTRAL, central=central)
+        check(what, checks.CAPACITY, capacity=capacity)
+        check(what, checks.MESSAGES, requires=requires)
+        self._required = list(requires)
+        self.name = name
         self.central = central
-        self._resources = {name: _checked_capacity(name, capacity)}
+        self._resources = {name: capacity}
         self._handlers: dict[str, Handler] = {}
         self._first: list[Callable[[Module], object]] = []
         self._link: Connection | None = None
@@ -86,8 +83,9 @@ class Module(Sender):
         A handler names it with ``resource=``; the others belong to the module's own resource, with its capacity.
         """
         self._check_not_running("resource()")
-        checked_name("resource", name)
-        self._resources[name] = _checked_capacity(name, capacity)
+        check("resource()", checks.NAME, name=name)
+        check(f"resource '{name}'", checks.CAPACITY, capacity=capacity)
+        self._resources[name] = capacity
         return name
 
     @overload
@@ -114,11 +112,10 @@ class Module(Sender):
         the journal as a note without data. It goes through central while a wiretap or another handler wants to see it.
         """
         self._check_not_running("handles()")
-        where = name_or_none("handles()", resource=resource) or self.name
-        shared = name_or_none("handles()", pool=pool)
+        check("handles()", checks.NAME_OR_NONE, resource=resource, pool=pool)
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-            handler = Handler(message, function, where, shared, pending, direct=direct)
+            handler = Handler(message, function, resource or self.name, pool or "", pending, direct=direct)
             if known := self._handlers.get(message.name):
                 msg = f"module '{self.name}' handles '{message.name}' already, in {known.name}: one handler a message"
                 raise MisuseError(msg)
@@ -149,7 +146,7 @@ class Module(Sender):
         out. The function may take the Callback, to send with and to ``cancel()``, or nothing. The thread of *resource*
         calls it between messages; by default one that only calls callbacks. Errors in it are logged.
         """
-        name_or_none("every()", resource=resource)
+        check("every()", checks.NAME_OR_NONE, resource=resource)
 
         def declare(function: F) -> F:
             self._called_by("every()", resource).every(period, function)
@@ -185,15 +182,15 @@ class Module(Sender):
         return self._called_by("on_readable()", resource).on_readable(source, function)
 
     def _called_by(self, call: str, resource: str | None) -> Callbacks:
-        named = name_or_none(call, resource=resource) or CALLBACKS
+        check(call, checks.NAME_OR_NONE, resource=resource)
+        named = resource or CALLBACKS
         if self._link is None:
             self._resources.setdefault(named, 1)
         return self._slots.callbacks(named)
 
     def _check_not_running(self, call: str) -> None:
         if self._link is not None:
-            msg = f"{call} of module '{self.name}' comes too late: declare before run()"
-            raise MisuseError(msg)
+            raise MisuseError(f"{call} of module '{self.name}' comes too late: declare before run()")
 
     # --- running ---------------------------------------------------------------------------------------------------
 
@@ -265,8 +262,8 @@ class Module(Sender):
         self._stop.clear()
 
     def _begin(self, patience: float, *, reconnect: bool) -> None:
-        check_patience(patience)
-        check_flags(f"module '{self.name}'", reconnect=reconnect)
+        check(f"module '{self.name}'", checks.PATIENCE, patience=patience)
+        check(f"module '{self.name}'", checks.FLAG, reconnect=reconnect)
         incarnation = new_incarnation()
         greeting = hello(self.name, incarnation)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
@@ -347,23 +344,6 @@ class Module(Sender):
             msg = f"module '{self.name}' does not run: send within 'with module.running():' or from a handler"
             raise MisuseError(msg)
         return self._link
-
-
-def _checked_messages(module: str, messages: Iterable[Any]) -> list[Message[Any, Any]]:
-    are_several = isinstance(messages, Iterable) and not isinstance(messages, str)
-    required: list[Any] = list(messages) if are_several else [messages]
-    for message in required:
-        if not isinstance(message, Message):
-            msg = f"module '{module}' can't require {message!r}: requires= takes messages (Goal, Query, ...)"
-            raise MisuseError(msg)
-    return required
-
-
-def _checked_capacity(resource: str, capacity: int) -> int:
-    if not is_whole(capacity) or not 1 <= capacity <= 64:
-        msg = f"resource '{resource}' can't have capacity {capacity!r}: 1 to 64 messages at a time"
-        raise MisuseError(msg)
-    return capacity
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
-from tca_module.checks import check_message, check_timeout, name_of
+from tca_module.checks import TIMEOUT, check, check_message, name_of
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
@@ -164,7 +164,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         is_done = is_over or (lambda: request.is_over)
         with self._lock:
             try:
-                check_timeout(timeout)
+                check(what, TIMEOUT, timeout=timeout)
                 if timeout != 0:
                     self.announce(request)
                 came = is_done() or self._wait_for(is_done, timeout, what, request)
@@ -326,11 +326,10 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait for callbacks, which are called meanwhile; whether *is_over*. Raises what ``wait`` does, but Refused."""
         self.check_thread()
-        check_timeout(timeout)
+        check("the wait for a callback", TIMEOUT, timeout=timeout)
         with self._lock:
             if self._is_calling_back:
-                msg = "a callback waits for another one: they are called one after the other"
-                raise MisuseError(msg)
+                raise MisuseError("a callback waits for another one: they are called one after the other")
             return is_over() or self._wait_for(is_over, timeout, "a callback")
 
     def soon(self, function: Callable[[], None]) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from tca_module.checks import check_central
+from tca_module.checks import CENTRAL, check
 from tca_module.direct.messages import DirectMessages, Entry
 from tca_module.link.connection import Connection
 from tca_module.session.lasting_attachments import LastingAttachments
@@ -39,7 +39,7 @@ def open_connection(
 
     It takes the messages *direct* from their senders, too, without central. *attachments* are those of its module.
     """
-    check_central(central)
+    check(f"'{hello.module}'", CENTRAL, central=central)
     if central is None or isinstance(central, str):
         address = default_endpoint() if central is None else central
         connection = _connection_by_socket(address, hello, patience, list(direct), attachments)

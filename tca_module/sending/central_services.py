@@ -6,17 +6,8 @@ from typing import Any, TypeVar, overload
 
 import msgspec
 
-from tca_module.checks import (
-    check_flags,
-    check_number,
-    check_priority,
-    check_seconds,
-    check_text,
-    check_timeout,
-    checked_name,
-    is_brief,
-    name_or_none,
-)
+from tca_module import checks
+from tca_module.checks import check, is_brief
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.sending.claim import Claim
@@ -65,8 +56,8 @@ class CentralServices:
         False returns at once: for values that come many times a second; one may be lost when central is away.
         Raises BadData if *value* does not fit, Refused if the values of all variables would be too large.
         """
-        _check_variable("set_variable", variable)
-        check_flags("set_variable()", wait=wait)
+        check("set_variable()", checks.VARIABLE, variable=variable)
+        check("set_variable()", checks.FLAG, wait=wait)
         body = variable.encode_data(value)
         connection = self._declare(variable)
         header = SetVariable(0, variable.name, self._origin)
@@ -84,14 +75,13 @@ class CentralServices:
 
         Of one that was never set: *default*; without a default raises VariableNotSet.
         """
-        _check_variable("get_variable", variable)
+        check("get_variable()", checks.VARIABLE, variable=variable)
         connection = self._declare(variable)
         body = _ask(connection, GetVariable(0, variable.name), f"variable '{variable.name}'")
         if body:
             return variable.decode_data(body)
         if default is _NO_DEFAULT:
-            msg = f"variable '{variable.name}' was never set: set it first, watch it, or give a default"
-            raise VariableNotSet(msg)
+            raise VariableNotSet(f"variable '{variable.name}' was never set: set it first, watch it, or give a default")
         return default
 
     @overload
@@ -103,7 +93,7 @@ class CentralServices:
 
         Of those who swap at the same time each gets what another has set. *default* if it was never set before.
         """
-        _check_variable("swap_variable", variable)
+        check("swap_variable()", checks.VARIABLE, variable=variable)
         body = variable.encode_data(value)
         connection = self._declare(variable)
         header = SetVariable(0, variable.name, self._origin, swap=True)
@@ -143,9 +133,9 @@ class CentralServices:
         For operators: a handler releases what it has itself. Who had it is told: LockLost where a handler or client
         counts on it, else the failure "lock lost" of the task that keeps it (TCA 8.5: ``unlock``).
         """
-        whose = name_or_none("unlock()", module=module)
-        checked_name("resource", resource)
-        return bool(self._connection().call(Unlock(0, resource, whose), f"unlocking resource '{resource}'"))
+        check("unlock()", checks.NAME, resource=resource)
+        check("unlock()", checks.NAME_OR_NONE, module=module)
+        return bool(self._connection().call(Unlock(0, resource, module or ""), f"unlocking resource '{resource}'"))
 
     # --- what is attached ------------------------------------------------------------------------------------------
 
@@ -157,20 +147,20 @@ class CentralServices:
         ``AttachmentRef.remove``, and ends its monitors with ``MonitorRef.end``. Raises Refused if there has never been
         that number, or it is a task.
         """
-        check_number("detach()", number)
+        check("detach()", checks.NUMBER, number=number)
         return bool(self._connection().call(Remove(0, number, for_all=True), f"detaching {number}"))
 
     def _claim(
         self, resource: str, module: str | None, timeout: float | None, priority: int, *, reserve: bool
     ) -> Claim:
         call = "reserve()" if reserve else "lock()"
-        whose = name_or_none(call, module=module)
-        checked_name("resource", resource)
-        check_priority(call, priority)
-        brief = is_brief(timeout)
-        check_seconds(call, timeout=timeout or 0)
+        check(call, checks.NAME, resource=resource)
+        check(call, checks.NAME_OR_NONE, module=module)
+        check(call, checks.PRIORITY, priority=priority)
+        brief = is_brief(call, timeout)
+        check(call, checks.SECONDS, timeout=timeout or 0)
         seconds = -1 if timeout is None else timeout
-        header = Lock(0, resource, whose, reserve, self._origin, seconds, priority, blocking=True, brief=brief)
+        header = Lock(0, resource, module or "", reserve, self._origin, seconds, priority, blocking=True, brief=brief)
         claim = Claim(self._connection(), header)
         claim.wait(timeout)
         return claim
@@ -192,18 +182,16 @@ class CentralServices:
 
         Raises NotDeclared if there is none, MisuseError for a monitor, which has more to it than its name.
         """
-        check_text("declared()", name=name)
+        check("declared()", checks.TEXT, name=name)
         known = msgspec.msgpack.decode(_ask(self._connection(), Ask(0, "messages"), "the question for messages"))
         found = next((message for message in known if message["message"] == name), None)
         if found is None:
             nearest = get_close_matches(name, [message["message"] for message in known], n=1)
             advice = f"did you mean '{nearest[0]}'?" if nearest else "see 'tca messages', and start who declares it"
-            msg = f"nobody has declared a message '{name}': {advice}"
-            raise NotDeclared(msg)
+            raise NotDeclared(f"nobody has declared a message '{name}': {advice}")
         kind: type[Any] | None = _KINDS.get(found["class"])
         if kind is None:
-            msg = f"'{name}' is a {found['class']}: declare it in Python to have it watch"
-            raise MisuseError(msg)
+            raise MisuseError(f"'{name}' is a {found['class']}: declare it in Python to have it watch")
         answer = {Command: "result", Query: "reply", MultiQuery: "reply"}.get(kind)
         options = {answer: PlainFormat(found["reply"])} if answer else {}
         message: Message[Any, Any] = kind(name, PlainFormat(found["data"]), **options)
@@ -215,7 +203,7 @@ class CentralServices:
         Raises Timeout, naming those that nobody handles. A handler may leave again at any time; a goal, command or
         query then waits for the next.
         """
-        check_timeout(timeout)
+        check("wait_until_handled()", checks.TIMEOUT, timeout=timeout)
         try:
             left = self._declare_within(timeout, *messages)
         except Timeout:
@@ -227,8 +215,7 @@ class CentralServices:
             connection.abandon(request)
             if silence := connection.silence:
                 raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {silence}")
-            msg = f"{self._unhandled(messages, timeout)}; start the module that does, see 'tca messages'"
-            raise Timeout(msg)
+            raise Timeout(f"{self._unhandled(messages, timeout)}; start the module that does, see 'tca messages'")
 
     def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
         named = {message.name: f"{message.message_class} '{message.name}'" for message in messages}
@@ -256,12 +243,6 @@ def wait_until_handled(messages: Iterable[Message[Any, Any]], promised: Iterable
     return WaitUntilHandled(0, [message.name for message in messages], list(promised))
 
 
-def _check_variable(call: str, variable: Any) -> None:
-    if not isinstance(variable, Variable):
-        msg = f"{call}() takes a Variable, and {variable!r} is none"
-        raise MisuseError(msg)
-
-
 def _ask(
     connection: Connection, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN
 ) -> bytes:
@@ -269,6 +250,5 @@ def _ask(
     request = connection.request(header, body, wants_answer=True, is_awaited=True)
     if not connection.wait(request, within, what):
         connection.abandon(request)
-        msg = f"{what} was not answered within {within:g} s, though central is alive: it is overloaded"
-        raise Timeout(msg)
+        raise Timeout(f"{what} was not answered within {within:g} s, though central is alive: it is overloaded")
     return request.answers[-1][1]

@@ -37,8 +37,7 @@ class Claim:
         answer, _ = self._request.answers[-1]
         if answer.outcome is not Outcome.DONE:
             self._is_over = True
-            msg = f"{self._what} was not granted within {timeout:g} s: {answer.text}"
-            raise Timeout(msg)
+            raise Timeout(f"{self._what} was not granted within {timeout:g} s: {answer.text}")
 
     @property
     def held(self) -> bool:

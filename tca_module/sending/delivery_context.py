@@ -12,6 +12,7 @@ from tca_wire.messages.declarations import NOTHING, D, Message
 from tca_wire.packets import parts
 from tca_wire.packets.headers import Deliver, EndMonitor, Fire
 from tca_wire.points import TaskId
+from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Condition
 
 A = TypeVar("A")
@@ -85,15 +86,14 @@ class MonitorRef(TaskRef, Generic[D]):
                 f"its action is '{self.action}'" if self.action else "it has no action, fire() it without a message"
             )
             given = name_of(action) if isinstance(action, Message) else repr(action)
-            msg = f"{self} can't be fired with {given:.60}: {wanted}"
-            raise MisuseError(msg)
+            raise MisuseError(f"{self} can't be fired with {given:.60}: {wanted}")
 
 
 def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | TapEvent | MonitorRef[Any] | None":
     """What a delivery is about: tasks of the central that has delivered it."""
 
     def known(involved: parts.Involved) -> TaskId:
-        return given(involved.task, connection.session.epoch, f"task {involved.task} '{involved.message}'")
+        return given(involved.task, connection.session.epoch, numbered(involved.message, involved.task))
 
     def handle(involved: parts.Involved) -> TaskRef | None:
         if not involved.task:

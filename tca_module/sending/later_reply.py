@@ -10,6 +10,7 @@ from tca_module.session.open_deliveries import current_delivery, working_on
 from tca_wire.messages.declarations import NOTHING, Message, R
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets.headers import Deliver, Fail, Reply
+from tca_wire.text.measures import numbered
 
 
 class LaterReply(Generic[R]):
@@ -30,9 +31,7 @@ class LaterReply(Generic[R]):
         self._ended = ""  # why no answer is taken any more
 
     def __repr__(self) -> str:
-        return (
-            f"task {self._delivery.task} '{self._message.name}'" if self._delivery.task else f"'{self._message.name}'"
-        )
+        return numbered(self._message.name, self._delivery.task) if self._delivery.task else f"'{self._message.name}'"
 
     @property
     def cancelled(self) -> bool:
@@ -68,8 +67,7 @@ class LaterReply(Generic[R]):
             if self._ended:
                 raise Stopped(f"{self} can't be answered any more: {self._ended}")
             if self._answer is not None:
-                msg = f"{self} has been answered already: reply() or fail() it once"
-                raise MisuseError(msg)
+                raise MisuseError(f"{self} has been answered already: reply() or fail() it once")
             self._answer = header, body
             if self._has_returned:
                 self._connection.soon(self._send)

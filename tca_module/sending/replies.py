@@ -65,8 +65,7 @@ class PendingReply(Generic[R]):
     def _checked_name(self) -> str:
         what = name_of(self._message)
         if self._is_cancelled:
-            msg = f"{what} was given up: send it again to get a reply"
-            raise MisuseError(msg)
+            raise MisuseError(f"{what} was given up: send it again to get a reply")
         return what
 
     def _reply(self, answer: Answer, body: bytes) -> R:

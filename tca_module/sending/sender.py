@@ -4,20 +4,9 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any, Unpack, overload
 
-from tca_module.checks import (
-    check_class,
-    check_constraints,
-    check_executable,
-    check_function,
-    check_priority,
-    check_timeout,
-    checked_maximum,
-    checked_pairs,
-    is_brief,
-    listed,
-    name_of,
-)
-from tca_module.errors import MisuseError, Timeout
+from tca_module import checks
+from tca_module.checks import check, check_class, check_executable, check_function, checked_pairs, is_brief, name_of
+from tca_module.errors import Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.sent_task import SentTask
@@ -41,6 +30,8 @@ from tca_wire.messages.declarations import (
 )
 from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
+
+_TASK = checks.Kind("a task that was sent or found, such as tasks(WALK)[0]", lambda task: isinstance(task, TaskRef))
 
 
 class Sender(Watching):
@@ -79,13 +70,13 @@ class Sender(Watching):
         """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
         check_options(message, options)
         body = message.encode_data(data)
-        pairs = checked_pairs(options.get("on_failure", ()))
+        pairs = checked_pairs(name_of(message), options.get("on_failure", ()))
         connection = self._declare(message, *(handler for _, handler in pairs))
         sequential = options.get("sequential", True)
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
         flags |= flags_of(options)
-        constraints += listed(options.get("constraints", ()))
+        constraints += options.get("constraints", ())
         if delay := options.get("delay"):
             constraints.append(not_before(THIS, delay))
         header = Send(
@@ -112,9 +103,7 @@ class Sender(Watching):
         for it alone, as in TCA. A kill of the task kills them, too. Raises MisuseError for what is no task; to send
         raises Refused ("too late") when the task has ended.
         """
-        if not isinstance(task, TaskRef):
-            msg = f"under() takes a task that was sent or found, and {task!r:.60} is none: tasks(WALK)[0] is one"
-            raise MisuseError(msg)
+        check("under()", _TASK, task=task)
         return _Under(self, self._origin, task)
 
     def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:
@@ -137,7 +126,8 @@ class Sender(Watching):
 
         Raises Refused if one comes too late or would close a circle.
         """
-        check_constraints(constraints)
+        for constraint in constraints:
+            check("constrain()", checks.CONSTRAINT, each=constraint)
         if constraints:
             self._connection().call(Constrain(0, list(constraints)), f"constraint {', '.join(map(str, constraints))}")
 
@@ -151,7 +141,7 @@ class Sender(Watching):
         Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that is to end is woken
         from this, as from all that it waits for, once: TaskKilled if its task was killed, Stopped if its module ends.
         """
-        brief = is_brief(timeout)
+        brief = is_brief("query()", timeout)
         check_class(message, Query)
         try:
             left = self._declare_within(timeout, message)
@@ -202,7 +192,7 @@ class Sender(Watching):
         if_handled: bool = False,
         is_awaited: bool = True,
     ) -> tuple[Connection, Request]:
-        check_priority(name_of(message), priority)
+        check(name_of(message), checks.PRIORITY, priority=priority)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(
@@ -253,13 +243,13 @@ class Sender(Watching):
         self, message: MultiQuery[D, R], data: D, maximum: int | None, timeout: float | None, *, blocking: bool
     ) -> PendingReplies[R]:
         check_class(message, MultiQuery)
-        check_timeout(timeout)
-        wanted = checked_maximum(name_of(message), maximum)
+        check(name_of(message), checks.TIMEOUT, timeout=timeout)
+        check(name_of(message), checks.MAXIMUM, maximum=maximum)
         try:
             left = self._declare_within(timeout, message)
         except Timeout:
             return PendingReplies(self._connection(), unsent(), message, 0)
-        connection, request = self._question(message, data, blocking=blocking, maximum=wanted)
+        connection, request = self._question(message, data, blocking=blocking, maximum=maximum or 0)
         return PendingReplies(connection, request, message, left)
 
     # --- statements ------------------------------------------------------------------------------------------------

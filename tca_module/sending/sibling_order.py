@@ -4,13 +4,11 @@ A block (``sequence``, ``parallel``) is one element of the block around it. Each
 it begins, and *last* tasks, whose ends are its end. Knows task ids only; nothing of messages or connections.
 """
 
-import sys
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from tca_module.checks import is_whole
-from tca_module.errors import MisuseError
+from tca_module.checks import PLAN_AHEAD, check
 from tca_wire.constraints import Constraint, Flags, plan_ahead, sequential_achievement
 from tca_wire.points import THIS, TaskId
 
@@ -108,9 +106,7 @@ class SiblingOrder:
     @contextmanager
     def sequence(self, ahead: int | None = None) -> Iterator[None]:
         """A block of children, each after the one before."""
-        if ahead is not None and not (is_whole(ahead) and 0 <= ahead <= sys.maxsize):
-            msg = f"plan_ahead={ahead!r} is no number of siblings: 0, 1, 2, ... or None (no bound) are"
-            raise MisuseError(msg)
+        check("sequence()", PLAN_AHEAD, plan_ahead=ahead)
         with self._inside(_Sequence(self._blocks[-1], ahead)):
             yield
 

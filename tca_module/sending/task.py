@@ -13,6 +13,7 @@ from tca_module.session.epoch_numbers import check_epoch, given
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver
 from tca_wire.points import ROOT, Interval, TaskId
+from tca_wire.text.measures import numbered
 
 C = TypeVar("C")
 
@@ -29,7 +30,7 @@ class Task(Sender, TaskIntervals):
         self._link: Connection | None = connection
         self._message = message
         self._delivery = delivery
-        epoch, what = connection.session.epoch, f"task {delivery.task} '{message.name}'" * bool(delivery.task)
+        epoch, what = connection.session.epoch, numbered(message.name, delivery.task) * bool(delivery.task)
         task_id = given(delivery.task, epoch, what)
         origin = max(0, delivery.delivery)  # central knows no direct delivery
         Sender.__init__(self, task_id, given(origin, epoch, what or f"'{message.name}'"))
@@ -37,7 +38,7 @@ class Task(Sender, TaskIntervals):
         self.later: LaterReply[Any] | None = None  #: who answers for the handler, if it said so
 
     def __repr__(self) -> str:
-        return f"task {self.id} '{self.message}'" if self.id else f"'{self.message}'"
+        return numbered(self.message, self.id) if self.id else f"'{self.message}'"
 
     @property
     def delivery(self) -> int:
@@ -80,8 +81,7 @@ class Task(Sender, TaskIntervals):
     def ref(self) -> TaskRef:
         """This task as others have it: to be killed, suspended, retried."""
         if self._task_id == ROOT:
-            msg = f"'{self.message}' is no task of the tree"
-            raise MisuseError(msg)
+            raise MisuseError(f"'{self.message}' is no task of the tree")
         return TaskRef(self._connection(), self.message, self._task_id, self._origin)
 
     @property
@@ -102,8 +102,7 @@ class Task(Sender, TaskIntervals):
     def _context(self, kind: type[C], what: str) -> C:
         context = context_of(self._connection(), self._delivery, self._origin)
         if not isinstance(context, kind):
-            msg = f"'{self.message}' was not sent as {what}"
-            raise MisuseError(msg)
+            raise MisuseError(f"'{self.message}' was not sent as {what}")
         return context
 
     def reply_later(self) -> LaterReply[Any]:
@@ -144,8 +143,7 @@ class Task(Sender, TaskIntervals):
 
     def _connection(self) -> Connection:
         if self._link is None:
-            msg = f"{self} is used after its handler returned: send before it returns, or from the module"
-            raise MisuseError(msg)
+            raise MisuseError(f"{self} is used after its handler returned: send before it returns, or from the module")
         check_epoch([self._origin], self._link.session.epoch)
         return self._link
 

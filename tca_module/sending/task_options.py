@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any, TypedDict
 
-from tca_module.checks import check_flags, check_known, check_lasting, check_priority, check_seconds, name_of
+from tca_module import checks
+from tca_module.checks import check, check_known, name_of
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Failure, Message
@@ -38,12 +39,12 @@ def check_options(message: Message[Any, Any], options: TaskOptions) -> None:
     """Raise MisuseError for options that the message can't have."""
     what = name_of(message)
     check_known(what, options, TaskOptions.__annotations__)
-    check_priority(what, options.get("priority", 0))
     given: dict[str, Any] = {**options}
-    check_flags(what, **{name: given[name] for name in _FLAGS if name in given})
-    check_seconds(what, delay=options.get("delay", 0))
-    if options.get("deadline") is not None:
-        check_lasting(what, deadline=options["deadline"])
+    check(what, checks.FLAG, **{name: given[name] for name in _FLAGS if name in given})
+    check(what, checks.PRIORITY, priority=options.get("priority", 0))
+    check(what, checks.SECONDS, delay=options.get("delay", 0))
+    check(what, checks.DURATION_OR_NONE, deadline=options.get("deadline"))
+    check(what, checks.CONSTRAINTS, constraints=options.get("constraints", ()))
 
 
 _FLAGS = ("sequential", "sequential_planning", "plan_first", "delay_planning", "keep")

@@ -7,7 +7,7 @@
 
 from typing import NoReturn
 
-from tca_module.checks import check_point, check_seconds
+from tca_module.checks import POINT, SECONDS, check
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
 from tca_wire.points import THIS, Edge, Interval, Point, TaskId, moment_of
@@ -20,8 +20,7 @@ class Order(Constraint, frozen=True):
 
     def __bool__(self) -> bool:
         # Python reads a <= b <= c as (a <= b) and (b <= c), and would silently keep the second one only.
-        msg = f"constraint {self} is neither true nor false: write a <= b <= c as two constraints"
-        raise MisuseError(msg)
+        raise MisuseError(f"constraint {self} is neither true nor false: write a <= b <= c as two constraints")
 
 
 class LaterPoint:
@@ -41,7 +40,7 @@ class TaskPoint(Point, frozen=True):
     """A moment of a task that can be compared with another to make a constraint; ``point + 2.5`` is 2.5 s later."""
 
     def __add__(self, seconds: float) -> LaterPoint:
-        check_seconds(f"{self} + seconds", seconds=seconds)
+        check(f"{self} + seconds", SECONDS, seconds=seconds)
         return LaterPoint(self, seconds)
 
     def __le__(self, other: Point) -> Order:
@@ -60,7 +59,7 @@ def _checked(point: Point) -> Point:
     if isinstance(point, LaterPoint):
         msg = f"nothing can be before {point}: write a + seconds <= b, the seconds with the point that comes first"
         raise MisuseError(msg)
-    check_point(point)
+    check("a constraint", POINT, point=point)
     return point
 
 

@@ -5,22 +5,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from tca_module.checks import (
-    check_class,
-    check_handles,
-    check_lasting,
-    check_message,
-    check_point,
-    check_raised,
-    check_scope,
-    check_seconds,
-    check_text,
-    check_timeout,
-    checked_maximum,
-    is_brief,
-    name_of,
-    name_wanted,
-)
+from tca_module import checks
+from tca_module.checks import check, check_class, check_handles, check_message, check_raised, is_brief, name_of
 from tca_module.errors import CentralLost, MisuseError, Timeout
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.sending.task_points import TaskIntervals
@@ -45,6 +31,7 @@ from tca_wire.packets.headers import (
 )
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Point, TaskId
+from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Scope
 
 
@@ -81,8 +68,8 @@ def _known_from(row: dict[str, Any], epoch: str) -> TaskInfo:
     """What the central of that epoch says of a task."""
     info = TaskInfo(*(row[key] for key in _ROW))
     return info._replace(
-        id=given(info.id, epoch, f"task {info.id} '{info.message}'"),
-        parent=given(info.parent, epoch, f"task {info.parent}"),
+        id=given(info.id, epoch, numbered(info.message, info.id)),
+        parent=given(info.parent, epoch, numbered("task", info.parent)),
     )
 
 
@@ -123,8 +110,8 @@ class AttachmentRef:
 def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int | None = None) -> Attachment:
     """That *handler* takes care of *failure* (None: of any). Raises MisuseError if it can't."""
     check_handles(failure, handler)
-    most = checked_maximum(name_of(handler), maximum)
-    return Attachment(failure.name if failure is not None else "", handler.name, most)
+    check(name_of(handler), checks.MAXIMUM, maximum=maximum)
+    return Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
 
 
 class TaskRef(TaskIntervals):
@@ -143,7 +130,7 @@ class TaskRef(TaskIntervals):
         self._end: tuple[Answer, bytes] | None = None  # how it ended, once that has been waited for
 
     def __repr__(self) -> str:
-        return f"task {self.id} '{self.message}'" if self.message else f"task {self.id}"
+        return numbered(self.message or "task", self.id)
 
     @property
     def id(self) -> TaskId:
@@ -169,25 +156,26 @@ class TaskRef(TaskIntervals):
         return self._reached(point, timeout)[0].outcome
 
     def _ended(self, timeout: float | None) -> tuple[Answer, bytes]:
-        check_timeout(timeout)
+        check(f"the wait for {self}", checks.TIMEOUT, timeout=timeout)
         if self._end is None:
             self._end = self._reached(self.achieving.end, timeout)
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
-        what, request = self._ask(point, blocking=True, brief=is_brief(timeout), is_awaited=True)
+        what, request = self._ask(
+            point, blocking=True, brief=is_brief(f"the wait for {self}", timeout), is_awaited=True
+        )
         if not self._connection.wait(request, timeout, f"the wait for {what}"):
             why = self._connection.give_up(request)
             where = f": {why}" if why else ""
-            msg = f"{what} was not reached within {timeout:g} s{where}; to wait longer give timeout="
-            raise Timeout(msg)
+            raise Timeout(f"{what} was not reached within {timeout:g} s{where}; to wait longer give timeout=")
         return request.answers[-1]
 
     def _ask(
         self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
     ) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
-        check_point(point)
+        check(f"the wait for {self}", checks.POINT, point=point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
         header = WaitFor(0, point, self._origin, blocking, brief)
         return what, self._connection.request(header, wants_answer=True, is_awaited=is_awaited)
@@ -200,11 +188,10 @@ class TaskRef(TaskIntervals):
         False if the task had ended; one that was killed, and whose handler still runs, has not.
         """
         what = f"killing {self}"
-        check_text(what, why=why)
-        check_seconds(what, delay=delay)
-        check_scope(scope)
-        if after is not None:
-            check_point(after)
+        check(what, checks.TEXT, why=why)
+        check(what, checks.SECONDS, delay=delay)
+        check(what, checks.SCOPE, scope=scope)
+        check(what, checks.POINT_OR_NONE, after=after)
         return self._steer(Kill(0, self.id, why, scope, after, delay), what)
 
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
@@ -229,9 +216,8 @@ class TaskRef(TaskIntervals):
         False if the point's task had ended, or been killed.
         """
         what = f"a deadline of {self}"
-        check_lasting(what, seconds=seconds)
-        if point is not None:
-            check_point(point)
+        check(what, checks.DURATION, seconds=seconds)
+        check(what, checks.POINT_OR_NONE, point=point)
         return self._steer(Deadline(0, point or self.achieving.end, seconds), what)
 
     # --- failures --------------------------------------------------------------------------------------------------
@@ -271,11 +257,9 @@ class TaskRef(TaskIntervals):
         if message is not None:
             check_message(message)
         elif data is not NOTHING:
-            msg = f"a retry of {self} with new data needs the message, too: retry(MESSAGE, data)"
-            raise MisuseError(msg)
+            raise MisuseError(f"a retry of {self}: data needs its message, too: retry(MESSAGE, data)")
         if message is not None and message.name != self.message:
-            msg = f"{self} can't be retried with data of '{message.name}'"
-            raise MisuseError(msg)
+            raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
         body = message.encode_data(data) if message is not None else b""
         return self._steer(Retry(0, self.id, message is not None), f"a retry of {self}", body)
 
@@ -329,8 +313,7 @@ class TaskRef(TaskIntervals):
         check_message(message)
         info = self.info()
         if info is None or info.message != message.name:
-            msg = f"{self} has ended" if info is None else f"{self} is no '{message.name}'"
-            raise MisuseError(msg)
+            raise MisuseError(f"{self} has ended" if info is None else f"{self} is no '{message.name}'")
         return message.decode_data(info.data)
 
     def parent(self) -> "TaskRef | None":
@@ -352,14 +335,15 @@ class TaskRef(TaskIntervals):
     def _relatives(
         self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskRef]]":
-        header = Inspect(0, self.id, relation, name_wanted(message))
+        check(f"the tasks of {self}", checks.MESSAGE_OR_NAME, message=message)
+        name = message.name if isinstance(message, Message) else message or ""
+        header = Inspect(0, self.id, relation, name)
         request = self._connection.request(header, wants_answer=True)
         asked = f"{_RELATIONS.get(relation, relation)} of {self}" if self.id != ROOT else "tasks"
         what = f"the question for the {asked}"
         if not self._connection.wait(request, ACKNOWLEDGED_WITHIN, what):
             self._connection.abandon(request)
-            msg = f"{what}: central did not answer within {ACKNOWLEDGED_WITHIN:g} s"
-            raise Timeout(msg)
+            raise Timeout(f"{what}: central did not answer within {ACKNOWLEDGED_WITHIN:g} s")
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             info = _known_from(row, request.epoch)
             yield info, TaskRef(self._connection, info.message, info.id, self._origin)

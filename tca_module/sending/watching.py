@@ -2,17 +2,8 @@
 
 from typing import Any, TypedDict, Unpack
 
-from tca_module.checks import (
-    check_attachable,
-    check_class,
-    check_condition,
-    check_known,
-    check_message,
-    check_monitor_options,
-    check_number,
-    listed,
-    name_of,
-)
+from tca_module import checks
+from tca_module.checks import check, check_class, check_known, check_message, check_monitor_options, name_of
 from tca_module.errors import MisuseError
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import MonitorRef
@@ -62,7 +53,7 @@ class Watching(CentralServices):
 
     def task(self, task_id: int) -> TaskRef | None:
         """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""
-        check_number("task()", task_id)
+        check("task()", checks.NUMBER, task_id=task_id)
         info = TaskRef(self._connection(), "", TaskId(task_id)).info()
         return TaskRef(self._connection(), info.message, info.id, self._origin) if info is not None else None
 
@@ -95,7 +86,7 @@ class Watching(CentralServices):
             return of.on_failure(failure, handler, maximum=maximum)
         wanted = attachment(failure, handler, maximum)
         if of is not None:
-            check_attachable(of)
+            check("on_failure()", checks.FAILS, of=of)
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
         header = Attach(0, wanted, ROOT, of.name if of is not None else "")
@@ -121,7 +112,7 @@ class Watching(CentralServices):
         Refused ("too late") where that is past of a task: what is done already is watched
         with ``under(task).monitor()``.
         """
-        check_condition(condition)
+        check("tap()", checks.CONDITION, condition=condition)
         check_message(listener)
         watch = None
         if isinstance(listener, Monitor):
@@ -129,8 +120,7 @@ class Watching(CentralServices):
             check_monitor_options(listener, options)
             watch = _watch_options(options)
         elif options:
-            msg = f"tap() takes {min(options)}= for monitors that listen, and {listener!r} is none"
-            raise MisuseError(msg)
+            raise MisuseError(f"tap(): {min(options)} is for monitors that listen, not for {listener!r:.60}")
         if isinstance(tapped, TaskRef):
             connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
         else:
@@ -159,7 +149,7 @@ class Watching(CentralServices):
             self._parent,
             self._origin,
             flags,
-            [*constraints, *listed(options.get("constraints", []))],
+            [*constraints, *options.get("constraints", [])],
             watch=watch,
         )
         task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))

@@ -1,6 +1,5 @@
 """Functions that a module's thread calls between messages: when time has come, or when a file has something to read."""
 
-import inspect
 import logging
 import threading
 import time
@@ -8,15 +7,12 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol
 
+from tca_module.checks import DELAY, PERIOD, check, check_function
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import ORDINARY
 from tca_module.sending.sender import Sender
 from tca_module.serving.timers import Timers
-from tca_module.signatures import arguments_taken, is_async
-
-SHORTEST, LONGEST = 1e-6, 1e7
-"""Seconds: the shortest period, and the longest period or delay, some months."""
 
 
 class HasFileno(Protocol):
@@ -37,7 +33,7 @@ class Callback(Sender):
         self.name = getattr(function, "__qualname__", repr(function))
         self.function = function
         self.is_once = is_once
-        self._arguments = _checked_arguments(self.name, function)
+        self._arguments = check_function("a callback", function, "(callback) or ()", (1, 0))
         self._owner = owner
 
     def __repr__(self) -> str:
@@ -58,8 +54,7 @@ class Callback(Sender):
 
     def _connection(self) -> Connection:
         if self._owner.connection is None:
-            msg = f"{self} can't send: its module does not run"
-            raise MisuseError(msg)
+            raise MisuseError(f"{self} can't send: its module does not run")
         return self._owner.connection
 
 
@@ -89,13 +84,13 @@ class Callbacks:
 
     def every(self, period: float, function: Callable[..., object]) -> Callback:
         """Call a function periodically."""
-        _check_seconds("every", period, SHORTEST)
+        check("every()", PERIOD, period=period)
         callback = Callback(self, function)
         return self._add(callback, lambda now: self._timers.every(callback, period, now))
 
     def after(self, delay: float, function: Callable[..., object]) -> Callback:
         """Call a function once."""
-        _check_seconds("after", delay, 0.0)
+        check("after()", DELAY, delay=delay)
         callback = Callback(self, function, is_once=True)
         return self._add(callback, lambda now: self._timers.once(callback, now + delay))
 
@@ -105,8 +100,7 @@ class Callbacks:
         callback = Callback(self, function)
         with self._lock:
             if (known := self._files.get(file)) is not None:
-                msg = f"{known} waits for file {file} already: cancel() that first"
-                raise MisuseError(msg)
+                raise MisuseError(f"{known} waits for file {file} already: cancel() that first")
             self._files[file] = callback
             return self._add(callback, lambda _: None)
 
@@ -183,35 +177,13 @@ class Callbacks:
             self._log.exception("%s failed", callback)
 
 
-def _check_seconds(call: str, seconds: float, least: float) -> None:
-    is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
-    if not is_number or not least <= seconds <= LONGEST:
-        msg = f"{call}({seconds!r:.60}, ...) is no time: seconds from {least:g} to {LONGEST:g} are"
-        raise MisuseError(msg)
-
-
 def _checked_file(source: Any) -> int:
     try:
         file = source if isinstance(source, int) else source.fileno()
-    except (AttributeError, OSError, ValueError) as error:
-        msg = f"{source!r:.60} is no open file to wait for ({error}): a socket, a pipe, or the number of a file is"
-        raise MisuseError(msg) from None
+    except (AttributeError, OSError, ValueError):
+        file = None
     if isinstance(file, bool) or not isinstance(file, int) or not 0 <= file < 2**31:
-        msg = f"{source!r:.60} is no open file to wait for: its number is {file!r:.20}"
-        raise MisuseError(msg)
+        raise MisuseError(
+            f"on_readable(): source must be an open file, socket or pipe, or its number, not {source!r:.60}"
+        )
     return file
-
-
-def _checked_arguments(name: str, function: Callable[..., object]) -> int:
-    """How many arguments the function takes: the callback, or none."""
-    if not callable(function):
-        msg = f"{function!r:.60} is no function: give one that takes the callback, or no argument"
-        raise MisuseError(msg)
-    if is_async(function):
-        msg = f"callback {name} is 'async def': make it a plain function (async handlers can await asyncio.sleep())"
-        raise MisuseError(msg)
-    arguments = arguments_taken(function, (1, 0))
-    if arguments is None:
-        msg = f"callback {name} is declared with {inspect.signature(function)}: declare it with (callback) or ()"
-        raise MisuseError(msg)
-    return arguments

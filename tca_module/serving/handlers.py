@@ -1,24 +1,21 @@
 """Handlers: users' functions, checked when they are declared, and what becomes of one call."""
 
 import asyncio
-import inspect
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.checks import check_flags, checked_name, is_whole, name_of
+from tca_module.checks import FLAG, MESSAGE, PENDING, check, check_function, name_of
 from tca_module.errors import NIL, MisuseError, Stopped, TaskKilled
 from tca_module.sending.handler_errors import ORDINARY, Misfit, failed, handler_error
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
 from tca_module.session.open_deliveries import task_is_killed
-from tca_module.signatures import arguments_taken, is_async
+from tca_module.signatures import is_async
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.declarations import D, Inform, Message, Query, R, Variable
 from tca_wire.packets.headers import Fail, Reply
 from tca_wire.packets.parts import HandlerFormat
-
-_MOST_PENDING = 10_000  # what central keeps for one resource anyway
 
 Coming = Coroutine[Any, Any, R | LaterReply[R]]
 """What calling an ``async def`` handler gives."""
@@ -71,15 +68,13 @@ class Handler:
         self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str, pending: int | None,
         *, direct: bool = False,
     ) -> None:  # fmt: skip
-        if not isinstance(message, Message):
-            msg = f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none"
-            raise MisuseError(msg)
+        check("handles()", MESSAGE, message=message)
         if isinstance(message, Monitor):
             msg = f"{name_of(message)} can't be handled: central carries it out; handle the messages that it sends"
             raise MisuseError(msg)
         self.message = message
         self.function = function
-        self.resource = checked_name("resource", resource)
+        self.resource = resource
         self.pool = pool
         self.pending = self._checked_pending(pending)
         self.direct = self._checked_direct(direct=direct)
@@ -93,22 +88,18 @@ class Handler:
         return HandlerFormat(self.message.name, self.resource, self.pool, self.pending, self.direct)
 
     def _checked_pending(self, pending: int | None) -> int:
-        if pending is not None and not (is_whole(pending) and 1 <= pending <= _MOST_PENDING):
-            allowed = f"1 to {_MOST_PENDING} may wait, or None"
-            msg = f"'{self.message.name}' can't be handled with pending={pending!r}: {allowed}"
-            raise MisuseError(msg)
+        check(name_of(self.message), PENDING, pending=pending)
         if isinstance(self.message, Variable) and pending not in (None, 1):
             msg = f"variable '{self.message.name}' can't be handled with pending={pending}: only its newest value waits"
             raise MisuseError(msg)
         return pending or 0
 
     def _checked_direct(self, *, direct: bool) -> bool:
-        check_flags(name_of(self.message), direct=direct)
+        check(name_of(self.message), FLAG, direct=direct)
         what = f"{name_of(self.message)} can't be handled with direct=True"
         if direct and not isinstance(self.message, Inform | Query):
             why = "tasks belong into the task tree, and what goes to many, or is kept for all, to central"
-            msg = f"{what}: only informs and queries can; {why}"
-            raise MisuseError(msg)
+            raise MisuseError(f"{what}: only informs and queries can; {why}")
         if direct and self.pending:
             msg = f"{what} and pending={self.pending}: what comes directly waits with its senders, not in central"
             raise MisuseError(msg)
@@ -116,19 +107,10 @@ class Handler:
 
     def _checked_arguments(self) -> int:
         """How many arguments the function takes: task and data, or the task alone where there is no data."""
-        what = f"handler {self.name} of {self.message.message_class} '{self.message.name}'"
-        has_data = self.message.data.kind is not type(None)
-        if not callable(self.function):
-            msg = f"{self.function!r:.60} is no handler of {name_of(self.message)}: decorate a function"
-            raise MisuseError(msg)
+        what, has_data = f"a handler of {name_of(self.message)}", self.message.data.kind is not type(None)
         # Without data one argument comes first: a second one with a default is the author's own.
-        arguments = arguments_taken(self.function, (2,) if has_data else (1, 2))
-        if arguments is not None:
-            return arguments
-        wanted = f"(task, data: {self.message.data})" if has_data else "(task)"
-        signature = inspect.signature(self.function)
-        msg = f"{what} is declared with {signature}: declare it with {wanted}"
-        raise MisuseError(msg)
+        wanted, possible = (f"(task, data: {self.message.data})", (2,)) if has_data else ("(task)", (1, 2))
+        return check_function(what, self.function, wanted, possible, may_be_async=True)
 
     def handle(self, task: Task, body: bytes) -> Answer:
         """Call the function; what central is told of how it ended, or who will say it. Raises what ends the module."""

@@ -94,8 +94,7 @@ class Request:
         if self.gone:
             raise CentralLost(gone(self.gone))
         if self.lost:
-            msg = f"{what} is lost: {self.lost}; {_advice(self.header)}"
-            raise CentralLost(msg)
+            raise CentralLost(f"{what} is lost: {self.lost}; {_advice(self.header)}")
 
 
 def _advice(header: Any) -> str:
@@ -149,8 +148,7 @@ def check_addressee(header: Any, numbers: list[Given], before: str, now: str) ->
     """
     check_epoch(numbers, now)
     if before != now and not numbers and refers_to_tasks(header):
-        msg = f"what was asked is lost: {RESTARTED}; begin anew"
-        raise CentralLost(msg)
+        raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
 
 
 def check_fields(header: ToCentral) -> None:
@@ -158,8 +156,6 @@ def check_fields(header: ToCentral) -> None:
     try:
         wrong = misfit(header)
     except UnicodeEncodeError as error:
-        msg = f"{error.object!r:.60} is no text that can be sent"
-        raise MisuseError(msg) from None
+        raise MisuseError(f"{error.object!r:.60} is no text that can be sent") from None
     if wrong:
-        msg = f"what was given can't be sent: {wrong}"
-        raise MisuseError(msg)
+        raise MisuseError(f"what was given can't be sent: {wrong}")

@@ -38,6 +38,7 @@ from tca_wire.packets.headers import (
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import EntranceGone, Route
 from tca_wire.points import ROOT
+from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
 
 HELLO_NUMBER = 1
@@ -275,7 +276,7 @@ class Session:
         was_not_sent = request is not None and isinstance(request.header, Send) and not header.id
         if request is not None and (was_not_sent or not request.wants_answer):
             asked = request.header
-            what = f"task {header.id} '{asked.message}'" if isinstance(asked, Send) else f"number {header.id}"
+            what = numbered(asked.message if isinstance(asked, Send) else "number", header.id)
             request.accepted = number = Given(header.id, self.epoch, what)
             if request.settled is None and is_lasting(asked):
                 self.attachments.add(asked, self._messages, number)

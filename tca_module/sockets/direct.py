@@ -139,13 +139,11 @@ def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
         return socket.get_string(zmq.LAST_ENDPOINT)
     folder = Path(central.removeprefix("ipc://")).parent
     if not central.startswith("ipc:///"):
-        msg = f"central's address {central!r} has no folder for it"
-        raise ValueError(msg)
+        raise ValueError(f"central's address {central!r} has no folder for it")
     _remove_those_of_the_dead(folder)
     path = folder / f"{os.getpid()}-{token_hex(4)}{_SUFFIX}"
     if len(os.fsencode(path)) > _LONGEST_PATH:
-        msg = f"{path} is too long for a socket"
-        raise ValueError(msg)
+        raise ValueError(f"{path} is too long for a socket")
     socket.bind(f"ipc://{path}")
     path.chmod(0o600)
     return f"ipc://{path}"

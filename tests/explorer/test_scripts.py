@@ -151,7 +151,7 @@ def breaks(task: Task) -> None:
     [
         (uses_what_nobody_handles, "planner sends command 'lift', which no module of the scenario handles"),
         (asks_for_a_circle, "goal 'walk' was refused"),
-        (sends_the_wrong_way, r"goal\(\) takes messages of class Goal, and Command\('step'"),
+        (sends_the_wrong_way, r"goal\(\) takes messages of class Goal, not Command\('step'"),
         (breaks, r"test_scripts.py, line \d+\): KeyError\('left'\)"),
         (lambda _: (yield), "is no plain function"),
         (lambda: None, "is no plain function"),

@@ -115,12 +115,6 @@ def test_whoever_waits_too_long_is_told_who_has_it(central: LocalCentral, legs: 
             pass
 
 
-@pytest.mark.parametrize("timeout", [-1.0, float("nan")])
-def test_no_time_to_wait(user: Client, timeout: float) -> None:
-    with pytest.raises(MisuseError, match="no time to wait"):
-        user.lock("legs", timeout=timeout)
-
-
 def test_a_resource_that_nobody_has(user: Client) -> None:
     with pytest.raises(Refused, match="no module has a resource 'wings'"):
         user.lock("wings")

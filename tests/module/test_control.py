@@ -256,7 +256,7 @@ def test_monitors_listen_to_wiretaps(robot: tuple[Robot, Client]) -> None:
         assert watching.info() is None
         with pytest.raises(Refused, match="would never end"):
             user.tap(Condition.AFTER_ACHIEVED, MOVE, watch, period=1.0)
-        with pytest.raises(MisuseError, match="takes period= for monitors"):
+        with pytest.raises(MisuseError, match="period is for monitors"):
             user.tap(Condition.AFTER_ACHIEVED, MOVE, REST, period=1.0)
         with pytest.raises(MisuseError, match="the options are"):
             user.tap(Condition.WHILE_HANDLING, REST, watch, sequential=False)  # type: ignore[call-arg]

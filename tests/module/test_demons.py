@@ -53,7 +53,7 @@ def test_a_monitor_is_fired_with_its_action_and_nothing_else(legs: Module, eyes:
     with legs.running(), eyes.running():
         cups = user.monitor(CUPS, maximum=1)
         for_handlers = errors.get(timeout=SOON)
-        assert for_handlers.endswith("'cups' can't be fired with command 'other': its action is 'fetch'")
+        assert "can't be fired with command 'other': its action is 'fetch'" in for_handlers
         with pytest.raises(MisuseError, match="can't be fired with command 'other': its action is 'fetch'"):
             cups.fire(OTHER, 7)
         with pytest.raises(MisuseError, match="can't be fired with None: its action is 'fetch'"):

@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 from module.gait_messages import (
     ALARM,
-    COLLISION,
     HEALTH,
     MOVE_LEG,
     POSITION,
@@ -17,7 +16,7 @@ from module.gait_messages import (
     Footfall,
 )
 
-from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, SentTask
+from tca_module import Client, Module, Outcome, QueryFailed, SentTask
 from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received
@@ -69,13 +68,6 @@ def test_a_query_that_fails(legs: Module, user: Client) -> None:
     legs.handles(TEMPERATURE)(lambda _: 1 / 0)
     with legs.running(), pytest.raises(QueryFailed, match="ZeroDivisionError"):
         user.execute_if_handled(TEMPERATURE)
-
-
-def test_only_what_can_be_sent_is_executed(user: Client) -> None:
-    execute: Any = user.execute
-    for wrong in (COLLISION, "rest", None):
-        with pytest.raises(MisuseError, match=r"execute\(\) takes messages to send \(Goal, .*\), and .* is none"):
-            execute(wrong)
 
 
 def test_a_repeated_query_that_is_open_has_its_answer_to_come() -> None:

@@ -14,7 +14,6 @@ from tca_module import (
     Command,
     ExceptionHandler,
     Failure,
-    MisuseError,
     Outcome,
     Query,
     Task,
@@ -38,7 +37,7 @@ def test_a_failure_goes_up_with_its_data(robot: Robot, user: Client) -> None:
 
     with robot.running():
         goal = user.goal(WALK, Arc(0.25, 1))
-        with pytest.raises(TaskFailed, match="task 1 'walk' failed: collision: rock") as failed:
+        with pytest.raises(TaskFailed, match=r"walk \{1\} failed: collision: rock") as failed:
             goal.result(SOON)
     assert (failed.value.failure, failed.value.text) == ("collision", "rock")
     assert failed.value.data_as(COLLISION) == Footfall(2, 0.25)
@@ -63,7 +62,7 @@ def test_a_failure_without_data(robot: Robot, user: Client) -> None:
             user.goal(REST).result(SOON)
         with pytest.raises(TaskFailed, match=r"failed: exhausted$") as failed:
             user.command(STOP).result(SOON)
-        with pytest.raises(TaskFailed, match=r"failed: exhausted: in task 4 'stop'$"):
+        with pytest.raises(TaskFailed, match=r"failed: exhausted: in (task 4 'stop'|stop \{4\})$"):
             user.goal(WALK, Arc(1.0, 1)).result(SOON)
     assert failed.value.data_as(EXHAUSTED) is None
     assert failed.value.data is None
@@ -117,7 +116,7 @@ def test_an_exception_handler_with_an_error_is_passed_over_and_in_the_end_its_er
     def stop(task: Task) -> None:
         robot.done.append(task.trouble.text)
 
-    could_not = r"exhausted: no charge; exception handler task \d+ 'raise leg' could not decide: handler error: Zero"
+    could_not = r"exhausted: no charge; exception handler .*raise leg.* could not decide: handler error: Zero"
     with robot.running():
         user.on_failure(EXHAUSTED, raise_leg, of=REST)
         with pytest.raises(TaskFailed, match=could_not):
@@ -163,7 +162,7 @@ def test_a_killed_task_is_told_and_its_end_reported(robot: Robot, user: Client) 
         goal = user.goal(REST)
         assert started.wait(SOON)
         goal.kill("enough")
-        with pytest.raises(TaskKilled, match=r"task 1 'rest' was killed: enough \(by user\)$") as killed:
+        with pytest.raises(TaskKilled, match=r"rest \{1\} was killed: enough \(by user\)$") as killed:
             goal.result(SOON)
         assert (killed.value.why, goal.wait()) == ("enough (by user)", Outcome.KILLED)
         goal.kill()
@@ -190,7 +189,7 @@ def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not
         goal = user.goal(REST)
         assert started.wait(SOON)
         user.tasks(STOP)[0].kill("it alone")
-        with pytest.raises(TaskFailed, match=r"handler error: .*TaskKilled: task 4 'stop' was killed: it alone"):
+        with pytest.raises(TaskFailed, match=r"handler error: .*TaskKilled: stop \{4\} was killed: it alone"):
             goal.result(SOON)
     assert [fact.id for fact in robot.central.facts if isinstance(fact, Failed)] == [3]
     assert caplog.text.count("handler test_a_handler_that_ends") == 1
@@ -204,23 +203,12 @@ def test_a_task_that_was_killed_is_not_handled(robot: Robot, user: Client) -> No
     assert sum(isinstance(fact, Delivered) for fact in robot.central.facts) == 1
 
 
-def test_a_task_is_of_no_use_after_its_handler(robot: Robot, user: Client) -> None:
-    kept: list[Task] = []
-    robot.planner.handles(REST)(kept.append)
-    with robot.running():
-        user.goal(REST).result(SOON)
-    with pytest.raises(MisuseError, match="task 1 'rest' is used after its handler returned"):
-        kept[0].goal(REST)
-    with pytest.raises(MisuseError, match="after its handler returned"):
-        _ = kept[0].cancelled
-
-
 def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> None:
     with robot.running():
         move = user.command(MOVE_LEG, 1)
         assert move.wait_for(move.achieving.end, SOON) is Outcome.DONE
         robot.central.core.outcomes.clear()
-        with pytest.raises(BadData, match="the result of task 1 'move leg' is no longer kept"):
+        with pytest.raises(BadData, match=r"the result of move leg \{1\} is no longer kept"):
             move.result()
 
 
@@ -232,7 +220,7 @@ def test_after_a_restart_of_central_its_tasks_are_unknown(robot: Robot, user: Cl
         with pytest.raises(CentralLost, match="is lost: central was restarted"):
             goal.wait()
         user.goal(REST)  # in no order with what was forgotten
-    with pytest.raises(CentralLost, match="task 1 'rest' is lost: central was restarted and has"):
+    with pytest.raises(CentralLost, match=r"rest \{1\} is lost: central was restarted and has"):
         goal.result()
     with pytest.raises(CentralLost):
         goal.kill()

@@ -183,11 +183,6 @@ def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) 
     assert [fact.module for fact in central.facts if isinstance(fact, ModuleLeft)] == ["safety"]
 
 
-def test_a_module_that_does_not_run_sends_nothing(legs: Module) -> None:
-    with pytest.raises(MisuseError, match=r"module 'legs' does not run: send within 'with module.running"):
-        legs.goal(REST)
-
-
 def test_a_handler_sends_with_its_task_not_with_the_module(legs: Module, user: Client) -> None:
     @legs.handles(TEMPERATURE)
     def temperature(task: Task) -> float:

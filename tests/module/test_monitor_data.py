@@ -14,7 +14,6 @@ from tca_module import (
     ExceptionHandler,
     Goal,
     Inform,
-    MisuseError,
     Module,
     Outcome,
     PointMonitor,
@@ -149,19 +148,6 @@ def test_parts_without_data_get_none(legs: Module, user: Client) -> None:
 
 
 # --- exception handlers of any failure -----------------------------------------------------------------------------------
-
-
-def test_an_exception_handler_of_any_failure_must_do_without_data(user: Client) -> None:
-    """Or it would fail itself, with "bad data", whenever time is over or a module is lost."""
-    words = (
-        "wants data of type float, and is for any failure, also for those without data, as all of central's: declare"
-    )
-    for wrong in (lambda: user.on_failure(None, ExceptionHandler("grip", float)),
-                  lambda: user.command(STOP).on_failure(None, ExceptionHandler("grip", float)),
-                  lambda: user.command(STOP, on_failure=[(None, ExceptionHandler("grip", float))])):  # fmt: skip
-        with pytest.raises(MisuseError, match=f"exception handler 'grip' {words} it without data, or with float"):
-            wrong()
-    user.on_failure(None, ExceptionHandler("look", Any))
 
 
 def test_what_central_raises_has_no_data(legs: Module, user: Client) -> None:

@@ -2,7 +2,6 @@
 
 import pytest
 
-from tca_module.errors import MisuseError
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_wire.constraints import Flags
 from tca_wire.points import ROOT, THIS, TaskId
@@ -158,9 +157,3 @@ def test_what_central_forgot_orders_nothing(plan: Plan) -> None:
         plan.child()
     assert plan.child() == "seq ach"
     assert ROOT == 0
-
-
-@pytest.mark.parametrize("number", [-1, 1.5, "two", True])
-def test_plan_ahead_is_a_number_of_siblings(plan: Plan, number: int) -> None:
-    with pytest.raises(MisuseError, match="is no number of siblings"), plan.ordering.sequence(number):
-        pass

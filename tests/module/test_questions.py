@@ -2,10 +2,9 @@
 
 import queue
 import threading
-from collections.abc import Callable
 
 import pytest
-from module.gait_messages import ALARM, COLLISION, HEALTH, POSITION, REST, STANCE, TEMPERATURE, Arc, Footfall
+from module.gait_messages import ALARM, COLLISION, HEALTH, POSITION, STANCE, TEMPERATURE, Arc, Footfall
 
 from tca_module import (
     BadData,
@@ -270,38 +269,6 @@ def test_a_broadcast_reaches_everybody_who_listens(central: LocalCentral, user: 
         assert sorted(heard.get(timeout=SOON) for _ in range(2)) == [("eyes", "fire"), ("legs", "fire")]
 
 
-@pytest.mark.parametrize(
-    ("call", "complaint"),
-    [
-        (
-            lambda user: user.query(REST),
-            r"query\(\) takes messages of class Query, and Goal\('rest', .*\) is none: use goal\(\)",
-        ),
-        (
-            lambda user: user.goal(TEMPERATURE),
-            r"goal\(\) takes messages of class Goal, and Query\(.*\) is none: use query\(\)",
-        ),
-        (lambda user: user.command(REST), r"command\(\) takes messages of class Command.*use goal\(\)"),
-        (lambda user: user.inform(ALARM, "x"), r"inform\(\) takes messages of class Inform.*use broadcast\(\)"),
-        (
-            lambda user: user.broadcast("alarm"),
-            r"broadcast\(\) takes messages of class Broadcast, and 'alarm' is none$",
-        ),
-        (lambda user: user.multi_query(TEMPERATURE), r"multi_query\(\).*use query\(\)"),
-        (lambda user: user.query_send(HEALTH), r"query\(\).*use multi_query\(\)"),
-        (lambda user: user.query(TEMPERATURE, timeout=float("nan")), r"timeout=nan is no time to wait"),
-        (lambda user: user.query(TEMPERATURE, timeout=-1), r"timeout=-1 is no time to wait"),
-        (lambda user: user.query_send(TEMPERATURE).receive("5"), r"timeout='5' is no time to wait"),
-        (lambda user: user.multi_query(HEALTH, timeout=-1), r"timeout=-1 is no time to wait"),
-        (lambda user: user.wait_until_handled(REST, timeout=-1), r"timeout=-1 is no time to wait"),
-        (lambda user: user.wait_until_handled("rest"), r"'rest' is no message: give the declaration"),
-    ],
-)
-def test_each_call_takes_its_class_of_message(user: Client, call: Callable[[Client], object], complaint: str) -> None:
-    with pytest.raises(MisuseError, match=complaint):
-        call(user)
-
-
 def test_a_client_can_be_closed_twice_and_used_no_more(central: LocalCentral) -> None:
     client = connect("script", central)
     assert client.name == "script"
@@ -310,27 +277,3 @@ def test_a_client_can_be_closed_twice_and_used_no_more(central: LocalCentral) ->
     client.close()
     with pytest.raises(MisuseError, match="this client is closed"):
         client.query(TEMPERATURE)
-
-
-def test_a_client_is_for_one_thread(user: Client) -> None:
-    caught: queue.Queue[BaseException] = queue.Queue()
-
-    def elsewhere() -> None:
-        try:
-            user.inform(ALARM, "x")  # type: ignore[arg-type]
-        except MisuseError as error:
-            caught.put(error)
-        try:
-            user.broadcast(ALARM, "x")
-        except MisuseError as error:
-            caught.put(error)
-
-    threading.Thread(target=elsewhere).start()
-    assert "inform() takes messages of class Inform" in str(caught.get(timeout=SOON))
-    assert "belongs to the one that opened it" in str(caught.get(timeout=SOON))
-
-
-@pytest.mark.parametrize("name", ["", "  ", "x\n", "x" * 200, None])
-def test_names_of_clients_are_printable(central: LocalCentral, name: str) -> None:
-    with pytest.raises(MisuseError, match="is no module name"):
-        connect(name, central)

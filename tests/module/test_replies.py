@@ -208,12 +208,6 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
     ]
 
 
-@pytest.mark.parametrize("maximum", [-1, 1.5, "all"])
-def test_the_number_of_replies_is_a_number(user: Client, maximum: int) -> None:
-    with pytest.raises(MisuseError, match=r"multi-query 'health': maximum=.* can't be"):
-        user.multi_query(HEALTH, maximum=maximum)
-
-
 # --- questions to central -----------------------------------------------------------------------------------------------
 
 

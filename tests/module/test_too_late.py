@@ -186,6 +186,5 @@ def test_commands_do_not_claim_what_was_not_done(
     assert (result.exit_code == 0) is (what is None), result.output
     if what is not None:
         assert (
-            f"task {ref.id} 'rest' was killed, and ends when its handler has returned: it can't be {what}"
-            in result.output
+            f"rest {{{ref.id}}} was killed, and ends when its handler has returned: it can't be {what}" in result.output
         )

@@ -141,14 +141,14 @@ def test_what_has_ended_is_not_watched(robot: Robot, user: Client) -> None:
 def test_a_task_is_not_tapped_for_what_is_past(robot: Robot, user: Client) -> None:
     sent = robot.begin(GUARD, user)
     note = Inform("note")
-    with pytest.raises(Refused, match="task 1 'guard' can't be tapped 'while achieving' any more: that is past"):
+    with pytest.raises(Refused, match=r"guard.* can't be tapped 'while achieving' any more: that is past"):
         user.tap(Condition.WHILE_ACHIEVING, sent, note)
     user.tap(Condition.AFTER_ACHIEVED, sent, note)
 
 
 def test_only_tasks_have_something_under_them(robot: Robot, user: Client) -> None:
     wrong: Any = WALK
-    with pytest.raises(MisuseError, match=r"under\(\) takes a task that was sent or found, and .*Goal.* is none"):
+    with pytest.raises(MisuseError, match="task must be a task that was sent or found"):
         user.under(wrong)
 
 
@@ -156,5 +156,5 @@ def test_a_restarted_central_has_forgotten_the_task(robot: Robot, user: Client) 
     under = user.under(robot.begin(GUARD, user))
     robot.central.restart("afresh")
     user.modules()
-    with pytest.raises(CentralLost, match="task 1 'guard' is lost: central was restarted"):
+    with pytest.raises(CentralLost, match=r"guard \{1\} is lost: central was restarted"):
         under.command(STEP, 1)

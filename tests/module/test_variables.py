@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from module.gait_messages import POSITION, Arc
 
-from tca_module import BadData, Client, MisuseError, Module, Task, Variable, VariableNotSet, connect
+from tca_module import Client, Module, Task, Variable, VariableNotSet, connect
 from tca_module.session.request import refers_to_tasks
 from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
@@ -109,19 +109,6 @@ def test_a_handler_sets_and_gets(central: LocalCentral, user: Client) -> None:
         assert legs.get_variable(MODE) == "at 7"
     received = [fact for fact in central.facts if isinstance(fact, Received)]
     assert [(fact.message, fact.origin) for fact in received] == [("position", 0), ("pose", 1), ("mode", 1)]
-
-
-def test_misuse(central: LocalCentral) -> None:
-    user: Any = connect("user", central)
-    with pytest.raises(BadData, match="variable 'pose' wants data of type Arc"):
-        user.set_variable(POSE, "here")
-    for call in (user.set_variable, user.swap_variable):
-        with pytest.raises(MisuseError, match=r"_variable\(\) takes a Variable, and Inform\('position'.* is none"):
-            call(POSITION, Arc(1.0, 1))
-    with pytest.raises(MisuseError, match=r"inform\(\) takes messages of class Inform, .*: use set_variable\(\)"):
-        user.inform(POSE, Arc(1.0, 1))
-    with pytest.raises(MisuseError, match=r"'pose' can't be handled with pending=2: only its newest value waits"):
-        Module("view", central).handles(POSE, pending=2)(lambda *_: None)
 
 
 def test_what_a_break_does_to_requests() -> None:
