@@ -23,7 +23,7 @@ from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut
 from tca_tools.why.ages import age
 from tca_tools.why.coping import coped_with
-from tca_tools.why.ends import in_the_end
+from tca_tools.why.last import in_the_end
 from tca_tools.why.story import Sentence, story
 from tca_tools.why.waiting import coming, waits_how, why_waiting
 from tca_wire.journal.facts import kind_of

@@ -292,8 +292,9 @@ class RunAt:
         key = (module, resource)
         if key not in self._running:
             runs = self.run.runs.get(key, [])
-            begun = islice(runs, bisect_right(runs, self.moment, key=_START))
-            self._running[key] = [run for run in begun if run.end is None or run.end > self.moment]
+            begun = bisect_right(runs, self.moment, key=_START)
+            last = (*runs[begun - 1].beside, runs[begun - 1]) if begun else ()
+            self._running[key] = [run for run in last if run.end is None or run.end > self.moment]
         return self._running[key]
 
     def inside(self, module: str, resource: str) -> list[Handling]:

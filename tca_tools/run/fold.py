@@ -63,7 +63,10 @@ class History(ReactionFold):
             if not task.states or task.states[-1][1] is not state:
                 task.states.append((self.time, state))
                 self.news.append(task)
+        for message in self._turned.values():
+            message.turns.append(self.time)
         self._touched.clear()
+        self._turned.clear()
 
     def _tick(self, entry: facts.Entry) -> None:
         """Each entry has a time of its own, however fast they follow each other: a time is a place in the journal."""
@@ -147,9 +150,7 @@ class History(ReactionFold):
     def _constrain(self, fact: facts.Received | facts.Constrained) -> None:
         for constraint in fact.constraints:
             if constraint.after.task in self.tasks:
-                task = self.tasks[constraint.after.task]
-                task.holds.append(Hold(constraint, self.time))
-                self.news.append(task)
+                self._hold(self.tasks[constraint.after.task], Hold(constraint, self.time))
 
     def _queue(self, fact: facts.Queued) -> None:
         self._finish(fact.id)  # its handler left, and it waits for the next
@@ -165,6 +166,7 @@ class History(ReactionFold):
             self._touch(message.id)
         else:
             self.copies.setdefault(fact.message_id, []).append(queueing)
+            self._touch(fact.message_id)
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
         self._finish(fact.id)  # its handler left, and it may not wait for the next yet
@@ -190,7 +192,9 @@ class History(ReactionFold):
         self.news.append(handling)
         self.runs.setdefault((fact.module, fact.resource), []).append(handling)
         self._deliveries[fact.id] = handling
-        self._running.setdefault((fact.module, fact.resource), {})[fact.id] = handling
+        there = self._running.setdefault((fact.module, fact.resource), {})
+        handling.beside = tuple(there.values())
+        there[fact.id] = handling
         self._module(fact.module).resources.setdefault(fact.resource, 1)
         if message:
             message.handlings.append(handling)
@@ -245,6 +249,7 @@ class History(ReactionFold):
         for moment in MOMENTS:
             if fact.moments & moment:
                 task.reached.setdefault(moment, self.time)
+        self._turn_others(task, fact.moments)
         if fact.moments & Moment.END_ACHIEVING:
             self._end_suspension(task)
 
@@ -333,12 +338,14 @@ class History(ReactionFold):
         (handling.waits if handling else self._module(module).waits).append(wait)
         wait.by = handling or module
         self.news.append(wait)
+        self._touch(handling.message_id if handling else 0)
         return wait
 
     def _stop_waiting(self, wait: HandlerWait | None) -> None:
         if wait and wait.end is None:
             wait.end = self.time
             self.news.append(wait)
+            self._touch(wait.by.message_id if isinstance(wait.by, Handling) else 0)
 
 
 # ruff: noqa: SLF001

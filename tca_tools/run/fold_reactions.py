@@ -89,6 +89,7 @@ class ReactionFold(RecordFold):
             for hold in held.holds:
                 if hold.over is None and hold.constraint == fact.constraint:
                     hold.over = self.time
+                    self._touch(held.id)
 
     def _attached(self, fact: facts.Attached) -> None:
         self.attached[fact.id] = fact
@@ -128,8 +129,7 @@ class ReactionFold(RecordFold):
         before, after = Moment(rule.holds_until), Moment(rule.before)
         if after not in tapped.reached and before not in listener.reached:
             points = Point(TaskId(listener.id), before), Point(TaskId(tapped.id), after)
-            tapped.holds.append(Hold(Constraint(*points), self.time, tap=tap))
-            self.news.append(tapped)
+            self._hold(tapped, Hold(Constraint(*points), self.time, tap=tap))
 
     def _deadline(self, fact: facts.DeadlineSet) -> None:
         if (task := self.tasks.get(fact.task)) is not None:

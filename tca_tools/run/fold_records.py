@@ -5,10 +5,13 @@ history.py says which fact writes what.
 
 from collections.abc import Iterator
 
-from tca_tools.run.records import Claim, HandlerWait, Handling, Message, ModuleRecord, Queueing, Suspension, Task
+from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, ModuleRecord, Queueing, Suspension, Task
 from tca_tools.run.whole_run import UNKNOWN, Run
-from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.points import END_ACHIEVING, END_PLANNING, ROOT, START_ACHIEVING, START_PLANNING, Moment, TaskId
 from tca_wire.vocabulary import MessageClass
+
+_STARTS, _ENDS = START_PLANNING | START_ACHIEVING, END_PLANNING | END_ACHIEVING
+"""The moments that what is under a task waits for, and those of it that its parent waits for."""
 
 
 class RecordFold(Run):
@@ -20,6 +23,10 @@ class RecordFold(Run):
         """What the newest entry began, ended or changed; a task only if its state changed, or it got a constraint."""
         self._touched: dict[int, Task] = {}
         """The tasks whose state may have changed with the newest entry."""
+        self._turned: dict[int, Message] = {}
+        """All of which something may have changed that they wait for."""
+        self._followers: dict[int, list[Task]] = {}
+        """By task those that a constraint keeps waiting for one of its moments."""
 
     def _module(self, name: str) -> ModuleRecord:
         if name not in self.modules:
@@ -30,12 +37,32 @@ class RecordFold(Run):
         """A task that something happens to; one sent before the journal begins gets a record under the root."""
         if task not in self.tasks:
             self._plant(Task(task, UNKNOWN, MessageClass.GOAL, "", 0, self.time))
-        return self._touched.setdefault(task, self.tasks[task])
+        self._turned[task] = found = self._touched[task] = self.tasks[task]
+        return found
 
     def _touch(self, message_id: int) -> None:
-        """Look at a task's state again when all facts of the event are known."""
+        """Look at a task's state again when all facts of the event are known, and at what a message waits for."""
         if (task := self.tasks.get(message_id)) is not None:
-            self._touched[message_id] = task
+            self._turned[message_id] = self._touched[message_id] = task
+        elif (message := self.messages.get(message_id)) is not None:
+            self._turned[message_id] = message
+
+    def _hold(self, task: Task, hold: Hold) -> None:
+        """A constraint keeps a task waiting."""
+        task.holds.append(hold)
+        self.news.append(task)
+        self._turned[task.id] = task
+        self._followers.setdefault(hold.constraint.before.task, []).append(task)
+
+    def _turn_others(self, task: Task, moments: int) -> None:
+        """Those that may have waited for moments of a task: its followers, its parent, what is under it."""
+        for one in self._followers.get(task.id, ()):
+            self._turned[one.id] = one
+        if moments & _ENDS and (parent := self.tasks.get(task.parent)):
+            self._turned[parent.id] = parent
+        if moments & _STARTS:
+            for child in task.children:
+                self._turned[child] = self.tasks[child]
 
     def _begin_anew(self, message: Message) -> None:
         """It is about to be handled. A task that goes on, since its failure was dealt with or, where nobody handled it,
@@ -62,7 +89,7 @@ class RecordFold(Run):
 
     def _plant(self, task: Task) -> None:
         """Put a new task into the tree."""
-        self.messages[task.id] = self.tasks[task.id] = self._touched[task.id] = task
+        self.messages[task.id] = self.tasks[task.id] = self._touched[task.id] = self._turned[task.id] = task
         self.births.append(self.time)
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)

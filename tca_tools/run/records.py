@@ -80,6 +80,8 @@ class Handling:
     """The queries that its handler sent."""
     is_lost: bool = False
     """Whether it failed because its module was lost: no handler returned."""
+    beside: "tuple[Handling, ...]" = field(default=(), repr=False, compare=False)
+    """The runs that went on in the same resource when it began."""
 
 
 @dataclass(slots=True)
@@ -234,6 +236,8 @@ class Message:
     """When its sender got the (last) answer; of queries only."""
     by: Handling | None = field(default=None, repr=False, compare=False)
     """The run of a handler that sent it, if that went on then."""
+    turns: list[float] = field(default_factory=list, repr=False, compare=False)
+    """When something may have changed of what it waits for."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"

@@ -4,6 +4,7 @@ from array import array
 from bisect import bisect_right
 from collections.abc import Iterator
 from math import inf
+from typing import Any
 
 from tca_tools.run.records import (
     Ahead,
@@ -98,6 +99,8 @@ class Run(Reactions):
         """For each message its class and formats, as first declared."""
         self.lost_directly: dict[str, int] = {}
         """How many informs of each message were sent directly and lost."""
+        self.memo: dict[object, Any] = {}
+        """What others have worked out of the records, by whoever did; they look themselves whether it still holds."""
 
     def suspensions(self) -> Iterator[Suspension]:
         """Those of tasks that were suspended themselves."""

@@ -8,7 +8,7 @@ from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import Message
 from tca_tools.run.whole_run import Run
 from tca_tools.why.ages import age
-from tca_tools.why.ends import Ends, last_of
+from tca_tools.why.last import Ends, last_of
 from tca_tools.why.leads import Kind
 from tca_tools.why.waiting import waits_how, why_waiting
 from tca_tools.why.whereabouts import NAMED

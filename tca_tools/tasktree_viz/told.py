@@ -14,7 +14,7 @@ from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
 from tca_tools.terminal import columns_of, cut
 from tca_tools.why.coping import standing
-from tca_tools.why.ends import in_the_end
+from tca_tools.why.last import in_the_end
 from tca_tools.why.story import story
 from tca_wire.points import TaskId
 from tca_wire.text.printable import printable

@@ -15,7 +15,7 @@ from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut
 from tca_tools.why.ages import Age, age
 from tca_tools.why.coping import STANDINGS
-from tca_tools.why.ends import last_of
+from tca_tools.why.last import last_of
 from tca_tools.why.waiting import coming, dealing, waits_how, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
 from tca_wire.text.facts_in_words import by_whom

@@ -17,7 +17,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.view.reading import Reading
 from tca_tools.why.ages import age
 from tca_tools.why.coping import Fate, coped_with, fate, told_to
-from tca_tools.why.ends import Count, Ends, in_the_end
+from tca_tools.why.last import Count, Ends, in_the_end
 from tca_tools.why.story import Sentence, sender_of, story
 from tca_tools.why.waiting import coming, held_above, waits_how, why_waiting
 from tca_wire.journal.facts import kind_of

@@ -106,6 +106,20 @@ def watches(task: Task, state: State, moment: float = inf) -> bool:
     return not task.was("watched", moment) or retried >= task.written("watched", moment)
 
 
+def watching(task: Task) -> Iterator[tuple[float, float]]:
+    """From when until when a monitor watched: while it was being achieved, from its beginning, or its retry, on."""
+    begun, spans = task.reached.get(Moment.START_HANDLING, inf), list[tuple[float, float]]()
+    for stopped in (time for time, why in task.became("watched") if why):
+        spans.append((begun, stopped))
+        begun = min((time for time, _, _ in task.retries if time >= stopped), default=inf)
+    spans.append((begun, inf))
+    ends = [*(since for since, _ in task.states[1:]), inf]
+    for (since, state), over in zip(task.states, ends, strict=True):
+        for start, end in spans if state in (State.ACHIEVING, State.PLANNING) else ():
+            if max(start, since) < min(end, over):
+                yield max(start, since), min(end, over)
+
+
 def has_coped(run: Run, handling: Handling) -> bool:
     """The same of the run of a handler that failed."""
     return handling.end is not None and went_on(run, failing(run, handling), handling.end)

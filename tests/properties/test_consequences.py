@@ -24,7 +24,7 @@ from tca_central.model.resources import Claim as Wanted
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim
-from tca_tools.why.ends import MOST, End, Ends
+from tca_tools.why.last import MOST, End, Ends
 from tca_tools.why.leads import Kind, Node, leads
 from tca_tools.why.whereabouts import kept_out
 from tca_wire.constraints import Flags

@@ -10,7 +10,7 @@ from properties.life import Life, operation
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import OVER
-from tca_tools.why.ends import Ends, causes, in_the_end
+from tca_tools.why.last import Ends, causes, in_the_end
 from tca_tools.why.leads import Kind, Node, leads, next_of
 from tca_tools.why.waiting import why_waiting
 

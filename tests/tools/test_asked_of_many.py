@@ -6,7 +6,7 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz import words
-from tca_tools.why.ends import in_the_end
+from tca_tools.why.last import in_the_end
 from tca_tools.why.story import story
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers

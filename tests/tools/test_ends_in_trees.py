@@ -10,7 +10,7 @@ from tools.waits import delayed, stuck
 from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz import words
 from tca_tools.why.ages import Age
-from tca_tools.why.ends import MOST, Ends, causes, in_the_end
+from tca_tools.why.last import MOST, Ends, causes, in_the_end
 from tca_tools.why.leads import Kind
 from tca_tools.why.waiting import why_waiting
 from tca_wire.constraints import Constraint, delay_planning, sequential_achievement

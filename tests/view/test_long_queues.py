@@ -12,7 +12,7 @@ from tca_tools.run.journals import Log, Place, open_log
 from tca_tools.view import answers
 from tca_tools.view.answers import causes_answer
 from tca_tools.view.reading import Reading
-from tca_tools.why.ends import causes
+from tca_tools.why.last import causes
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.points import TaskId
