@@ -6,9 +6,9 @@ from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
 import pytest
-from module.real_central import RealCentral, until
+from module.real_central import until
 
-from tca_module import Client, Command, Deadlock, Module, Outcome, Query, Task, TaskFailed, connect
+from tca_module import Client, Command, Deadlock, Module, Outcome, Query, Task, TaskFailed
 from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import RequestRefused
@@ -105,12 +105,6 @@ def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(how: How, centra
 
 def test_a_circle_of_a_coroutine_and_a_handler_that_blocks(central: LocalCentral, user: Client) -> None:
     text, outcomes = Circle(central, alone, blocks=True).outcomes(user)
-    assert (outcomes, text[:8]) == ([Outcome.DONE, Outcome.FAILED], "deadlock")
-
-
-def test_a_circle_over_real_sockets() -> None:
-    with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
-        text, outcomes = Circle(central.address, gathered).outcomes(user)
     assert (outcomes, text[:8]) == ([Outcome.DONE, Outcome.FAILED], "deadlock")
 
 

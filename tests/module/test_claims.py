@@ -8,7 +8,6 @@ from tca_module import (
     Client,
     Command,
     Deadlock,
-    Goal,
     MisuseError,
     Module,
     Query,
@@ -19,13 +18,10 @@ from tca_module import (
     connect,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.journal import facts
 
 MOVE = Command("move", int)
 WHERE = Query("where", reply=int)
 ASK = Query("ask", reply=int)
-REST = Goal("rest")
-TIDY = Goal("tidy", int)
 
 
 def test_while_a_resource_is_locked_nobody_gets_in(central: LocalCentral, legs: Module, user: Client) -> None:
@@ -76,31 +72,6 @@ def test_a_handler_gets_its_own_answer_when_it_has_released_its_own_resource(
         assert user.query(ASK, timeout=10) == 7
 
 
-def test_a_handler_keeps_what_it_locked_until_its_task_has_ended(central: LocalCentral, user: Client) -> None:
-    legs, planner, eyes = (Module(name, central=central) for name in ("legs", "planner", "eyes"))
-    go_on = threading.Event()
-    order: list[str] = []
-
-    @planner.handles(TIDY)
-    def tidy(task: Task, _: int) -> None:
-        task.lock("legs")
-        task.goal(REST)
-
-    @eyes.handles(REST)
-    def rest(_: Task) -> None:
-        go_on.wait(10)
-        order.append("rested")
-
-    legs.handles(MOVE)(lambda *_: order.append("moved"))
-    with legs.running(), planner.running(), eyes.running():
-        tidying = user.goal(TIDY, 1)
-        tidying.wait_for(tidying.handling.end, timeout=5)
-        move = user.command(MOVE, 1, sequential=False)
-        go_on.set()
-        move.result(timeout=5)
-    assert order == ["rested", "moved"]
-
-
 def test_whoever_waits_too_long_is_told_who_has_it(central: LocalCentral, legs: Module, user: Client) -> None:
     legs.handles(MOVE)(lambda *_: None)
     with legs.running(), connect("other", central) as other:
@@ -113,31 +84,6 @@ def test_whoever_waits_too_long_is_told_who_has_it(central: LocalCentral, legs: 
                 user.reserve("legs")
         with other.reserve("legs", timeout=0):
             pass
-
-
-def test_a_resource_that_nobody_has(user: Client) -> None:
-    with pytest.raises(Refused, match="no module has a resource 'wings'"):
-        user.lock("wings")
-
-
-def test_who_dies_leaves_nothing_locked(central: LocalCentral, legs: Module, user: Client) -> None:
-    legs.handles(MOVE)(lambda *_: None)
-    with legs.running():
-        with connect("other", central) as other:
-            other.lock("legs")
-            move = user.command(MOVE, 1)
-        move.result(timeout=5)
-
-
-def test_of_two_modules_of_one_name_each_has_a_name_of_its_own(central: LocalCentral, user: Client) -> None:
-    first, second = Module("legs", central), Module("legs", central)
-    for one in (first, second):
-        one.handles(MOVE)(lambda _, __: None)
-    with first.running(), second.running():
-        for name in ("legs", "legs#2"):
-            with user.lock("legs", module=name, timeout=5.0):
-                pass
-    assert [fact.module for fact in central.facts if isinstance(fact, facts.Claimed)] == ["legs", "legs#2"]
 
 
 @pytest.mark.parametrize("in_block", [False, True])

@@ -104,16 +104,6 @@ def test_exception_handlers_travel_with_the_task_and_can_be_removed(robot: tuple
     assert them.said == ["move 0.1", "shrug", "move 0.1"]
 
 
-def test_what_is_no_exception_handler_is_refused_where_it_is_written(robot: tuple[Robot, Client]) -> None:
-    _, user = robot
-    with pytest.raises(MisuseError, match="no ExceptionHandler"):
-        user.on_failure(ROCK, MOVE)  # type: ignore[arg-type]
-    with pytest.raises(MisuseError, match="retried with data"):
-        user.command(REST).retry(WALK, 1.0)
-    them, _ = robot
-    them.go_on.release()
-
-
 def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(robot: tuple[Robot, Client]) -> None:
     them, user = robot
     resting = user.command(REST)

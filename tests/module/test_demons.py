@@ -15,31 +15,6 @@ BUMPS = DemonMonitor("bumps", set_up=WATCH)
 NUDGES = DemonMonitor("nudges")
 
 
-def test_what_is_fired_after_the_end_does_not_count_and_harms_nobody(
-    legs: Module, eyes: Module, central: LocalCentral, user: Client
-) -> None:
-    """Vision sees three cups; that two were wanted is not its affair."""
-    fetched, counted = list[str](), list[bool]()
-    legs.handles(FETCH)(lambda _, cup: fetched.append(cup))
-
-    @eyes.handles(WATCH)
-    def watch(task: Task) -> None:
-        cups = task.monitor_ref
-        counted.extend(cups.fire(FETCH, cup) for cup in ("blue", "red", "green"))
-        cups.end()
-        cups.end()
-
-    @legs.handles(GO)
-    def go(task: Task) -> None:
-        task.monitor(CUPS, maximum=2)
-
-    with legs.running(), eyes.running():
-        assert user.goal(GO).wait(SOON) is Outcome.DONE
-    assert counted == [True, True, False]
-    assert fetched == ["blue", "red"]
-    assert [fact.why for fact in central.facts if isinstance(fact, MonitorEnded)] == ["it has sent 2 actions"]
-
-
 def test_a_monitor_is_fired_with_its_action_and_nothing_else(legs: Module, eyes: Module, user: Client) -> None:
     fetched, errors = list[str](), queue.Queue[str]()
     legs.handles(FETCH)(lambda _, cup: fetched.append(cup))

@@ -12,7 +12,6 @@ from tca_module import (
     CentralLost,
     Client,
     Command,
-    ExceptionHandler,
     Failure,
     Outcome,
     Query,
@@ -20,7 +19,7 @@ from tca_module import (
     TaskFailed,
     TaskKilled,
 )
-from tca_wire.journal.facts import Delivered, Failed
+from tca_wire.journal.facts import Failed
 
 SOON = 5.0
 HEIGHT = Query("height", int, reply=float)
@@ -99,51 +98,6 @@ def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
             user.goal(REST).result(SOON)
 
 
-def test_an_exception_handler_with_an_error_is_passed_over_and_in_the_end_its_error_is_told(
-    robot: Robot, user: Client
-) -> None:
-    raise_leg, stop_safely = ExceptionHandler("raise leg"), ExceptionHandler("stop safely")
-
-    @robot.planner.handles(REST)
-    def rest(task: Task) -> None:
-        raise EXHAUSTED(text="no charge")
-
-    @robot.legs.handles(raise_leg)
-    def raise_the_leg(task: Task) -> None:
-        _ = 1 / 0
-
-    @robot.legs.handles(stop_safely)
-    def stop(task: Task) -> None:
-        robot.done.append(task.trouble.text)
-
-    could_not = r"exhausted: no charge; exception handler .*raise leg.* could not decide: handler error: Zero"
-    with robot.running():
-        user.on_failure(EXHAUSTED, raise_leg, of=REST)
-        with pytest.raises(TaskFailed, match=could_not):
-            user.goal(REST).result(SOON)
-        user.on_failure(EXHAUSTED, stop_safely)
-        assert user.goal(REST).wait(SOON) is Outcome.DONE
-    (told,) = robot.done
-    assert told.endswith("could not decide: handler error: ZeroDivisionError: division by zero")
-
-
-def test_a_failure_of_a_child_reaches_a_handler_that_waits(robot: Robot, user: Client) -> None:
-    @robot.planner.handles(WALK)
-    def walk(task: Task, arc: Arc) -> None:
-        try:
-            task.command(STOP).result(SOON)
-        except TaskFailed as error:
-            robot.done.append(error.failure)
-
-    @robot.legs.handles(STOP)
-    def stop(task: Task) -> None:
-        raise COLLISION(Footfall(1, 0.0))
-
-    with robot.running():
-        assert user.goal(WALK, Arc(1.0, 1)).wait(SOON) is Outcome.FAILED
-    assert robot.done == ["collision"]
-
-
 # --- killing ------------------------------------------------------------------------------------------------------------
 
 
@@ -193,14 +147,6 @@ def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not
             goal.result(SOON)
     assert [fact.id for fact in robot.central.facts if isinstance(fact, Failed)] == [3]
     assert caplog.text.count("handler test_a_handler_that_ends") == 1
-
-
-def test_a_task_that_was_killed_is_not_handled(robot: Robot, user: Client) -> None:
-    user.command(MOVE_LEG, 1).kill()
-    with robot.running():
-        user.command(MOVE_LEG, 2).result(SOON)
-    assert robot.done == ["leg 2"]
-    assert sum(isinstance(fact, Delivered) for fact in robot.central.facts) == 1
 
 
 def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> None:

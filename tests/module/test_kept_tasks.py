@@ -12,7 +12,6 @@ from tca_module import (
     Goal,
     Module,
     Outcome,
-    Refused,
     Task,
     TaskFailed,
     connect,
@@ -82,31 +81,3 @@ def test_an_exception_handler_sees_what_had_been_done(central: LocalCentral, use
     assert [str(handle) for handle in failed.ancestors()] == [str(cross)]
     with pytest.raises(TaskFailed, match="fell"):
         cross.result(0)
-
-
-def test_it_must_be_asked_for_before_the_end(user: Client, legs: Module) -> None:
-    step = user.command(STEP, 1)
-    step.wait(SOON)
-    with pytest.raises(Refused, match=f"task {step.id} has ended: ask that it be kept before it does"):
-        step.keep()
-    step.release()
-
-
-def test_a_living_task_is_kept_from_now_on(user: Client) -> None:
-    step = user.command(STEP, 1)
-    step.keep()
-    info = step.info()
-    assert info is not None
-    assert info.outcome == ""
-    step.kill()
-    info = step.info()
-    assert info is not None
-    assert info.outcome == "killed"
-
-
-def test_who_leaves_keeps_nothing(central: LocalCentral, user: Client, legs: Module) -> None:
-    with connect("passer-by", central) as other:
-        step = other.command(STEP, 1, keep=True)
-        step.wait(SOON)
-        assert user.task(step.id) is not None
-    assert user.task(step.id) is None

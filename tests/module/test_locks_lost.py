@@ -11,9 +11,6 @@ from module.real_central import RealCentral
 from tca_module import (
     Client,
     Command,
-    ExceptionHandler,
-    Failure,
-    Goal,
     LockLost,
     Module,
     Outcome,
@@ -27,10 +24,6 @@ pytestmark = pytest.mark.usefixtures("attentive")
 
 SCAN = Command("scan")
 MOVE = Command("move", int)
-TIDY = Goal("tidy")
-STEP = Command("step")
-MEND = ExceptionHandler("mend")
-LOST = Failure("lock lost")
 SOON = 10.0
 
 
@@ -124,52 +117,6 @@ def test_who_releases_without_a_block_is_told_once(eyes: Module, user: Client, c
 
     with eyes.running():
         assert user.command(SCAN).wait(SOON) is Outcome.DONE
-
-
-@pytest.mark.usefixtures("moving")
-def test_a_task_that_was_to_keep_what_its_handler_lost_fails(eyes: Module, user: Client, central: LocalCentral) -> None:
-    """Its handler has returned, and has not asked: nobody but the task can be told."""
-
-    @eyes.handles(TIDY)
-    def tidy(task: Task) -> None:
-        task.reserve("legs")
-        taken_away(central)
-
-    with eyes.running():
-        tidying = user.goal(TIDY)
-        with pytest.raises(TaskFailed, match="unlocked by module 'operator'") as raised:
-            tidying.result(SOON)
-    assert raised.value.failure == "lock lost"
-
-
-@pytest.mark.usefixtures("moving")
-def test_an_exception_handler_may_see_to_what_a_task_has_lost(
-    eyes: Module, user: Client, central: LocalCentral
-) -> None:
-    told, stepping = [], threading.Event()
-    eyes.resource("mind")
-
-    @eyes.handles(TIDY, resource="mind")
-    def tidy(task: Task) -> None:
-        task.reserve("legs")
-        task.ref.on_failure(LOST, MEND)
-        task.command(STEP)
-
-    @eyes.handles(STEP)
-    def step(_: Task) -> None:
-        assert stepping.wait(SOON)
-
-    @eyes.handles(MEND, resource="mind")
-    def mend(task: Task) -> None:
-        told.append(task.trouble.text)
-
-    with eyes.running():
-        tidying = user.goal(TIDY)
-        tidying.wait_for(tidying.handling.end, SOON)
-        taken_away(central)
-        stepping.set()
-        assert tidying.wait(SOON) is Outcome.DONE
-    assert told == ["'legs' was taken from it: unlocked by module 'operator'"]
 
 
 @pytest.mark.usefixtures("moving")

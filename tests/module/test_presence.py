@@ -31,7 +31,7 @@ from tca_module import (
 )
 from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
-from tca_wire.journal.facts import ModuleLeft, Received
+from tca_wire.journal.facts import ModuleLeft
 from tca_wire.packets import headers
 
 SOON = 5.0
@@ -79,13 +79,6 @@ def test_who_is_there_and_handles_what(legs: Module, user: Client) -> None:
         assert user.handlers(STANCE) == []
         assert legs.modules() == user.modules()
     assert user.handlers(MOVE_LEG) == []
-
-
-def test_a_handler_may_ask_as_well(central: LocalCentral, user: Client) -> None:
-    asked = Module("asked", central)
-    asked.handles(STANCE)(lambda task, _: [len(task.modules()), len(task.handlers(STANCE))])
-    with asked.running():
-        assert user.query(STANCE, 1.0) == [2, 1]
 
 
 # --- waiting ------------------------------------------------------------------------------------------------------------
@@ -248,12 +241,6 @@ def test_commands_that_people_type_are_not_told_of(legs: Module, central: LocalC
             pass
         assert [told.get(timeout=SOON) for _ in range(2)] == ["operator panel joined", "operator panel left"]
     assert sum(isinstance(fact, ModuleLeft) and fact.module.startswith("tca status") for fact in central.facts) == 2
-
-
-def test_nothing_is_recorded_when_nobody_listens(legs: Module, central: LocalCentral) -> None:
-    with legs.running():
-        pass
-    assert [fact for fact in central.facts if isinstance(fact, Received)] == []
 
 
 def test_notices_are_central_s(user: Client) -> None:

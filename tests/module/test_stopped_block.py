@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import queue
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from module.gait_messages import COLLISION, MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
+from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
 from module.real_central import RealCentral
 
 from tca_module import (
     Client,
-    ExceptionHandler,
     MisuseError,
     Module,
     Outcome,
@@ -99,19 +97,6 @@ def test_so_it_is_over_sockets(tmp_path: Path) -> None:
             assert user.query(STANCE, 1.0, timeout=SOON) == [0]
 
 
-def test_what_a_stopped_module_handled_alone_nobody_handles(legs: Module, user: Client) -> None:
-    legs.handles(STANCE)(lambda _, _radius: [1])
-    with legs.running():
-        user.wait_until_handled(STANCE, timeout=SOON)
-        legs.stop()
-        until_withdrawn(user)
-        assert user.execute_if_handled(STANCE, 1.0) is None
-        with pytest.raises(Timeout, match="nobody handled it"):
-            user.query(STANCE, 1.0, timeout=0.01)
-        with pytest.raises(Timeout, match="not handled within"):
-            user.wait_until_handled(STANCE, timeout=0.01)
-
-
 def test_what_is_at_work_ends_first_and_what_waits_goes_to_the_older_one(
     legs: Module, older: Module, user: Client
 ) -> None:
@@ -179,44 +164,6 @@ def test_the_log_says_that_a_module_was_stopped(legs: Module, user: Client, capl
     assert caplog.messages == ["module 'legs' has stopped, and handles nothing any more"]
 
 
-def test_an_exception_handler_that_waits_for_a_stopped_module_is_passed_over(
-    legs: Module, older: Module, user: Client, central: LocalCentral
-) -> None:
-    """Not only when the block ends, which may be hours later."""
-    raise_leg, shuffle = ExceptionHandler("raise leg", Footfall), ExceptionHandler("shuffle", Footfall)
-    begun, go_on, asked = threading.Event(), threading.Event(), queue.Queue[str]()
-
-    @legs.handles(STANCE)
-    def stance(_: Task, _radius: float) -> list[int]:
-        begun.set()
-        assert go_on.wait(SOON)
-        return [1]
-
-    legs.handles(raise_leg)(lambda _, _data: asked.put("raise leg"))
-
-    @older.handles(shuffle)
-    def handle_shuffle(task: Task, _: Footfall) -> None:
-        asked.put("shuffle")
-        task.trouble.failing.kill("given up")
-
-    older.handles(STOP)(lambda _: raises(COLLISION(Footfall(1, 0.5)))())
-    with older.running(), legs.running():
-        user.on_failure(COLLISION, shuffle)
-        user.on_failure(COLLISION, raise_leg)
-        pending = user.query_send(STANCE, 1.0)
-        assert begun.wait(SOON)
-        stopping = user.command(STOP)
-        while not any(one.waiting for module in user.modules() for one in module.resources):
-            assert not go_on.wait(0.001)
-        legs.stop()
-        until_withdrawn(user)
-        go_on.set()
-        assert pending.receive(SOON) == [1]
-        assert asked.get(timeout=SOON) == "shuffle"
-        assert stopping.wait(SOON) is Outcome.FAILED
-    assert asked.empty()
-
-
 # --- what a handler lets pass ------------------------------------------------------------------------------------------
 
 
@@ -243,25 +190,6 @@ def test_a_handler_that_lets_more_than_an_error_pass_ends_its_module_and_the_old
         work()
     assert raised.value is error
     assert type(error).__name__ in said[0]
-
-
-def test_what_else_waited_for_that_module_is_not_lost(legs: Module, older: Module, user: Client) -> None:
-    begun, go_on = threading.Event(), threading.Event()
-
-    @legs.handles(MOVE_LEG)
-    def move_leg(_: Task, leg: int) -> Footfall:
-        begun.set()
-        assert go_on.wait(SOON)
-        raise Own
-
-    with older.running(), ended_by(Own, legs):
-        first = user.command(MOVE_LEG, 1, sequential=False)
-        assert begun.wait(SOON)
-        second = user.command(MOVE_LEG, 2, sequential=False)
-        go_on.set()
-        with pytest.raises(TaskFailed, match="module lost: its module was ended by "):
-            first.result(SOON)
-        assert second.result(SOON) == Footfall(2, 0.0)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), Own("tired")])
@@ -301,17 +229,6 @@ def test_a_callback_ends_its_module_too(
         until_withdrawn(user)
         assert user.query(STANCE, 1.0, timeout=SOON) == [0]
     assert ENDED + "KeyboardInterrupt" in caplog.messages
-
-
-def test_over_sockets_the_sender_learns_why_and_finds_the_older_one(tmp_path: Path) -> None:
-    with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
-        older, legs = Module("older", central.address), Module("legs", central.address)
-        older.handles(STANCE)(lambda _, _radius: [0])
-        legs.handles(STANCE)(lambda _, _radius: raises(Own("tired"))())
-        with older.running(), ended_by(Own, legs), connect("user", central.address) as user:
-            with pytest.raises(QueryFailed, match=r"module lost: its module was ended by .*Own: tired"):
-                user.query(STANCE, 1.0, timeout=SOON)
-            assert user.query(STANCE, 1.0, timeout=SOON) == [0]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), pytest.fail.Exception("x")])

@@ -1,7 +1,6 @@
 """Goals and commands: the tree they make, their order, their results and failures, told as small stories."""
 
 import operator
-import queue
 import threading
 
 import pytest
@@ -98,42 +97,6 @@ def test_blocks_order_the_children(robot: Robot, user: Client) -> None:
     assert (robot.done[0], robot.done[-1]) == ("leg 0", "leg 4")
 
 
-@pytest.mark.parametrize(("ahead", "planned"), [(0, 1), (1, 2), (2, 3), (None, 4)])
-def test_planning_runs_ahead_of_doing_as_far_as_allowed(
-    robot: Robot, user: Client, ahead: int | None, planned: int
-) -> None:
-    """While the first step is being done, so many steps have been planned."""
-    moving, go = threading.Event(), threading.Event()
-    steps_planned: queue.Queue[int] = queue.Queue()
-
-    @robot.planner.handles(WALK)
-    def walk(task: Task, arc: Arc) -> None:
-        with task.sequence(plan_ahead=ahead):
-            for step in range(arc.steps):
-                task.goal(STEP, step)
-
-    @robot.planner.handles(STEP)
-    def step(task: Task, number: int) -> None:
-        task.command(STOP)
-        steps_planned.put(number)
-
-    @robot.legs.handles(STOP)
-    def stop(task: Task) -> None:
-        moving.set()
-        assert go.wait(SOON)
-
-    with robot.running():
-        goal = user.goal(WALK, Arc(1.0, 4))
-        assert moving.wait(SOON)
-        assert [steps_planned.get(timeout=SOON) for _ in range(planned)] == list(range(planned))
-        with pytest.raises(Timeout):
-            goal.wait(0.05)
-        assert steps_planned.empty()
-        go.set()
-        goal.result(SOON)
-    assert steps_planned.qsize() == 4 - planned
-
-
 def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
     robot.planner.handles(STEP)(lambda _, _number: None)
 
@@ -203,14 +166,6 @@ def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
                 compare(other, first.achieving.end)
     with pytest.raises(MisuseError, match="write a <= b <= c as two constraints"):
         _ = first.achieving.start <= first.achieving.end <= second.planning.start
-
-
-def test_higher_priority_goes_first(robot: Robot, user: Client) -> None:
-    for number, priority in enumerate([0, 5, 1]):
-        user.command(MOVE_LEG, number, priority=priority, sequential=False)
-    with robot.running():
-        user.command(MOVE_LEG, 3).result(SOON)
-    assert robot.done == ["leg 1", "leg 2", "leg 0", "leg 3"]
 
 
 # --- points in time ---------------------------------------------------------------------------------------------------

@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 from module.real_central import RealCentral
 
-from tca_live import tasks as task_commands
 from tca_module import (
     Client,
     Command,
@@ -20,12 +18,11 @@ from tca_module import (
     Module,
     Outcome,
     Refused,
-    Scope,
     Task,
     TaskRef,
     connect,
 )
-from tca_wire.journal.facts import Ignored, Retried
+from tca_wire.journal.facts import Ignored
 
 SOON = 10.0
 REST, WALK, SHRUG = Command("rest"), Goal("walk"), ExceptionHandler("shrug")
@@ -127,64 +124,9 @@ def test_what_is_promised_for_later_is_refused(legs: Legs, user: Client) -> None
     ref.release()  # what is not kept need not be let go
 
 
-def test_a_deadline_that_was_kept_is_no_news(legs: Legs, user: Client) -> None:
-    ref = user.command(REST)
-    assert legs.resting.acquire(timeout=SOON)
-    assert ref.deadline(0.001, ref.handling.start) is True
-    assert ref.kill(after=ref.handling.start, scope=Scope.SIBLINGS) is True
-
-
 def test_a_monitor_is_ended_once(legs: Legs, user: Client) -> None:
     monitor = user.monitor(ROCKS, duration=60.0)
     assert monitor.fire() is True
     assert monitor.end() is True
     assert monitor.end() is False
     assert monitor.fire() is False
-
-
-def test_an_exception_handler_learns_that_its_task_was_given_up(legs: Legs, user: Client, central: RealCentral) -> None:
-    """It looks at the failure for long, and meanwhile somebody kills the task: there is nothing to retry."""
-    looking, go_on, retried = threading.Semaphore(0), threading.Semaphore(0), list[bool]()
-    expert = Module("expert", central.address)
-    look = ExceptionHandler("look")
-
-    @expert.handles(look)
-    def on_look(task: Task) -> None:
-        looking.release()
-        assert go_on.acquire(timeout=SOON)
-        retried.append(task.trouble.failing.retry())
-
-    @expert.handles(WALK, resource="planner")
-    def walk(_: Task) -> None:
-        raise STUCK()  # noqa: RSE102
-
-    with expert.running():
-        walking = user.goal(WALK, on_failure=[(STUCK, look)])
-        assert looking.acquire(timeout=SOON)
-        assert walking.kill() is True
-        go_on.release()
-        assert walking.wait(SOON) is Outcome.FAILED
-    assert retried == [False]
-    assert not central.facts(Retried)
-
-
-@pytest.mark.parametrize(
-    ("command", "words", "what"),
-    [
-        (task_commands.raise_failure, ["stuck"], "failed"),
-        (task_commands.kill, [], None),
-        (task_commands.suspend, [], None),
-    ],
-)
-def test_commands_do_not_claim_what_was_not_done(
-    legs: Legs, user: Client, central: RealCentral, command: Any, words: list[str], what: str | None
-) -> None:
-    ref = user.command(REST)
-    assert legs.resting.acquire(timeout=SOON)
-    ref.kill()
-    result = CliRunner().invoke(command, [str(ref.id), *words, "--central", central.address])
-    assert (result.exit_code == 0) is (what is None), result.output
-    if what is not None:
-        assert (
-            f"rest {{{ref.id}}} was killed, and ends when its handler has returned: it can't be {what}" in result.output
-        )

@@ -1,41 +1,21 @@
 """What a type checker infers from the declarations. These tests pass by being checked, not by being run."""
 
-import asyncio
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import Any, assert_type
+from typing import assert_type
 
 import pytest
 from module.gait_messages import (
-    ALARM,
-    COLLISION,
-    HEALTH,
-    MOVE_LEG,
     REST,
     STANCE,
-    STOP,
     TEMPERATURE,
-    WALK,
-    Arc,
-    Footfall,
 )
 
 from tca_module import (
-    Callback,
-    Client,
-    Constraint,
-    LaterReply,
     Module,
-    Outcome,
-    PendingReplies,
-    PendingReply,
-    SentTask,
     Task,
-    TaskFailed,
-    Variable,
 )
 
 MISTAKES = """
@@ -73,45 +53,6 @@ def n(task: Task, later: LaterReply[Footfall]) -> None:
 """
 
 
-def replies(task: Task, module: Module, client: Client) -> None:
-    for sender in (task, module, client):
-        assert_type(sender.query(STANCE, 1.0), list[int])
-        assert_type(sender.query_send(TEMPERATURE), PendingReply[float])
-        assert_type(sender.query_send(TEMPERATURE).receive(), float)
-        assert_type(sender.multi_query(HEALTH), list[str])
-        assert_type(sender.command(MOVE_LEG, 1), SentTask[Footfall])
-        assert_type(sender.command(MOVE_LEG, 1).result(), Footfall)
-        assert_type(sender.command(STOP), SentTask[None])
-        assert_type(sender.goal(WALK, Arc(1.0, 2), plan_first=True), SentTask[None])
-        assert_type(sender.goal(REST).wait(), Outcome)
-
-
-def whatever_the_class(task: Task) -> None:
-    assert_type(task.execute(REST), SentTask[None])
-    assert_type(task.execute(MOVE_LEG, 1), SentTask[Footfall])
-    assert_type(task.execute(STANCE, 1.0), list[int])
-    assert_type(task.execute(HEALTH), list[str])
-    assert_type(task.execute_if_handled(MOVE_LEG, 1), SentTask[Footfall] | None)
-    assert_type(task.execute_if_handled(TEMPERATURE), float | None)
-    assert_type(task.execute_if_handled(ALARM, "stop"), bool)
-
-
-def variables(task: Task) -> None:
-    speed = Variable("speed", float)
-    assert_type(task.get_variable(speed), float)
-    assert_type(task.get_variable(speed, None), float | None)
-    assert_type(task.swap_variable(speed, 1.0), float | None)
-    assert_type(task.swap_variable(speed, 1.0, 0.0), float)
-
-
-def points(task: Task, leg: SentTask[Footfall]) -> list[Constraint]:
-    return [leg.achieving.end <= task.planning.start, task.handling.end >= leg.handling.start]
-
-
-def failures(error: TaskFailed) -> None:
-    assert_type(error.data_as(COLLISION), Footfall)
-
-
 def handlers(module: Module) -> None:
     @module.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
@@ -126,43 +67,6 @@ def handlers(module: Module) -> None:
         return None
 
     assert_type(stance(Task.__new__(Task), 1.0), list[int])
-
-
-def other_handlers(module: Module) -> None:
-    @module.handles(STANCE)
-    async def stance(task: Task, radius: float) -> list[int]:
-        assert_type(await task.query_send(TEMPERATURE), float)
-        assert_type(await task.command(MOVE_LEG, 1), Footfall)
-        assert_type(await asyncio.gather(task.query_send(STANCE, 1.0), task.goal(REST)), tuple[list[int], None])
-        return [1]
-
-    @module.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> Footfall | LaterReply[Footfall]:
-        later: LaterReply[Footfall] = task.reply_later()
-        return later
-
-    @module.handles(TEMPERATURE)
-    async def temperature(task: Task) -> LaterReply[float]:
-        return task.reply_later()
-
-    _: Callable[[Task, float], Coroutine[Any, Any, list[int]]] = stance
-
-
-def callbacks(module: Module, task: Task) -> None:
-    @module.every(0.5)
-    def beat() -> int:
-        return 1
-
-    @module.every(0.5, resource="arm")
-    def other_beat(callback: Callback) -> None:
-        callback.cancel()
-
-    assert_type(beat(), int)
-    assert_type(module.after(1.0, other_beat), Callback)
-    module.on_readable(0, lambda callback: callback.cancel())
-    module.on_readable(0, lambda: None)
-    assert_type(task.multi_query_send(HEALTH), PendingReplies[str])
-    task.query_notify(TEMPERATURE, None, lambda sender, degrees: sender.command(MOVE_LEG, round(degrees)))
 
 
 @pytest.mark.slow

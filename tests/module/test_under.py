@@ -10,28 +10,22 @@ from tca_module import (
     CentralLost,
     Client,
     Command,
-    Condition,
-    DemonMonitor,
     Goal,
-    Inform,
     MisuseError,
     Module,
     Outcome,
     PollingMonitor,
     Query,
-    Refused,
     SentTask,
     Task,
     connect,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.vocabulary import Refusal
 
 SOON = 5.0
 WALK, STEP, GUARD = Goal("walk"), Command("step", int), Command("guard")
 IS_LOW, STOP = Query("is the battery low", reply=bool), Command("stop")
 BATTERY = PollingMonitor("battery", condition=IS_LOW, action=STOP)
-CUPS = DemonMonitor("cups")
 
 
 class Robot:
@@ -95,16 +89,6 @@ def test_a_monitor_is_put_under_a_task_that_runs_and_finds_it(robot: Robot, user
     assert monitor.wait(SOON) is Outcome.KILLED
 
 
-@pytest.mark.parametrize("message", [WALK, GUARD])
-def test_it_ends_with_the_task_and_does_not_keep_it(robot: Robot, user: Client, message: Any) -> None:
-    sent = robot.begin(message, user)
-    monitors = [user.under(sent).monitor(BATTERY, period=0.01), user.under(sent).monitor(CUPS)]
-    assert robot.asked.wait(SOON)
-    robot.go_on.set()
-    assert sent.wait(SOON) is Outcome.DONE
-    assert [monitor.wait(SOON) for monitor in monitors] == [Outcome.DONE, Outcome.DONE]
-
-
 def test_a_command_stands_in_the_sequence_that_others_send(robot: Robot, user: Client) -> None:
     walking = robot.begin(WALK, user)
     user.under(walking).command(STEP, 2)
@@ -124,26 +108,6 @@ def test_blocks_under_a_task_of_others(robot: Robot, user: Client) -> None:
     assert second.wait(SOON) is first.wait(SOON) is sent.wait(SOON) is Outcome.DONE
     assert sorted(robot.steps) == [1, 2, 7]
     assert robot.steps.index(1) < robot.steps.index(2)
-
-
-def test_what_has_ended_is_not_watched(robot: Robot, user: Client) -> None:
-    sent = robot.begin(GUARD, user)
-    with pytest.raises(Refused, match="can't watch until that ends, which waits for it: without an end of its own it"):
-        user.under(sent).monitor(BATTERY, period=1, until=sent.achieving.end)
-    robot.go_on.set()
-    sent.wait(SOON)
-    for send in (lambda: user.under(sent).monitor(BATTERY, period=1), lambda: user.under(sent).command(STEP, 1)):
-        with pytest.raises(Refused, match="task 1 has ended: nothing can be added under it") as refused:
-            send()
-        assert refused.value.refusal is Refusal.TOO_LATE
-
-
-def test_a_task_is_not_tapped_for_what_is_past(robot: Robot, user: Client) -> None:
-    sent = robot.begin(GUARD, user)
-    note = Inform("note")
-    with pytest.raises(Refused, match=r"guard.* can't be tapped 'while achieving' any more: that is past"):
-        user.tap(Condition.WHILE_ACHIEVING, sent, note)
-    user.tap(Condition.AFTER_ACHIEVED, sent, note)
 
 
 def test_only_tasks_have_something_under_them(robot: Robot, user: Client) -> None:

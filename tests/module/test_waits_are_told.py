@@ -7,7 +7,6 @@ from contextlib import contextmanager
 
 import pytest
 from module.gait_messages import HEALTH, TEMPERATURE
-from module.real_central import RealCentral
 
 from tca_module import Client, Command, Module, Query, Task, Timeout, connect
 from tca_module.testing import LocalCentral
@@ -198,23 +197,3 @@ def test_who_waits_no_longer_for_a_task_hears_how_far_it_was(legs: Module, user:
             second.wait(0.01)
         go.set()
         second.result(SOON)
-
-
-def test_all_that_is_so_over_real_sockets(tmp_path: object) -> None:
-    with RealCentral(f"ipc://{tmp_path}/central") as central:
-        eyes = Module("eyes", central.address)
-        with connect("user", central.address) as user:
-            with pytest.raises(Timeout, match=r"within 0.02 s: nobody handled it; to wait"):
-                user.query(TEMPERATURE, timeout=0.02)
-            with busy(eyes, user), connect("other", central.address) as other:
-                with pytest.raises(Timeout, match=r"within 0.02 s: it waited for resource 'eyes' of 'eyes', busy with"):
-                    other.query(TEMPERATURE, timeout=0.02)
-                with pytest.raises(Timeout, match="it waited for resource 'eyes'"):
-                    other.query_send(TEMPERATURE).receive(0.02)
-        received = central.facts(Received)
-        assert [(fact.sender, fact.blocking) for fact in received if fact.message == "temperature"] == [
-            ("user", True), ("user", False), ("other", True), ("other", False),
-        ]  # fmt: skip
-        last = max(fact.id for fact in received if not fact.blocking and fact.message == "temperature")
-        assert last in [fact.id for fact in central.facts(Awaited)]
-        assert len([fact for fact in central.facts(Dropped) if fact.why.startswith("its sender gave up: ")]) == 3

@@ -24,7 +24,7 @@ from tca_module import (
     TaskKilled,
     connect,
 )
-from tca_wire.journal.facts import Dropped, Failed, WaitEnded
+from tca_wire.journal.facts import Failed
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
@@ -133,14 +133,6 @@ def test_a_kill_wakes_a_handler_and_what_it_asked_is_given_up(
 
 
 @pytest.mark.parametrize("how", WAITS)
-def test_a_deadline_wakes_a_handler(robot: Robot, how: str) -> None:
-    with robot.running() as user, robot.legs.running():
-        asking = user.goal(ASK, how, sequential=False, deadline=0.2)
-        assert asking.wait(SOON) is Outcome.FAILED
-        assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
-
-
-@pytest.mark.parametrize("how", WAITS)
 def test_the_end_of_its_module_wakes_a_handler(robot: Robot, how: str) -> None:
     with robot.running() as user:
         with robot.legs.running():
@@ -192,17 +184,6 @@ def test_who_is_woken_is_told_why(robot: Robot) -> None:
         with pytest.raises(TaskKilled) as found:
             working.result(SOON)
         assert found.value.why == "the floor is wet (by user)"
-
-
-def test_the_story_tells_what_was_given_up(robot: Robot) -> None:
-    with robot.running() as user, robot.legs.running():
-        for how in ("query", "a stranger's task"):
-            asking = user.goal(ASK, how, sequential=False)
-            robot.waits(how)
-            asking.kill()
-            asking.wait(SOON)
-    assert [fact.why for fact in robot.central.facts(Dropped)] == ["its sender gave up: nobody handled it"]
-    assert "legs" in [fact.module for fact in robot.central.facts(WaitEnded)]
 
 
 # --- once ---------------------------------------------------------------------------------------------------------------
