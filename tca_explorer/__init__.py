@@ -1,10 +1,16 @@
 """Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
 
+from tca_explorer.accepted import accepted
 from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.exploration import explore
-from tca_explorer.properties import (
+from tca_explorer.scenario import Scenario, ScenarioModule
+from tca_explorer.script import Script, Task
+from tca_explorer.states import Result, Violation
+from tca_explorer.transcript import report
+from tca_explorer.world import Held, Seen, World
+from tca_properties import (
+    BadProperty,
     Property,
-    accepted,
     achieved,
     always,
     at_most,
@@ -29,13 +35,9 @@ from tca_explorer.properties import (
     suspended,
     within,
 )
-from tca_explorer.scenario import Scenario, ScenarioModule
-from tca_explorer.script import Script, Task
-from tca_explorer.states import Result, Violation
-from tca_explorer.transcript import report
-from tca_explorer.world import Held, Seen, World
 
 __all__ = [
+    "BadProperty",
     "ExplorerError",
     "Held",
     "Property",

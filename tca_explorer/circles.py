@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from tca_explorer.play import Action
-from tca_explorer.properties import NeverStuck, Property
 from tca_explorer.scenario import Scenario
 from tca_explorer.states import State, Violation, Way, replayed
 from tca_explorer.waiting import waiting
 from tca_explorer.words import left_behind
+from tca_properties.algebra import NeverStuck, Property
 
 Fair = tuple[str, str]
 """Something that happens some time if it can all the time: a script goes on, a module joins, time passes."""

@@ -1,6 +1,6 @@
 """Whether there is what properties, kills and suspensions name: of a wrong name everything would hold, without a word.
 
-Modules are known from the beginning. Messages are those that a module handles and those that scripts come to use in
+Modules are known from the beginning. Messages are named that a module handles and named that scripts come to use in
 some run, such as monitors: so what is missing is known for certain when all runs are.
 """
 
@@ -8,17 +8,17 @@ from collections.abc import Collection, Iterable, Iterator
 
 from tca_explorer.checks import nearest
 from tca_explorer.errors import ScenarioError
-from tca_explorer.properties import Property
 from tca_explorer.scenario import Scenario
+from tca_properties import Property
 
 
 def check_modules(scenario: Scenario, properties: Iterable[Property]) -> None:
     """Raise ScenarioError for a property of a module that the scenario has not."""
     for one in properties:
-        for those in one.named:
-            if those.module and those.module.partition("#")[0] not in scenario.modules:
-                raise ScenarioError(f"property '{one}': scenario '{scenario.title}' has no module '{those.module}'; "
-                                    f"{nearest(those.module, scenario.modules)}")  # fmt: skip
+        for named in one.named:
+            if named.module and named.module.partition("#")[0] not in scenario.modules:
+                raise ScenarioError(f"property '{one}': scenario '{scenario.title}' has no module '{named.module}'; "
+                                    f"{nearest(named.module, scenario.modules)}")  # fmt: skip
 
 
 def check_messages(scenario: Scenario, properties: Iterable[Property], used: Collection[str]) -> None:
@@ -32,7 +32,7 @@ def check_messages(scenario: Scenario, properties: Iterable[Property], used: Col
 
 def missing_in(one: Property, used: Collection[str]) -> Iterator[str]:
     """What is wrong with the names of messages in a property, in words."""
-    names = dict.fromkeys(those.message for those in one.named if those.message)
+    names = dict.fromkeys(named.message for named in one.named if named.message)
     return (_missing(name, used) for name in names if name not in used)
 
 

@@ -14,13 +14,13 @@ from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.existing import check_messages, check_modules, missing_in
 from tca_explorer.fingerprint import Detail, recognised
 from tca_explorer.play import Action, Play
-from tca_explorer.properties import NeverStuck, Property, checked_properties
-from tca_explorer.scenario import Scenario
+from tca_explorer.scenario import Scenario, checked_properties
 from tca_explorer.snapshot import Snapshots
 from tca_explorer.states import Result, State, Violation, Way, replayed
 from tca_explorer.waiting import Waiting, carried, waiting
 from tca_explorer.words import unfinished
-from tca_explorer.world import World
+from tca_explorer.world import World, breach_in_words
+from tca_properties.algebra import NeverStuck, Property, words_of
 
 LIMIT = 100_000
 """States after which an exploration ends without an answer, unless said otherwise."""
@@ -97,7 +97,7 @@ class _Exploration:
         if is_complete:
             check_messages(self.scenario, self.properties, self.used)
         vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
-        said_nothing = tuple(f"'{one}': there never is '{one.case}'" for one in vacuous)
+        said_nothing = tuple(f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous)
         return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
                       said_nothing, self.branching.most())  # fmt: skip
 
@@ -175,13 +175,13 @@ class _Exploration:
         memories = []
         for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
             try:
-                remembered, why = one.seen(world, memory)
-                if number in self.without_case and one.has_case(world):
+                remembered, breach = one.seen(world, memory)
+                if number in self.without_case and (one.case is None or world.true_of(one.case).is_true):
                     self.without_case.discard(number)
             except Exception as error:
                 raise ScenarioError(f"property '{one}' can't be asked: {type(error).__name__}: {error}") from error
-            if why:
-                return Violation(str(one), why, state.actions())
+            if breach:
+                return Violation(str(one), breach_in_words(breach), state.actions())
             memories.append(remembered)
         state.memories = tuple(memories)
         return None

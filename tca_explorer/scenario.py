@@ -6,9 +6,9 @@ from typing import Any, NoReturn
 
 from tca_explorer.checks import MOST, checked_flag, checked_name, checked_number, name_or_none
 from tca_explorer.errors import ScenarioError
-from tca_explorer.properties import Property, checked_properties
 from tca_explorer.script import Program
 from tca_module.sending.sender import Sender
+from tca_properties import Property
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.parts import HandlerFormat
@@ -174,6 +174,15 @@ class Scenario:
                     raise ScenarioError(f"'{message.name}' is a {message.message_class} in {module.name} and a "
                                         f"{found[message.name].message_class} elsewhere: use one")  # fmt: skip
         return found
+
+
+def checked_properties(properties: Iterable[Any]) -> tuple[Property, ...]:
+    """*properties*, if they are. Raises ScenarioError."""
+    found = tuple(properties)
+    for one in found:
+        if not isinstance(one, Property):
+            raise ScenarioError(f"{one!r:.60} is no property: give never(...), before(...), never_stuck(), ...")
+    return found
 
 
 def _checked_capacity(resource: str, capacity: int) -> int:

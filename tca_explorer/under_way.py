@@ -1,17 +1,14 @@
 """The messages under way in a run: what is known of each, and of all together. fold.py keeps it up to date."""
 
-from typing import Any
-
 import msgspec
 
+from tca_properties.world import MessageView
 from tca_wire.journal import facts
-from tca_wire.points import ROOT, Moment, Point
+from tca_wire.points import ROOT, Point
 from tca_wire.vocabulary import MessageClass, Role
 
-_FIRES = (Role.LISTENER, Role.ACTION)
 
-
-class UnderWay(msgspec.Struct, frozen=True, kw_only=True):
+class UnderWay(MessageView, msgspec.Struct, frozen=True, kw_only=True):
     """What can be said of a message under way without naming others."""
 
     message: str
@@ -20,71 +17,22 @@ class UnderWay(msgspec.Struct, frozen=True, kw_only=True):
     body: bytes
     reached: int = 0
     is_queued: bool = False
-    """It waits for a resource or for a handler."""
     is_begun: bool = False
-    """A handler was given it."""
     module: str = ""
-    """The module whose handler has it now."""
     role: Role = Role.NONE
-    """Why central sent it; "": a module did."""
     is_killed: bool = False
     failure: str = ""
-    """The failure that was raised on it and has not been dealt with."""
     is_suspended: bool = False
     attempts: int = 1
-    """How often it has been, or is to be, handled: each retry is one more."""
     is_over: bool = False
-    """It ended with the last action, and is out of sight after the next."""
     is_new: bool = False
-    """It was sent with the last action."""
     is_retried: bool = False
-    """It was retried with the last action."""
     has_fired: bool = False
-    """Of a monitor: it sent its action with the last action."""
-
-    @property
-    def data(self) -> Any:
-        """What was sent with it, as plain values; None of what is sent without, such as for a module that was lost."""
-        return msgspec.msgpack.decode(self.body) if self.body else None
 
     @property
     def is_task(self) -> bool:
-        """Whether it is a goal or a command."""
+        """Whether it is a node of the tree."""
         return self.message_class.is_task
-
-    def has(self, moment: Moment) -> bool:
-        """Whether it has reached *moment*. A killed task has reached all when it ends."""
-        return bool(self.reached & moment)
-
-    @property
-    def is_handled(self) -> bool:
-        """Whether a handler has it now."""
-        return bool(self.module)
-
-    @property
-    def is_fire(self) -> bool:
-        """Whether a wiretap or a monitor has just sent it."""
-        return self.is_new and self.role in _FIRES
-
-    @property
-    def is_planned(self) -> bool:
-        """Whether it and everything under it has been expanded; of a command always."""
-        return self.has(Moment.END_PLANNING)
-
-    @property
-    def is_being_achieved(self) -> bool:
-        """Whether its achieving has started and not ended."""
-        return self.has(Moment.START_ACHIEVING) and not self.has(Moment.END_ACHIEVING)
-
-    @property
-    def is_planned_ahead(self) -> bool:
-        """Whether it was begun before it may be achieved."""
-        return self.is_begun and not self.has(Moment.START_ACHIEVING)
-
-    @property
-    def is_achieved(self) -> bool:
-        """Whether it was achieved, not killed, with the last action."""
-        return self.has(Moment.END_ACHIEVING) and not self.is_killed
 
 
 class Taken(msgspec.Struct, frozen=True):

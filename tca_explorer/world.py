@@ -12,6 +12,8 @@ from typing import NoReturn
 import msgspec
 
 from tca_explorer.under_way import Situation, Taken, Tracked, UnderWay
+from tca_properties.algebra import Breach
+from tca_properties.world import Found, Predicate
 from tca_wire.points import Moment
 
 _DIGITS = 6  # of seconds
@@ -98,6 +100,12 @@ class World:
         keys = sorted(now.seen, key=lambda key: (key not in order, order.get(key, key)))
         self._seen = {key: _seen(now.seen[key]) for key in keys}
 
+    def true_of(self, predicate: Predicate) -> Found:
+        """What a predicate says."""
+        return Found.of(predicate(self))
+
+    newly = true_of  # whatever is true of what ended or came with the last action is so for this one
+
     @property
     def messages(self) -> Messages:
         """Everything under way."""
@@ -156,12 +164,11 @@ class World:
         return round(self._situation.now, _DIGITS)
 
 
-def shown(found: object) -> str:
-    """Messages as people read them, with their ids; "" for anything else."""
-    if not isinstance(found, list | tuple | Messages):
-        return ""
-    return ", ".join(f"{one.message} {{{one.id._number}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
-                     for one in found)  # fmt: skip
+def breach_in_words(breach: Breach) -> str:
+    """What is wrong, and with which messages: these with their ids."""
+    names = ", ".join(f"{one.message} {{{one.id._number}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
+                      for one in breach.messages)  # fmt: skip
+    return ": ".join(part for part in (breach.what, names) if part)
 
 
 def _seen(record: Tracked) -> Seen:

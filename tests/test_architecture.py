@@ -8,14 +8,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("tca_wire", "tca_central", "tca_module", "tca_tools", "tca_explorer", "tca_live", "robots")
+PACKAGES = (
+    "tca_wire", "tca_central", "tca_module", "tca_tools", "tca_properties", "tca_explorer", "tca_live", "robots",
+)  # fmt: skip
 OURS = set(PACKAGES)
 
 MAY_IMPORT = {
     "tca_wire": {"msgspec", "msgpack"},
     "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_module": {"tca_wire", "msgspec", "zmq"},
+    "tca_properties": {"tca_wire", "msgspec"},
     "tca_tools": {
+        "tca_properties",
         "tca_wire",
         "msgspec",
         "click",
@@ -33,7 +37,7 @@ MAY_IMPORT = {
         "vl_convert",
     },
     "tca_live": {"tca_wire", "tca_module", "msgspec", "click", "rich"},
-    "tca_explorer": {"tca_central", "tca_module", "tca_wire", "msgspec", "click"},
+    "tca_explorer": {"tca_central", "tca_module", "tca_properties", "tca_wire", "msgspec", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
 }
 """Beside the package itself and the standard library."""

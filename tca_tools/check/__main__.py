@@ -1,17 +1,17 @@
 """``tca check``: holds a journal against the rules of task-level control, and against the user's own properties."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
 import click
 
+from tca_properties import BadProperty, Property, property_from
+from tca_properties.field_values import FieldValue
+from tca_properties.predicates import OfMessages
 from tca_tools.check.checker import Checker
-from tca_tools.check.errors import BadProperty
 from tca_tools.check.files import properties_in
-from tca_tools.check.language import property_from
-from tca_tools.check.predicates import Those
-from tca_tools.check.properties import Property
+from tca_tools.check.judge import Judge
 from tca_tools.check.records import Item
 from tca_tools.check.report import violation_lines
 from tca_tools.check.rules import RULES, Violation
@@ -54,7 +54,7 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
     for entry in journal:
         run.take(entry, journal.losses)
     run.close(journal.losses, is_cut_short=journal.is_cut_short)
-    misnamed = _misnamed(run, wanted)
+    misnamed = _misnamed(run)
     if misnamed and not run.checker.gaps:  # else they may be known where it can't be read
         stated, wrong = next(iter(misnamed.items()))
         raise click.UsageError(f"property '{stated}': {wrong}")
@@ -92,7 +92,8 @@ class _Run:
             self.checker.history = History()
         self.messages: dict[str, None] = {}
         self.modules: dict[str, None] = {}
-        self.unbroken = list(wanted)
+        self.judges = [Judge(one) for one in wanted]
+        self.unbroken = list(self.judges)
         self._touched: dict[Item, None] = {}
         self._lost = self._unknown = 0
 
@@ -119,14 +120,19 @@ class _Run:
                 self.messages[item.message] = None
         for module in world.joined if world.joined.keys() - self.modules.keys() else ():
             self.modules[module] = None
-        for stated in list(self.unbroken):
-            self._judge(stated, _asked(stated, lambda one: one.after(world, changed)), world, world.events)
+        for judge in list(self.unbroken):
+            try:
+                wrong = judge.after(world, changed)
+            except Exception as error:  # a mistake in it, not in the robot
+                words = f"property '{judge.stated}' can't be asked: {type(error).__name__}: {error}"
+                raise click.UsageError(words) from error
+            self._judge(judge, wrong, world, world.events)
 
-    def _judge(self, stated: Property, wrong: str, world: World, place: int) -> None:
+    def _judge(self, judge: Judge, wrong: str, world: World, place: int) -> None:
         if wrong:
-            self.unbroken.remove(stated)
-            found = Violation(str(stated), "", place, world.event, world.now, stated.culprit, wrong)
-            self.violations.append(found)
+            self.unbroken.remove(judge)
+            words = str(judge.stated)
+            self.violations.append(Violation(words, "", place, world.event, world.now, judge.culprit, wrong))
 
     def close(self, losses: Losses, *, is_cut_short: bool) -> None:
         """The journal is read, or nothing more of it can be (*is_cut_short*)."""
@@ -135,33 +141,23 @@ class _Run:
             self.checker.skip(1)
         self.checker.close()
         world = self.checker.world
-        for stated in list(self.unbroken):
-            self._judge(stated, _asked(stated, lambda one: one.at_end(world)), world, max(world.events - 1, 0))
+        for judge in list(self.unbroken):
+            self._judge(judge, judge.at_end(world), world, max(world.events - 1, 0))
 
 
-def _asked(stated: Property, ask: Callable[[Property], str]) -> str:
-    """What a property says; a predicate that can't be asked is a mistake in it, not in the robot."""
-    try:
-        return ask(stated)
-    except Exception as error:
-        raise click.UsageError(f"property '{stated}' can't be asked: {type(error).__name__}: {error}") from error
-
-
-def _misnamed(run: _Run, wanted: list[Property]) -> dict[Property, str]:
+def _misnamed(run: _Run) -> dict[Property, str]:
     """The properties of what the journal does not know, or does not allow: they would hold whatever happens."""
     world = run.checker.world
     messages = run.messages.keys() | world.classes.keys()
-    found: dict[Property, str] = {}
-    for stated in wanted:
-        for those in stated.predicates:
-            if isinstance(those, Those):
-                found[stated] = (
-                    _unknown("message", those.message, messages)
-                    or _unknown("module", those.module, run.modules)
-                    or _misfit(those, world)
-                    or found.get(stated, "")
-                )
-    return {stated: wrong for stated, wrong in found.items() if wrong}
+    found = {}
+    for judge in run.judges:
+        for one in judge.stated.predicates:
+            if isinstance(one, OfMessages) and one.is_typed:
+                misfit = "" if judge.matches.has_subject(one) else _misfit(one, world)
+                unknown = _unknown("message", one.message, messages) or _unknown("module", one.module, run.modules)
+                if wrong := unknown or misfit:
+                    found[judge.stated] = wrong
+    return found
 
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
@@ -172,13 +168,13 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     return f"the journal has no {kind} '{name}'{advice}"
 
 
-def _misfit(those: Those, world: World) -> str:
+def _misfit(predicate: OfMessages, world: World) -> str:
     """Of a message that never came, its declaration must allow that it might have."""
-    if those.has_subject:
-        return ""
-    formats = [world.formats.get(those.message, "")] if those.message else [*world.formats.values()]
-    wrong = next(filter(None, (one.misfit(formats) for one in those.wanted if formats)), "")
-    return f"of '{those.message}', {wrong}" if wrong and those.message else wrong
+    name = predicate.message
+    formats = [world.formats.get(name, "")] if name else [*world.formats.values()]
+    values = [one for one in predicate.data if isinstance(one, FieldValue)] if formats else []
+    wrong = next(filter(None, (one.misfit(formats) for one in values)), "")
+    return f"of '{name}', {wrong}" if wrong and name else wrong
 
 
 def _show(run: _Run, journal: Log, misnamed: dict[Property, str], *, everything: bool) -> None:
@@ -197,8 +193,8 @@ def _show(run: _Run, journal: Log, misnamed: dict[Property, str], *, everything:
     rules = {violation.rule for violation in run.violations if violation.source}
     is_whole, kept = not checker.gaps, len(RULES) - len(rules)
     click.echo(f"{kept} of {len(RULES)} rules are kept" if rules else _good(f"{kept} rules", is_whole=is_whole))
-    for stated in run.unbroken:
-        click.echo(_unbroken(stated, misnamed.get(stated, stated.vacuous), is_whole=is_whole))
+    for judge in run.unbroken:
+        click.echo(_unbroken(judge.stated, misnamed.get(judge.stated, judge.vacuous), is_whole=is_whole))
     _show_violations(run.violations, journal, everything=everything)
 
 

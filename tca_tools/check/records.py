@@ -1,18 +1,9 @@
-"""What is known of the messages, resources and claims of a run at one event. Plain records; the fold fills them.
+"""What is known of the messages, resources and claims of a run at one event. Plain records; the fold fills them."""
 
-Of a message under way properties see the names that the explorer gives them (tca_explorer's world), so that the same
-property can be asked of a scenario and of a journal.
-"""
-
-from typing import Any
-
+from tca_properties.world import MessageView
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.messages.formats import decode_untyped
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_PLANNING, START_ACHIEVING
-from tca_wire.vocabulary import Role
-
-_FIRES = (Role.LISTENER, Role.ACTION)
+from tca_wire.points import ALL_MOMENTS
 
 
 class Hold:
@@ -61,7 +52,7 @@ class Place:
         self.waiting: dict[int, Item] = {}  #: by delivery
 
 
-class Item:
+class Item(MessageView):
     """A message: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
 
     __slots__ = (
@@ -173,58 +164,19 @@ class Item:
         return self.parent.id if self.parent else 0
 
     @property
-    def data(self) -> Any:
-        """What was sent with it, as plain values."""
-        return decode_untyped(self.body)
-
-    @property
     def module(self) -> str:
         """The module whose handler has it now."""
         return self.place.module if self.place else ""
-
-    @property
-    def is_handled(self) -> bool:
-        """Whether a handler has it now."""
-        return self.place is not None
 
     @property
     def is_queued(self) -> bool:
         """Whether it waits for a resource, or for a handler."""
         return self.waits_at is not None
 
-    def has(self, moment: int) -> bool:
-        """Whether it has reached a moment. A killed task has reached all when it ends."""
-        return bool(self.reached & moment)
-
-    @property
-    def is_planned(self) -> bool:
-        """Whether it and everything under it has been expanded; of a command always."""
-        return bool(self.reached & END_PLANNING)
-
-    @property
-    def is_being_achieved(self) -> bool:
-        """Whether its achieving has started and not ended."""
-        return bool(self.reached & START_ACHIEVING) and not self.reached & END_ACHIEVING
-
-    @property
-    def is_achieved(self) -> bool:
-        """Whether it was achieved, not killed, with the last event."""
-        return bool(self.reached & END_ACHIEVING) and not self.is_killed
-
-    @property
-    def is_planned_ahead(self) -> bool:
-        """Whether it was begun before it may be achieved."""
-        return self.is_begun and not self.reached & START_ACHIEVING
-
     @property
     def is_recovering(self) -> bool:
         """Whether an exception handler is at work on its failure."""
         return bool(self.recovering)
-
-    @property
-    def is_fire(self) -> bool:
-        """Whether a wiretap or a monitor has just sent it."""
-        return self.is_new and self.role in _FIRES
 
     @property
     def has_ended(self) -> bool:

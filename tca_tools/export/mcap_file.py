@@ -10,7 +10,6 @@ from typing import Any, BinaryIO, NamedTuple
 import msgspec
 from mcap.writer import Writer
 
-from tca_tools.data import plain_data
 from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
 from tca_tools.log.fact_rows import fact_row
@@ -19,6 +18,7 @@ from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact, kind_of
+from tca_wire.text.bodies import plain_data
 from tca_wire.text.facts_in_words import Wording, place
 from tca_wire.text.measures import run_time
 from tca_wire.vocabulary import Outcome

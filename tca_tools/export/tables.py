@@ -10,11 +10,11 @@ from itertools import chain, pairwise
 from operator import itemgetter
 from typing import Any, NamedTuple
 
-from tca_tools.data import plain_data
 from tca_tools.run.records import HandlerWait, Message
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import fate, has_coped, went_on
 from tca_wire.points import MOMENTS, describe_moments
+from tca_wire.text.bodies import plain_data
 from tca_wire.vocabulary import CENTRAL, Outcome
 
 

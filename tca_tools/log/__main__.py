@@ -9,7 +9,6 @@ from typing import get_args
 
 import click
 
-from tca_tools.data import data_text
 from tca_tools.log.classic import classic_lines
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.options import log_argument
@@ -17,6 +16,7 @@ from tca_tools.run.journals import newest_journal, open_log, run_folders, runs_i
 from tca_tools.run.selection import no_task
 from tca_tools.terminal import columns_of, cut, line_width, padded
 from tca_wire.journal.facts import Delivered, Entry, Fact, Queued, Received, kind_of
+from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording
 from tca_wire.text.printable import printable
 

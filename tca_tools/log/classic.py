@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from tca_tools.data import data_text
 from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS, Moment
+from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason
 from tca_wire.text.printable import printable
 from tca_wire.vocabulary import MessageClass, Outcome

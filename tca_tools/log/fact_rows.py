@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from tca_tools.data import plain_data
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import Entry, Fact, KillPlanned, TimedOut, kind_of
 from tca_wire.points import Point, describe_moments
+from tca_wire.text.bodies import plain_data
 from tca_wire.text.facts_in_words import fields_of
 
 

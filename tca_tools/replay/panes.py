@@ -14,7 +14,6 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Footer, Input
 
-from tca_tools.data import data_text
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Row
 from tca_tools.run.at_time import RunAt
@@ -28,6 +27,7 @@ from tca_tools.why.story import Sentence, story
 from tca_tools.why.waiting import coming, waits_how, why_waiting
 from tca_wire.journal.facts import kind_of
 from tca_wire.points import TaskId
+from tca_wire.text.bodies import data_text
 from tca_wire.text.printable import printable
 
 _STATE_WIDTH = 11

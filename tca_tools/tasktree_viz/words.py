@@ -7,7 +7,6 @@ from textwrap import wrap
 from typing import NamedTuple
 
 from tca_tools.analysis.words import seconds
-from tca_tools.data import data_text
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, State
 from tca_tools.run.selection import Forest
@@ -18,6 +17,7 @@ from tca_tools.why.coping import STANDINGS
 from tca_tools.why.last import last_of
 from tca_tools.why.waiting import coming, dealing, waits_how, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
+from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.printable import printable
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from tca_tools.analysis.words import moment as moment_text
 from tca_tools.analysis.words import seconds
-from tca_tools.data import data_text
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, Hold, Message, State, Task
 from tca_tools.run.whole_run import Run
@@ -22,6 +21,7 @@ from tca_tools.why.story import Sentence, sender_of, story
 from tca_tools.why.waiting import coming, held_above, waits_how, why_waiting
 from tca_wire.journal.facts import kind_of
 from tca_wire.points import Interval, TaskId, describe_moments
+from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording, subject_of
 from tca_wire.text.printable import printable_lines
 

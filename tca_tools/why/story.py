@@ -7,7 +7,6 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 from tca_tools.analysis.words import times
-from tca_tools.data import data_text
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import (
     OVER,
@@ -36,6 +35,7 @@ from tca_tools.why.whereabouts import (
     why_in_vain,
 )
 from tca_wire.points import Moment
+from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
 from tca_wire.vocabulary import Outcome
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from math import nextafter
 from typing import NamedTuple
 
-from tca_tools.data import data_text
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
+from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import GAVE_UP, place
 from tca_wire.vocabulary import MessageClass, Outcome
 

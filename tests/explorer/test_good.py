@@ -96,7 +96,7 @@ def test_something_happens_within_so_many_seconds_of_something_else(
 
 def test_within_says_how_much_time_has_passed() -> None:
     text = report(explore(tea(within(4.5, sent(WALK), begun(STEP, "pour")))))
-    assert "tea: NOT step 'pour' begun within 4.5 s of walk sent" in text
+    assert "tea: NOT step begun with data='pour' within 4.5 s of walk sent" in text
     assert "=> here 6 s have passed" in text
 
 

@@ -114,7 +114,7 @@ def test_a_lock_of_a_module_that_may_be_lost() -> None:
 
 def test_a_property_that_can_not_be_asked_is_a_mistake_in_the_scenario() -> None:
     with pytest.raises(ScenarioError, match="can't be asked: AttributeError"):
-        explore(two_arms("legs", "arm", never(lambda world: world.taks)))  # type: ignore[attr-defined]
+        explore(two_arms("legs", "arm", never(lambda world: world.taks)))
 
 
 def unlocked(*properties: Property) -> Result:

@@ -6,6 +6,7 @@ import pytest
 from explorer.scenarios import STEP, WALK, walking
 
 from tca_explorer import (
+    BadProperty,
     Scenario,
     ScenarioError,
     achieved,
@@ -81,5 +82,5 @@ def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
     ],
 )
 def test_what_is_no_message_is_found_where_it_is_written(wrong: Any, words: str) -> None:
-    with pytest.raises(ScenarioError, match=words):
+    with pytest.raises(BadProperty, match=words):
         wrong()

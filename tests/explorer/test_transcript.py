@@ -111,5 +111,5 @@ def test_properties_say_what_is_wrong() -> None:
     result = explore(walking(always(lambda world: len(world.tasks) < 2)))
     assert result.violation is not None
     assert result.violation.why == "here it is not"
-    assert str(never(begun(STEP, 1))) == "never step 1 begun"
+    assert str(never(begun(STEP, 1))) == "never step begun with data=1"
     assert str(before(begun(WHERE), begun(STEP))) == "where begun before step begun"

@@ -6,8 +6,8 @@ import pytest
 from tools.story import Story
 from tools.test_check_command import run
 
-from tca_tools.check.predicates import predicate_from
-from tca_tools.check.wanted_data import cut_data
+from tca_properties.field_values import split_data
+from tca_properties.predicates import predicate_from
 from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, schema_text
 from tca_wire.vocabulary import MessageClass
@@ -110,7 +110,7 @@ def test_of_a_property_that_was_put_to_the_test_nothing_more_is_said(journal: Pa
 
 
 def test_quotes_keep_what_would_be_words_of_the_language() -> None:
-    head, wanted = cut_data("""begun   of 'x with a=1' with b="two,  c=3", c='four with d=5', d=[1, 2], e="\\"" """)
+    head, wanted = split_data("""begun   of 'x with a=1' with b="two,  c=3", c='four with d=5', d=[1, 2], e="\\"" """)
     assert head == "begun of 'x with a=1'"
     assert [str(one) for one in wanted] == ["b='two,  c=3'", "c='four with d=5'", "d=[1, 2]", "e='\"'"]
     held = predicate_from("handled of 'move leg' with leg=2, pose.x=1.5, mode=slow")
@@ -130,5 +130,5 @@ def test_properties_of_the_explorer_say_when_they_say_nothing_too(journal: Path,
     file = tmp_path / "properties.py"
     file.write_text(FILE)
     told = run(journal, file).stdout
-    assert "good: at most 1 fly begun (which says nothing: in this run there never was 'fly begun')" in told
-    assert "never fry 'dish 0b' begun\n  fry {2}\n" in told
+    assert "good: at most 1 fly begun (which says nothing: in this run there never was 'fly')" in told
+    assert "never fry begun with data='dish 0b'\n  fry {2}\n" in told

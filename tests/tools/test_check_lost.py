@@ -22,7 +22,7 @@ PROPERTIES = [
 FILE = """
 from tca_explorer import achieved, always, before, begun, eventually, handled, never, within
 from tca_module import Command, Goal
-from tca_tools.check import properties
+import tca_properties as properties
 
 STEP, MOVE, WALK = Goal("step", int), Command("move", int), Goal("walk", int)
 ORDER = before(begun(STEP), begun(MOVE))

@@ -11,11 +11,11 @@ import pytest
 from click.testing import Result
 from tools.story import Story, stumbling, walking
 
-from tca_tools.data import data_text, plain_data
 from tca_tools.log.__main__ import KINDS
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
+from tca_wire.text.bodies import data_text, plain_data
 from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Scope
 
 Tca = Callable[..., Result]

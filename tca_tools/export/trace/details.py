@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from tca_tools.data import plain_data
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import describe_moments
+from tca_wire.text.bodies import plain_data
 
 Details = dict[str, Any]
 

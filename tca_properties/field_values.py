@@ -9,9 +9,9 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from tca_tools.check.errors import BadProperty
-from tca_tools.check.records import Item
-from tca_tools.data import plain_data
+from tca_properties.errors import BadProperty
+from tca_properties.world import MessageView
+from tca_wire.text.bodies import plain_data
 from tca_wire.text.plain_data import Bare, PlainFormat, field_misfit, knows_field
 
 QUOTED = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*\"""")
@@ -21,8 +21,8 @@ _NEXT = re.compile(r" ?, ?(?=[\w.]+ ?=)")
 _PAIR = re.compile(r"([\w.]+) ?= ?(.*)", re.DOTALL)
 
 
-class Wanted:
-    """One of these."""
+class FieldValue:
+    """What a property says of one field of a message's data."""
 
     def __init__(self, field: str, text: str) -> None:
         typed = Bare(unquoted(text))
@@ -39,9 +39,9 @@ class Wanted:
     def __str__(self) -> str:
         return f"{self._field}={self.value!r}"
 
-    def fits(self, item: Item) -> bool:
-        """Whether a message has that."""
-        data = plain_data(item.body)
+    def fits(self, message: MessageView) -> bool:
+        """Whether a message has that value there."""
+        data = plain_data(message.body)
         if self._path == _WHOLE and not (isinstance(data, dict) and "data" in data):
             return self._is_one_of_them(data)
         for part in self._path:
@@ -73,7 +73,7 @@ class Wanted:
         return problem
 
 
-def cut_data(text: str) -> tuple[str, list[Wanted]]:
+def split_data(text: str) -> tuple[str, list[FieldValue]]:
     """A predicate without its last part, and what that says of data. Raises BadProperty."""
     text = in_one_line(text)
     found = [*_WITH.finditer(blanked(text))]
@@ -83,14 +83,14 @@ def cut_data(text: str) -> tuple[str, list[Wanted]]:
     head, tail = text[: place.start()], text[place.end() :]
     starts = [0, *(one.end() for one in _NEXT.finditer(blanked(tail)))]
     ends = [*(one.start() for one in _NEXT.finditer(blanked(tail))), len(tail)]
-    return head, [_wanted(tail[start:end]) for start, end in zip(starts, ends, strict=True)]
+    return head, [_field_value(tail[start:end]) for start, end in zip(starts, ends, strict=True)]
 
 
-def _wanted(text: str) -> Wanted:
+def _field_value(text: str) -> FieldValue:
     pair = _PAIR.fullmatch(text)
     if pair is None or not pair[2]:
         raise BadProperty(f"'{text}' is no FIELD=VALUE")
-    return Wanted(pair[1], pair[2])
+    return FieldValue(pair[1], pair[2])
 
 
 def in_one_line(text: str) -> str:

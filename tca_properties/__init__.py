@@ -1,0 +1,61 @@
+"""Properties of runs: what must always, never or at last be true. The explorer and ``tca check`` ask the same."""
+
+from tca_properties.algebra import (
+    Property,
+    always,
+    at_most,
+    at_most_in_all,
+    before,
+    eventually,
+    never,
+    never_stuck,
+    within,
+)
+from tca_properties.errors import BadProperty
+from tca_properties.language import property_from
+from tca_properties.predicates import (
+    achieved,
+    begun,
+    being_achieved,
+    failed,
+    fired,
+    handled,
+    handled_by,
+    killed,
+    planned,
+    planned_ahead,
+    queued,
+    recovering,
+    retried,
+    sent,
+    suspended,
+)
+
+__all__ = [
+    "BadProperty",
+    "Property",
+    "achieved",
+    "always",
+    "at_most",
+    "at_most_in_all",
+    "before",
+    "begun",
+    "being_achieved",
+    "eventually",
+    "failed",
+    "fired",
+    "handled",
+    "handled_by",
+    "killed",
+    "never",
+    "never_stuck",
+    "planned",
+    "planned_ahead",
+    "property_from",
+    "queued",
+    "recovering",
+    "retried",
+    "sent",
+    "suspended",
+    "within",
+]

@@ -1,0 +1,134 @@
+"""What properties see of a run after each event: explorations and journals each have such a world."""
+
+from collections.abc import Callable, Collection, Iterable
+from typing import Any, NamedTuple, Protocol
+
+from tca_wire.messages.formats import decode_untyped
+from tca_wire.points import END_ACHIEVING, END_PLANNING, START_ACHIEVING
+from tca_wire.vocabulary import MessageClass, Role
+
+Predicate = Callable[[Any], object]
+"""A function of the world: it gives the messages of which it is true, or whether it is true."""
+
+
+class Found(NamedTuple):
+    """What a predicate gave."""
+
+    is_true: bool
+    messages: Collection[Any] | None = None
+    """The messages of which it is true; None if it said only whether it is."""
+
+    @property
+    def number(self) -> int:
+        """Of how many messages it is true."""
+        return int(self.is_true) if self.messages is None else len(self.messages)
+
+    @classmethod
+    def of(cls, value: object) -> "Found":
+        """What the value of a function says."""
+        if isinstance(value, Iterable) and not isinstance(value, str | bytes):
+            messages = value if isinstance(value, Collection) else list(value)
+            return cls(bool(messages), messages)
+        return cls(bool(value), [value] if hasattr(value, "id") else None)
+
+
+class World(Protocol):
+    """What a property asks of the run. Predicates of users may ask for more: for what their own world has."""
+
+    def true_of(self, predicate: Predicate) -> Found:
+        """Of which messages it is true."""
+
+    def newly(self, predicate: Predicate) -> Found:
+        """Of which messages it has become true with the last event."""
+
+    @property
+    def passed(self) -> float:
+        """Seconds that passed with the last event."""
+
+
+class MessageView:
+    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query.
+
+    What ended with the last event is still there; what ended before is not.
+    """
+
+    __slots__ = ()
+
+    message: str
+    message_class: MessageClass
+    sender: str
+    body: bytes
+    reached: int
+    """Its moments so far; a killed task has reached all when it ends."""
+    role: Role
+    """Why central sent it; "": a module did."""
+    failure: str
+    """The failure that was raised on it and has not been dealt with."""
+    attempts: int
+    """How often it has been, or is to be, handled: each retry is one more."""
+    is_begun: bool
+    """A handler was given it."""
+    is_killed: bool
+    is_suspended: bool
+    is_over: bool
+    """It ended with the last event."""
+    is_new: bool
+    """It was sent with the last event."""
+    is_retried: bool
+    """It was retried with the last event."""
+    has_fired: bool
+    """Of a monitor: it sent its action with the last event."""
+
+    @property
+    def module(self) -> str:
+        """The module whose handler has it now."""
+        raise NotImplementedError
+
+    @property
+    def is_queued(self) -> bool:
+        """Whether it waits for a resource or for a handler."""
+        raise NotImplementedError
+
+    @property
+    def is_recovering(self) -> bool:
+        """Whether an exception handler is at work on its failure."""
+        raise NotImplementedError
+
+    @property
+    def data(self) -> Any:
+        """What was sent with it, as plain values; None of what is sent without, such as for a module that was lost."""
+        return decode_untyped(self.body) if self.body else None
+
+    def has(self, moment: int) -> bool:
+        """Whether it has reached *moment*."""
+        return bool(self.reached & moment)
+
+    @property
+    def is_handled(self) -> bool:
+        """Whether a handler has it now."""
+        return bool(self.module)
+
+    @property
+    def is_fire(self) -> bool:
+        """Whether a wiretap or a monitor has just sent it."""
+        return self.is_new and self.role in (Role.LISTENER, Role.ACTION)
+
+    @property
+    def is_planned(self) -> bool:
+        """Whether it and everything under it has been expanded; of a command always."""
+        return bool(self.reached & END_PLANNING)
+
+    @property
+    def is_being_achieved(self) -> bool:
+        """Whether its achieving has started and not ended."""
+        return bool(self.reached & START_ACHIEVING) and not self.reached & END_ACHIEVING
+
+    @property
+    def is_achieved(self) -> bool:
+        """Whether it was achieved, not killed, with the last event."""
+        return bool(self.reached & END_ACHIEVING) and not self.is_killed
+
+    @property
+    def is_planned_ahead(self) -> bool:
+        """Whether it was begun before it may be achieved."""
+        return self.is_begun and not self.reached & START_ACHIEVING
