@@ -2,27 +2,33 @@
 
 Theory of operation. ``handle`` takes one event, lets the row of HANDLERS for it record what happened, then settles:
 points are reached, startable tasks are given to resources, ended tasks are reported, until nothing moves. It returns
-what the world must do: first the journal entry with every fact, then the messages to send. The same events always
-give the same effects. The rules live apart and do not know each other: registry (who and what), task_tree (structure),
-agenda (points and constraints), resources and dispatcher (capacity and order); state.py puts them together, requests.py
-and joining.py say what each message means to them, and this file decides when.
+what the world must do: first the journal entry with every fact and its cause, then the messages to send. Each timer
+that is due by then comes before the event, as an entry of its own. The same events always give the same effects.
+
+The rules live apart and do not know each other: registry (who and what), task_tree (structure), agenda (points and
+constraints), resources and dispatcher (capacity and order); state.py puts them together, the files in requests/ say
+what each message means to them, and this file decides when.
 """
 
 from collections import deque
 from collections.abc import Callable
 from functools import partial
+from operator import attrgetter
 from typing import Any
+
+import msgspec
 
 from tca_central.control import keeping, monitors
 from tca_central.control import kills_and_suspension as control
 from tca_central.control import revoking as taking
 from tca_central.deadlock import resolve as deadlocks
 from tca_central.errors import RequestError
-from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
+from tca_central.events import BadBytes, Effect, Event, Received, Record, Tick, Transmit
 from tca_central.failing import attaching, failures
 from tca_central.locks import claims
-from tca_central.model.clock import Due
+from tca_central.model.clock import Timer
 from tca_central.model.registry import Connection
+from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability
 from tca_central.outgoing import direct_routes as direct
@@ -32,11 +38,11 @@ from tca_central.requests import variables as sharing
 from tca_central.requests import waiting as waits
 from tca_central.state import State
 from tca_central.watching import taps
-from tca_wire.journal import facts
+from tca_wire.journal import causes, facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, Refused
 from tca_wire.packets.routes import Noted, WatchEntrance
-from tca_wire.vocabulary import Outcome, Refusal, Role
+from tca_wire.vocabulary import Due, Outcome, Refusal, Role
 
 REMEMBERED_OUTCOMES = 10_000
 REMEMBERED_BYTES = 64 << 20
@@ -65,36 +71,60 @@ class Central(State):
 
     def handle(self, event: Event) -> list[Effect]:
         """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
-        self.events += 1
         self.clock.now = max(self.clock.now, event.time)
+        effects: list[Effect] = []
         while (timer := self.clock.take()) is not None:
+            self.events += 1
             TIMERS[timer.due](self, timer.subject)
-            self._settle()
+            effects += self._settled(event.time, causes.TimeOver, timer.due, _subject_of(timer))
+        if isinstance(event, Tick):
+            return effects
+        self.events += 1
+        connection = self.registry.connections.get(event.connection)
         if isinstance(event, Received):
-            self._on_message(event)
-        elif isinstance(event, ConnectionLost):
-            if connection := self.registry.connections.get(event.connection):
-                joining.leave(self, connection, event.why, lost=True)
+            header = event.header
+            self.origin = self._origin(connection, header)
+            self._on_message(event, connection)
+            connection = connection or self.registry.connections.get(event.connection)
+            told = getattr(header, "number", 0), type(header).__name__, self.origin
+            effects += self._settled(event.time, causes.Request, *_named(connection), *told)
+            self.origin = 0
         elif isinstance(event, BadBytes):
             self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
-        self._settle()
-        if self.facts and (self.blocked or self.claims):
-            deadlocks.has_happened(self)
-        effects = self.messages
-        if self.facts:
-            effects = [Record(facts.Entry(self.events, event.time, self.facts[:]), self.failed), *effects]
-            self.facts.clear()
-            if self.failed:
-                self.failed = {}
-        self.messages = []
+            effects += self._settled(event.time, causes.Request, *_named(connection), 0, "")
+        elif connection is not None:
+            joining.leave(self, connection, event.why, lost=True)
+            effects += self._settled(event.time, causes.ConnectionLost, *_named(connection))
         return effects
 
     # --- an event ----------------------------------------------------------------------------------------------
 
-    def _on_message(self, event: Received) -> None:
+    def _settled(self, time: float, kind: Callable[..., causes.Cause], *cause: Any) -> list[Effect]:
+        """Let all that follows happen, too; what is to be done about it and its cause."""
+        self._settle()
+        if self.facts and (self.blocked or self.claims):
+            deadlocks.has_happened(self)
+        effects, self.messages = self.messages, []
+        if self.facts:
+            entry = facts.Entry(self.events, time, self.facts[:], kind(*cause))
+            effects = [Record(entry, self.failed), *effects]
+            self.facts.clear()
+            if self.failed:
+                self.failed = {}
+        return effects
+
+    def _origin(self, connection: Connection | None, header: Any) -> int:
+        """The delivery whose handler sends this, if the module has it."""
+        read = ORIGINS[type(header)]
+        origin: int = read(header) if read is not None else 0
+        asking = self.dispatcher.attended.get(origin) if origin else None
+        if asking is None or asking.slot is None or connection is None:
+            return 0
+        return origin if asking.slot.module is connection.module else 0
+
+    def _on_message(self, event: Received, connection: Connection | None) -> None:
         header = event.header
         number = getattr(header, "number", 0)
-        connection = self.registry.connections.get(event.connection)
         if connection is None:
             if isinstance(header, headers.Hello):
                 self._guarded(event.connection, header.number, lambda: joining.hello(self, event.connection, header))
@@ -214,6 +244,25 @@ class Central(State):
                 self.forgotten = max(self.forgotten, oldest)
 
 
+def _named(connection: Connection | None) -> tuple[str, int]:
+    """A connection as causes name it."""
+    return ("?", 0) if connection is None else (connection.module.name, connection.number)
+
+
+def _subject_of(timer: Timer) -> int:
+    """The task, or the claim, that a timer is about."""
+    subject: Any = timer.subject
+    if subject is None:
+        return 0
+    return int(subject.id if isinstance(subject, Claim) else subject.task.id)
+
+
+def _origin_reader(kind: type[msgspec.Struct]) -> Callable[[Any], int] | None:
+    """What reads, from a message of a kind, the delivery whose handler sends it; None if it does not say."""
+    name = next((name for name in ("origin", "delivery") if name in kind.__struct_fields__), "")
+    return attrgetter(name) if name else None
+
+
 def _first_of(startable: list[Task]) -> list[Task]:
     """Those of several startable tasks that go before all others: all of one kind."""
     stranded = [task for task in startable if task.is_stranded]
@@ -260,6 +309,9 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     WatchEntrance: direct.on_watch_entrance,
 }
 """One row per message: what happens when it arrives."""
+
+ORIGINS = {kind: _origin_reader(kind) for kind in HANDLERS}
+"""For each message what reads, from one, the delivery whose handler sends it."""
 
 
 TIMERS: dict[Due, Callable[[Central, Any], None]] = {

@@ -7,7 +7,6 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 from collections import Counter
 
 from tca_central.control.kills_and_suspension import Ending
-from tca_central.model.clock import Due
 from tca_central.model.intervals import delivered_at
 from tca_central.model.registry import Delivery, ModuleResource
 from tca_central.model.task_tree import Task, first_moments, to_be_fired
@@ -27,7 +26,7 @@ from tca_wire.points import (
     TaskId,
 )
 from tca_wire.rules import ORDER
-from tca_wire.vocabulary import Role
+from tca_wire.vocabulary import Due, Role
 
 
 def check_invariants(central: State) -> None:

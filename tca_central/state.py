@@ -23,11 +23,12 @@ from tca_wire.vocabulary import MessageClass, Outcome
 class Collector:
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
-    __slots__ = ("asked", "connection", "end", "failures", "id", "number", "origin", "pending", "wanted")
+    __slots__ = ("asked", "connection", "end", "failures", "id", "message", "number", "origin", "pending", "wanted")
 
-    def __init__(self, connection: Connection, number: int, message_id: int, wanted: int, origin: int) -> None:
-        self.connection, self.number, self.id, self.wanted = connection, number, message_id, wanted
-        self.origin = origin  #: the delivery whose handler asks (0: none)
+    def __init__(self, connection: Connection, number: int, original: Delivery, wanted: int) -> None:
+        self.connection, self.number, self.wanted = connection, number, wanted
+        self.id, self.message = original.id, original.message
+        self.origin = original.origin  #: the delivery whose handler asks (0: none)
         self.pending: dict[int, Delivery] = {}
         self.asked: dict[int, str] = {}  #: by delivery: the module that got it
         self.failures: list[str] = []  #: who has failed, and with what
@@ -106,6 +107,16 @@ def cancelled(delivery: Delivery) -> headers.Cancelled:
     return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
 
 
+def dropped(delivery: Delivery, why: str) -> facts.Dropped:
+    """That a message, or a copy of it for one receiver, comes to nothing."""
+    return facts.Dropped(delivery.id, delivery.message.name, why, _copy_of(delivery))
+
+
+def _copy_of(delivery: Delivery) -> int:
+    """The message that a delivery for one receiver is a copy of; 0 if it is the message's own."""
+    return delivery.message_id if delivery.message_id != delivery.id else 0
+
+
 def deliver(delivery: Delivery) -> headers.Deliver:
     """The header by which a handler gets a delivery."""
     context = delivery.context.header if delivery.context is not None else None
@@ -149,7 +160,8 @@ class State:
         self.kept: dict[int, Kept] = {}  #: records of ended tasks that modules keep, by id, oldest first
         self.kept_bytes = 0  #: size of what they hold
         self.promises = 0  #: number of tasks, living or ended, that each module keeps, added up
-        self.events = 0  #: number of events handled
+        self.events = 0  #: number of events handled, and of timers
+        self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
         self.messages: list[Effect] = []
 
     def deliver(self, delivery: Delivery, slot: Connection) -> None:
@@ -160,7 +172,11 @@ class State:
         delivery.since = self.clock.now
         delivery.message.delivered += 1
         resource.delivered += 1
-        self.facts.append(facts.Delivered(delivery.given_as, delivery.message_id, resource.module, resource.name))
+        fact = facts.Delivered(
+            delivery.given_as, delivery.message_id, resource.module, resource.name, slot.number, delivery.nested,
+            delivery.priority,
+        )  # fmt: skip
+        self.facts.append(fact)
         if taps_of(delivery):
             self.agenda.happened.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
@@ -183,7 +199,9 @@ class State:
     def has_failed(self, delivery: Delivery, failure: Failure, *, is_beside: bool = False, by: str = "") -> None:
         """Note that a failure was raised on a task or message; beside the handler of a task by whom, and with what."""
         body = failure.body if is_beside else b""
-        self.facts.append(facts.Failed(delivery.id, failure.name, failure.text, is_beside, by, body))
+        self.facts.append(
+            facts.Failed(delivery.id, failure.name, failure.text, is_beside, by, body, _copy_of(delivery))
+        )
         what = delivery.message
         self.failed[delivery.id] = (
             str(delivery) if isinstance(delivery, Task) else f"{what.message_class} {delivery.id} '{what.name}'"

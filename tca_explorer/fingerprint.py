@@ -20,6 +20,7 @@ import msgspec
 from msgspec.structs import replace
 
 from tca_central.model.registry import MessageType
+from tca_central.model.task_tree import Verdict
 from tca_explorer.actors import Actor
 from tca_explorer.exchange import connection_of
 from tca_explorer.marks import Mark
@@ -32,7 +33,7 @@ IGNORED = {
     "Central": {
         "epoch",  # the same for all
         "events",  # numbers the journal's entries
-        "facts", "failed", "messages",  # empty between events
+        "facts", "failed", "messages", "origin",  # empty between events
         "suspects", "blocked", "look_after", "next_look", "scan", "has_closed",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached
@@ -52,7 +53,7 @@ IGNORED = {
         "_names",
     },
     "Connection": {
-        "id", "session", "answers", "last_number", "orphans", "late",  # addresses; scripts repeat nothing
+        "id", "session", "number", "answers", "last_number", "orphans", "late",  # addresses; scripts repeat nothing
         "handling", "waits", "pauses", "taken",  # met as what is handled and asked
     },
     "MessageType": {
@@ -230,6 +231,10 @@ class _Walk:
     def add_text(self, _: object, text: str) -> None:
         self.add(without_ids(text))
 
+    def add_verdict(self, _: object, verdict: Verdict) -> None:
+        self.add(without_ids(verdict.why))
+        self.add(verdict.by)  # who asked for it shows in the journal only
+
     # --- time --------------------------------------------------------------------------------------------------------
 
     def add_time(self, _: object, time: float | None) -> None:
@@ -318,7 +323,7 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Rare", "listeners"): _Walk.add_living,
     ("Recovery", "failure"): _Walk.add_failure,
     ("Recovery", "attached"): _Walk.add_attachment,
-    ("Ending", "why"): _Walk.add_text,
+    ("Ending", "verdict"): _Walk.add_verdict,
     ("Watch", "timers"): _Walk.add_timers,
     ("Watch", "began"): _Walk.add_beginning,
     ("Watch", "count"): _Walk.add_count,

@@ -4,7 +4,7 @@ WireError            do not raise or catch this one; it groups the others
 ├── ProtocolError    the peer sent bytes that are no legal message
 ├── BadData          user data does not fit the format of its message
 ├── BadFormat        a type cannot be a message format
-└── JournalDamaged   a journal is not one, comes from a later version, or is damaged before its tail
+└── JournalDamaged   a journal is not one, comes from an earlier version, or is damaged before its tail
 """
 
 

@@ -157,6 +157,18 @@ class Scope(StrEnum):
     SIBLINGS = "siblings"  # all other children of its parent, with everything under them
 
 
+class Due(StrEnum):
+    """What central waits for time to pass for."""
+
+    RELEASE = "release"  # a constraint's delay is over
+    DEADLINE = "deadline"  # a task's point should have been reached
+    KILL = "kill"  # a task shall end
+    TEST = "test"  # a polling monitor asks its condition
+    WATCHED = "watched"  # a monitor has watched long enough
+    LOOK = "look"  # see whether those who block will ever get what they wait for
+    CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
+
+
 CENTRAL = "central"
 """The sender of what central makes itself, and who did what it does for reasons of its own."""
 

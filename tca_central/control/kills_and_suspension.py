@@ -4,10 +4,10 @@ import msgspec
 
 from tca_central.errors import RequestError
 from tca_central.failing.failures import kill, raise_failure
-from tca_central.model.clock import Due, checked_seconds
+from tca_central.model.clock import checked_seconds
 from tca_central.model.intervals import SINGLE_MOMENTS
 from tca_central.model.registry import Connection, MessageType
-from tca_central.model.task_tree import Task
+from tca_central.model.task_tree import Task, Verdict
 from tca_central.outgoing.central_messages import make_task, suspend
 from tca_central.state import Failure, State
 from tca_wire.journal import facts
@@ -15,7 +15,7 @@ from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted
 from tca_wire.points import ROOT, Point, TaskId, describe_moments
-from tca_wire.vocabulary import Refusal, Role, Scope
+from tca_wire.vocabulary import Due, Refusal, Role, Scope
 
 MOST_PARTING = 100
 """Messages that may be kept for the termination of one task."""
@@ -30,10 +30,10 @@ MOST_PENDING = 1000
 class Ending:
     """That a task shall end when a point is reached, or some time after."""
 
-    __slots__ = ("by", "delay", "scope", "task", "why")
+    __slots__ = ("delay", "scope", "task", "verdict")
 
-    def __init__(self, task: Task, scope: Scope, delay: float, why: str, by: str) -> None:
-        self.task, self.scope, self.delay, self.why, self.by = task, scope, delay, why, by
+    def __init__(self, task: Task, scope: Scope, delay: float, verdict: Verdict) -> None:
+        self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
 
     def met(self, central: State, _: Task) -> None:
         """The point is reached."""
@@ -47,22 +47,21 @@ class Ending:
         if self.task.rare is not None:
             self.task.rare.pending.pop(self, None)
         if self._is_there(central):
-            _kill_scope(central, self.task, self.scope, self.why, self.by)
+            self._kill(central)
+
+    def _kill(self, central: State) -> None:
+        doomed = [self.task]
+        if self.scope is not Scope.TASK:
+            parent = self.task if self.scope is Scope.DESCENDANTS else self.task.parent
+            assert parent is not None
+            children = (parent.children or {}).values()
+            doomed = [child for child in children if child is not self.task and not child.survives]
+        for task in doomed:
+            kill(central, task, self.verdict)
 
     def _is_there(self, central: State) -> bool:
         """Whether the task has not ended, perhaps by what let the point be reached."""
         return self.task.id == ROOT or self.task.id in central.tree.tasks
-
-
-def _kill_scope(central: State, task: Task, scope: Scope, why: str, by: str) -> None:
-    if scope is Scope.TASK:
-        kill(central, task, why, by)
-        return
-    parent = task if scope is Scope.DESCENDANTS else task.parent
-    assert parent is not None
-    for child in list((parent.children or {}).values()):
-        if child is not task and not child.survives:
-            kill(central, child, why, by)
 
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
@@ -79,7 +78,8 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         central.ignore(connection, header.number, f"task {header.task} has ended: it can't be killed")
         return
     by = connection.module.name
-    ending = Ending(task, header.scope, header.delay, header.why or f"by module '{by}'", by)
+    verdict = Verdict(header.why, by, central.origin)
+    ending = Ending(task, header.scope, header.delay, verdict)
     at = central.tree.task(header.after.task) if header.after is not None else None
     if header.after is not None and at is not None and not at.reached & _moment(header.after):
         _check_pending(task)
@@ -95,7 +95,8 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
 
 
 def _planned(ending: Ending, after: Point | None) -> facts.KillPlanned:
-    return facts.KillPlanned(TaskId(ending.task.id), ending.scope, after, ending.delay, ending.why, ending.by)
+    why, by = ending.verdict.why, ending.verdict.by
+    return facts.KillPlanned(TaskId(ending.task.id), ending.scope, after, ending.delay, why, by)
 
 
 def _sent_with(connection: Connection, request: int) -> TaskId:
@@ -138,6 +139,7 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
     if len(task.more.parting) >= MOST_PARTING:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_PARTING} messages wait for the termination of {task} already")
     task.more.parting.append((message, body))
+    central.facts.append(facts.SendPlanned(TaskId(task.id), message.name, body))
 
 
 # --- suspend ---------------------------------------------------------------------------------------------------------

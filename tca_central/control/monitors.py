@@ -9,7 +9,6 @@ else under its parent has ended.
 
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, raise_failure
-from tca_central.model.clock import Due
 from tca_central.model.registry import Connection
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import data_for, make, make_delivery
@@ -24,7 +23,7 @@ from tca_wire.packets.headers import Accepted, Answer
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import Point, TaskId
 from tca_wire.rules import DELIVERED
-from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
+from tca_wire.vocabulary import Due, MessageClass, Outcome, Refusal, Role
 
 FALSE, TRUE = b"\xc2", b"\xc3"  # as MessagePack
 

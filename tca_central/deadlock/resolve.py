@@ -17,7 +17,6 @@ from tca_central.control.revoking import is_kept, take_away
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import take
-from tca_central.model.clock import Due
 from tca_central.model.registry import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
@@ -30,7 +29,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets.headers import Refused
 from tca_wire.points import END_ACHIEVING, describe_moments
-from tca_wire.vocabulary import Refusal, Role
+from tca_wire.vocabulary import Due, Refusal, Role
 
 PATIENCE = 1000
 """Edges of the graph that are looked at in an event in which something begins to wait."""

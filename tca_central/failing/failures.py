@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from tca_central.errors import RequestError
 from tca_central.locks import claims
 from tca_central.model.registry import Attached, Connection, Delivery
-from tca_central.model.task_tree import Task
+from tca_central.model.task_tree import Task, Verdict
 from tca_central.order.cycles import Place, find_path
 from tca_central.outgoing.central_messages import make_task, suspend
 from tca_central.state import Failure, Recovery, State
@@ -201,12 +201,12 @@ def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
     """
     undecided = None if NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) else _enclosing(task)
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
-    why = f"failure '{failure.name}' of {task} was not handled"
+    verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=task.id)
     if undecided is None:
-        _end_all(central, task, failure, why)
+        _end_all(central, task, failure, verdict)
         return None
     had_decided, undecided.more.is_void = undecided.more.is_void, True
-    kill(central, undecided, why)
+    kill(central, undecided, verdict)
     if had_decided:
         return None
     trouble: Recovery = undecided.context
@@ -225,7 +225,7 @@ def _also(first: Failure, undecided: Task, why: str) -> Failure:
     return first._replace(text=_shortened(f"{told}{newline}{rest}"))
 
 
-def _end_all(central: State, task: Task, failure: Failure, why: str) -> None:
+def _end_all(central: State, task: Task, failure: Failure, verdict: Verdict) -> None:
     """The top-level task ends, and its sender is told of the failure."""
     top = task.top_level()
     exceptions = [above for above in task.lineage() if above.role is Role.EXCEPTION]
@@ -233,17 +233,16 @@ def _end_all(central: State, task: Task, failure: Failure, why: str) -> None:
     if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
         top.failure, top.is_dealt_with = (failure.name, text, failure.body), False
-    kill(central, top, why)
+    kill(central, top, verdict)
     for exception in reversed(exceptions):  # they survive what kills others, but not that they fail themselves
-        kill(central, exception, why)
+        kill(central, exception, verdict)
 
 
-def kill(central: State, task: Task, why: str, by: str = CENTRAL) -> None:
-    """End a task and all under it, as *by* wants. A handler that runs is never interrupted: it is told, and its task
-    ends when it has returned. What was to be done on termination is done now; a killed exception handler has decided
-    nothing.
+def kill(central: State, task: Task, verdict: Verdict) -> None:
+    """End a task and all under it. A handler that runs is never interrupted: it is told, and its task ends when it has
+    returned. What was to be done on termination is done now; a killed exception handler has decided nothing.
     """
-    killed = central.agenda.kill(task, why, by)
+    killed = central.agenda.kill(task, verdict)
     new = {one.id for one in killed}
     for one in killed:
         happened(central, one, KILLED)
@@ -258,13 +257,13 @@ def kill(central: State, task: Task, why: str, by: str = CENTRAL) -> None:
         if central.claimed_for:
             claims.killed(central, one)
         if one.rare is not None:
-            _leave_behind(central, one, why, by)
+            _leave_behind(central, one, verdict)
         if one.role is Role.EXCEPTION and not one.more.is_void:
             one.more.is_void = True
             _search_on(central, one)
 
 
-def _leave_behind(central: State, task: Task, why: str, by: str) -> None:
+def _leave_behind(central: State, task: Task, verdict: Verdict) -> None:
     """What else the kill of a task brings about."""
     assert task.rare is not None
     if task.reached & START_HANDLING:
@@ -274,7 +273,7 @@ def _leave_behind(central: State, task: Task, why: str, by: str) -> None:
         stop(central, task.rare.watch, "it was killed")
     for listener in task.rare.listeners:
         if listener.reached != ALL_MOMENTS:
-            kill(central, listener, why, by)
+            kill(central, listener, verdict)
 
 
 def pass_over(central: State, handler: Delivery) -> None:
@@ -285,7 +284,7 @@ def pass_over(central: State, handler: Delivery) -> None:
     why = f"nobody handles '{handler.message.name}' any more"
     trouble: Recovery = handler.context
     trouble.failure = _also(trouble.failure, handler, why)
-    kill(central, handler, why)
+    kill(central, handler, Verdict(why))
 
 
 # --- what an exception handler decides -------------------------------------------------------------------------------
@@ -319,11 +318,11 @@ def handler_ended(central: State, handler: Task) -> None:
         central.agenda.returned(failing)
 
 
-def _asking(connection: Connection, task: Task) -> Task | None:
+def _asking(central: State, task: Task) -> Task | None:
     """The exception handler that asks for a retry; None if somebody else does. Raises RequestError if it wants to retry
     what is not on the way from the failing task up: one that retried itself would go on for ever.
     """
-    asking = next(reversed(connection.handling), None)
+    asking = central.dispatcher.attended.get(central.origin)
     if not isinstance(asking, Task) or not isinstance(asking.context, Recovery):
         return None
     failing = asking.context.failing
@@ -359,7 +358,7 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
         central.ignore(connection, header.number, f"{ended}: it can't be retried")
         return
-    asking = _asking(connection, task)
+    asking = _asking(central, task)
     _check_order(central, task, asking)
     if task.rare is not None and task.rare.watch is not None:
         stop(central, task.rare.watch, "it is retried")
@@ -369,10 +368,10 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     by = connection.module.name
     central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b"", by))
     if task.reached & START_HANDLING:
-        why = f"{task} is retried"
+        verdict = Verdict(f"{task} is retried", by, central.origin)
         for child in list((task.children or {}).values()):
             if not (child.survives or child.is_guest):
-                kill(central, child, why, by)
+                kill(central, child, verdict)
         if asking is not None and asking not in task.more.asking:
             task.more.asking[asking] = None
             asking.more.asked.append(task)

@@ -7,7 +7,7 @@ is *kept* when the handler that made it has returned: others wait then for the e
 """
 
 from tca_central.errors import RequestError
-from tca_central.model.clock import Due, checked_seconds
+from tca_central.model.clock import checked_seconds
 from tca_central.model.registry import Connection, Delivery, Module, ModuleResource, Taken
 from tca_central.model.resources import Claim, Resource
 from tca_central.outgoing.direct_routes import review_copies
@@ -17,7 +17,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer, Refused, ToModule
-from tca_wire.vocabulary import Outcome, Refusal
+from tca_wire.vocabulary import Due, Outcome, Refusal
 
 MOST_CLAIMS = 1000
 """Claims that may wait for one resource."""

@@ -2,25 +2,12 @@
 
 import heapq
 import math
-from enum import StrEnum
 
 from tca_central.errors import RequestError
-from tca_wire.vocabulary import LONGEST_TIME, Refusal
+from tca_wire.vocabulary import LONGEST_TIME, Due, Refusal
 
 VOID_TIMERS = 64
 """Cancelled timers that may be kept beyond as many as there are others."""
-
-
-class Due(StrEnum):
-    """What a timer is for; TIMERS in core.py says what is done."""
-
-    RELEASE = "release"  # a constraint's delay is over
-    DEADLINE = "deadline"  # a task's point should have been reached
-    KILL = "kill"  # a task shall end
-    TEST = "test"  # a polling monitor asks its condition
-    WATCHED = "watched"  # a monitor has watched long enough
-    LOOK = "look"  # see whether those who block will ever get what they wait for
-    CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
 
 
 class Timer:

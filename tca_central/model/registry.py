@@ -53,13 +53,14 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "module", "orphans", "outstanding",
-                 "pauses", "pulse", "resource", "routes", "session", "taken", "waits", "watchers",
+    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "module", "number", "orphans",
+                 "outstanding", "pauses", "pulse", "resource", "routes", "session", "taken", "waits", "watchers",
                  "watches")  # fmt: skip
 
-    def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
+    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
         self.session = session  #: names it across reconnects
+        self.number = number  #: which of its module's it is
         self.module = module
         self.pulse = b""  #: of its process, for the server
         self.resource: ModuleResource | None = None

@@ -4,14 +4,14 @@ Only tasks that have not ended are here; what has ended lives on in the journal.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
 from tca_central.model.intervals import STARTS
 from tca_central.model.registry import Attached, Connection, Delivery, MessageType, Module, Tap
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
 from tca_wire.rules import DELIVERY
-from tca_wire.vocabulary import Outcome, Refusal, Role
+from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
 
 
 class Rare:
@@ -164,6 +164,15 @@ class Siblings:
         while self._order and self._order[-1] not in self.living:
             self._order.pop()
         return self.living[self._order[-1]] if self._order else None
+
+
+class Verdict(NamedTuple):
+    """Why a task is killed."""
+
+    why: str
+    by: str = CENTRAL  #: the module that wants it, or central
+    origin: int = 0  #: the delivery whose handler asked for it (0: none)
+    failed: int = ROOT  #: the task whose failure nobody handled, if it is for that
 
 
 class Kept:

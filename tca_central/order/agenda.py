@@ -14,7 +14,7 @@ from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
 from tca_central.model.intervals import STARTS, delivered_at
 from tca_central.model.registry import Delivery, Tap
-from tca_central.model.task_tree import Task, TaskTree, first_moments, taps_of, to_be_fired
+from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, taps_of, to_be_fired
 from tca_central.order.holds import Holds, Release, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Killed, Reached, TimedOut
@@ -30,7 +30,6 @@ from tca_wire.points import (
 )
 from tca_wire.rules import AT_BIRTH, KILLED, ORDER
 from tca_wire.text.facts_in_words import kill_reason
-from tca_wire.vocabulary import CENTRAL
 
 
 class Agenda:
@@ -80,7 +79,7 @@ class Agenda:
         task.suspended = parent.suspended and not task.role.leaves_safe
         is_late = parent.again and not (task.role or task.is_guest)
         if (parent.killed or is_late) and not task.survives:
-            self.kill(task, parent.killed or f"{parent} is retried")
+            self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.happened.append((task, KILLED))
         self._look_at.append(task)
         if parent.returned and task.is_watcher:  # there may be nothing left to watch over
@@ -156,15 +155,17 @@ class Agenda:
             self._facts.append(TimedOut(release.constraint))
         self._look_at.append(release.task)
 
-    def kill(self, task: Task, why: str, by: str = CENTRAL) -> list[Task]:
-        """End a task and all below it but what survives, as *by* wants; those that were not killed before, parents
-        first. What waits for them is released: at once, or when the running handlers below have returned.
+    def kill(self, task: Task, verdict: Verdict) -> list[Task]:
+        """End a task and all below it but what survives; those that were not killed before, parents first. What waits
+        for them is released: at once, or when the running handlers below have returned.
         """
         killed = [doomed for doomed in self.tree.doomed(task) if not doomed.killed]
-        reason = kill_reason(why, by)
+        reason = kill_reason(verdict.why, verdict.by)
         for doomed in killed:
             doomed.killed = reason
-            self._facts.append(Killed(TaskId(doomed.id), why, by))
+            self._facts.append(
+                Killed(TaskId(doomed.id), verdict.why, verdict.by, verdict.origin, TaskId(verdict.failed))
+            )
         self.holds.bequeath(killed)
         for doomed in killed:
             if not doomed.is_running:

@@ -72,7 +72,7 @@ class Dispatcher:
         delivery.since = self._clock.now
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
-            self._facts.append(Queued(delivery.given_as, delivery.message_id, "", ""))
+            self._facts.append(_queued(delivery, "", ""))
             if delivery.is_stranded:
                 self.stranded.append(delivery)
             return
@@ -83,7 +83,7 @@ class Dispatcher:
         if not goes_on:
             self._suspects.append(delivery)
         first = resources[0]
-        self._facts.append(Queued(delivery.given_as, delivery.message_id, first.module, first.name))
+        self._facts.append(_queued(delivery, first.module, first.name))
         for resource in resources:
             if limit := resource.limits.get(delivery.message.name):
                 self._keep_within(limit, delivery, resource)
@@ -289,6 +289,10 @@ class Dispatcher:
         found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
         found.update(message.waiting)
         return sorted(found.values(), key=lambda delivery: delivery.arrival)
+
+
+def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
+    return Queued(delivery.given_as, delivery.message_id, module, resource, delivery.priority)
 
 
 def _goes_on(resource: ModuleResource) -> bool:

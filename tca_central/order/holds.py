@@ -8,7 +8,7 @@ follower go by a timer, set when the leader's point is reached. Knows points; no
 from typing import NamedTuple
 
 from tca_central.errors import RequestError
-from tca_central.model.clock import Clock, Due, checked_seconds
+from tca_central.model.clock import Clock, checked_seconds
 from tca_central.model.intervals import SINGLE_MOMENTS, STARTS, unified
 from tca_central.model.task_tree import Task, TaskTree
 from tca_central.order.cycles import Place, find_path
@@ -33,7 +33,7 @@ from tca_wire.points import (
     TaskId,
 )
 from tca_wire.rules import NO_LATER
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import Due, Refusal
 
 _SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
 _PLAN_FIRST, _DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)

@@ -1,9 +1,8 @@
 """One message to many handlers: a delivery of its own for each. Knows nothing of replies."""
 
 from tca_central.model.registry import Delivery, ModuleResource
-from tca_central.state import State
+from tca_central.state import State, dropped
 from tca_central.status.whereabouts import why_full
-from tca_wire.journal import facts
 
 
 def copy_of(central: State, original: Delivery) -> Delivery:
@@ -29,12 +28,12 @@ def route_statement(central: State, original: Delivery) -> None:
     for copy, resource in for_each:
         route_or_drop(central, copy, resource)
     if not for_each:
-        central.facts.append(facts.Dropped(original.id, "nobody listens"))
+        central.facts.append(dropped(original, "nobody listens"))
 
 
 def route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
     """Deliver or queue what nobody waits for; too much of it is dropped."""
     if central.dispatcher.is_full(delivery.message, *targets):
-        central.facts.append(facts.Dropped(delivery.id, why_full(delivery.message, *targets)))
+        central.facts.append(dropped(delivery, why_full(delivery.message, *targets)))
     else:
         central.dispatcher.route(delivery, *targets)

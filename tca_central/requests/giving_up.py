@@ -4,7 +4,7 @@ from tca_central.locks.claims import give_up_claim
 from tca_central.model.registry import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.outgoing.availability import HandledWait
-from tca_central.state import Collector, State, TaskWait
+from tca_central.state import Collector, State, TaskWait, dropped
 from tca_central.status.whereabouts import end_of, why_not_reached, why_unanswered
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -73,10 +73,10 @@ def give_up(central: State, connection: Connection, number: int, why: str = GAVE
     elif isinstance(due, Collector):
         for delivery in due.pending.values():
             _abandon(central, delivery)
-        central.facts.append(facts.Dropped(due.id, why))
+        central.facts.append(facts.Dropped(due.id, due.message.name, why))
     elif isinstance(due, Delivery):
         _abandon(central, due)
-        central.facts.append(facts.Dropped(due.id, why))
+        central.facts.append(dropped(due, why))
 
 
 def _abandon(central: State, delivery: Delivery) -> None:

@@ -12,7 +12,7 @@ from tca_central.outgoing import notices
 from tca_central.requests.giving_up import give_up
 from tca_central.requests.sending import fail_delivery
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
-from tca_central.state import Failure, State, cancelled, deliver
+from tca_central.state import Failure, State, cancelled, deliver, dropped
 from tca_central.watching.taps import happened, listeners_come
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
@@ -44,7 +44,7 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         connection.id = connection_id
         registry.connections[connection_id] = connection
     else:
-        connection = Connection(connection_id, session, module)
+        connection = Connection(connection_id, session, module, header.connection)
         connection.entrance = header.entrance if header.resource else None
         _join(central, connection, header.resource)
     connection.pulse = header.pulse
@@ -183,7 +183,7 @@ def _tell(central: State, module: Module, notice: Notice[D], data: D) -> None:
 def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
     """What only that handler could have finished."""
     if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
-        central.facts.append(facts.Dropped(delivery.id, f"module '{module.name}' left before it began with it"))
+        central.facts.append(dropped(delivery, f"module '{module.name}' left before it began with it"))
         return
     if isinstance(delivery, Task) and delivery.given_as != delivery.id:
         central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
@@ -267,7 +267,7 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
         if delivery.message.message_class.has_reply:
             fail_delivery(central, delivery, Failure(MODULE_LOST, why))
         else:
-            central.facts.append(facts.Dropped(delivery.id, why))
+            central.facts.append(dropped(delivery, why))
     direct.review(central, [handler.message for handler in handlers])
 
 

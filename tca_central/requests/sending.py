@@ -17,11 +17,11 @@ from tca_central.failing.failures import fail_task, failure_of, kill, reissue
 from tca_central.locks.claims import end_with, outlive, taken_from
 from tca_central.model.clock import checked_seconds
 from tca_central.model.registry import Connection, Delivery, MessageType
-from tca_central.model.task_tree import Task
+from tca_central.model.task_tree import Task, Verdict
 from tca_central.outgoing.central_messages import at_birth
 from tca_central.outgoing.direct_routes import tell_sender
 from tca_central.outgoing.fan_out import copies, route_statement
-from tca_central.state import Collector, Failure, State
+from tca_central.state import Collector, Failure, State, dropped
 from tca_central.status import topics as status
 from tca_central.status.whereabouts import end_of, summary, why_full
 from tca_central.watching.taps import happened
@@ -115,7 +115,7 @@ def _route_multi_query(
     original = _make(central, connection, header, message, body)
     for_each = copies(central, original)
     wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
-    collector = Collector(connection, header.number, original.id, wanted, header.origin)
+    collector = Collector(connection, header.number, original, wanted)
     connection.outstanding[header.number] = collector
     for copy, resource in for_each:
         collector.pending[copy.id], collector.asked[copy.id] = copy, resource.module
@@ -292,11 +292,11 @@ def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
 def displace(central: State, delivery: Delivery, why: str) -> None:
     """A delivery that waited gave way to a newer one of its message: whoever waits for it is told."""
     if isinstance(delivery, Task):
-        kill(central, delivery, f"{OVERLOAD}: {why}")
+        kill(central, delivery, Verdict(f"{OVERLOAD}: {why}"))
     elif delivery.message.message_class.has_reply:
         fail_delivery(central, delivery, Failure(OVERLOAD, why))
     else:
-        central.facts.append(facts.Dropped(delivery.id, why))
+        central.facts.append(dropped(delivery, why))
 
 
 def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()) -> None:

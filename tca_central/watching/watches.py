@@ -5,7 +5,7 @@ from tca_central.model.clock import Timer, checked_seconds
 from tca_central.model.registry import Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import data_for, make
-from tca_central.state import State, involved
+from tca_central.state import State, dropped, involved
 from tca_wire.journal import facts
 from tca_wire.packets.parts import Watching, WatchOptions
 from tca_wire.points import TaskId
@@ -132,7 +132,7 @@ def stop(central: State, watch: Watch, why: str) -> None:
         watch.condition = None
         if condition.queues is not None:
             central.dispatcher.withdraw(condition)
-            central.facts.append(facts.Dropped(condition.id, "its monitor has ended"))
+            central.facts.append(dropped(condition, "its monitor has ended"))
         del central.asked[condition.id]
     if watch.began is None:
         return

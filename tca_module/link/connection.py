@@ -18,7 +18,7 @@ from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeou
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
 from tca_module.session.epoch_numbers import foreign, numbers_in
 from tca_module.session.open_deliveries import KILLED, wake_error, working_on
-from tca_module.session.request import Request, check_addressee, waits_for_others
+from tca_module.session.request import Request, check_addressee, origin_of, waits_for_others
 from tca_module.session.session import Session
 from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
@@ -216,7 +216,9 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             if request.is_unannounced:
                 self.line.catch_up()
             if request.is_unannounced:
-                request.is_announced = self.session.post(Await(request.header.number, blocking))
+                request.is_announced = self.session.post(
+                    Await(request.header.number, blocking, origin_of(request.header))
+                )
                 self.line.flush()
 
     def abandon(self, request: Request) -> None:
@@ -244,7 +246,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Want no longer the lock that a request has got; whether it was had until now. *at_once*: central is told, and
         not waited for. Else raises CentralLost if it does not answer; it is told as soon as it does.
         """
-        header = Release(0, request.header.number)
+        header = Release(0, request.header.number, origin_of(request.header))
         if self.is_taken(request) or at_once:
             self.session.request(header)
             self.line.flush()

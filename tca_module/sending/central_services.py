@@ -135,7 +135,8 @@ class CentralServices:
         """
         check("unlock()", checks.NAME, resource=resource)
         check("unlock()", checks.NAME_OR_NONE, module=module)
-        return bool(self._connection().call(Unlock(0, resource, module or ""), f"unlocking resource '{resource}'"))
+        header = Unlock(0, resource, module or "", self._origin)
+        return bool(self._connection().call(header, f"unlocking resource '{resource}'"))
 
     # --- what is attached ------------------------------------------------------------------------------------------
 
@@ -148,7 +149,8 @@ class CentralServices:
         that number, or it is a task.
         """
         check("detach()", checks.NUMBER, number=number)
-        return bool(self._connection().call(Remove(0, number, for_all=True), f"detaching {number}"))
+        header = Remove(0, number, for_all=True, origin=self._origin)
+        return bool(self._connection().call(header, f"detaching {number}"))
 
     def _claim(
         self, resource: str, module: str | None, timeout: float | None, priority: int, *, reserve: bool

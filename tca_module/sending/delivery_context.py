@@ -70,13 +70,13 @@ class MonitorRef(TaskRef, Generic[D]):
             body = action.encode_data(data)
             self._connection.declare(action)
         name = action.name if action is not None else ""
-        return self._steer(Fire(0, self.id, name), f"firing {self}", body)
+        return self._steer(Fire(0, self.id, name, self._origin), f"firing {self}", body)
 
     def end(self) -> bool:
         """Watch no longer, or not at all if it has not begun; what the monitor has sent comes to its own end. False if
         it had ended already.
         """
-        return self._steer(EndMonitor(0, self.id), f"ending {self}")
+        return self._steer(EndMonitor(0, self.id, self._origin), f"ending {self}")
 
     def _check_action(self, action: Any) -> None:
         if action is None and not self.action:

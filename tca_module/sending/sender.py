@@ -129,7 +129,8 @@ class Sender(Watching):
         for constraint in constraints:
             check("constrain()", checks.CONSTRAINT, each=constraint)
         if constraints:
-            self._connection().call(Constrain(0, list(constraints)), f"constraint {', '.join(map(str, constraints))}")
+            header = Constrain(0, list(constraints), self._origin)
+            self._connection().call(header, f"constraint {', '.join(map(str, constraints))}")
 
     # --- questions -------------------------------------------------------------------------------------------------
 

@@ -87,6 +87,7 @@ class AttachmentRef:
         self._attachments = connection.session.attachments
         self._standing = self._attachments.of(header)
         self._number = number  # of what is attached to a task
+        self._origin = header.origin
 
     @property
     def id(self) -> int:
@@ -101,7 +102,8 @@ class AttachmentRef:
         if self._standing is not None:
             self._attachments.forget(self._standing, connection.session.epoch)
         try:
-            connection.call(Remove(0, self.id), f"removing {self.id}")
+            origin = 0 if foreign([self._origin], connection.session.epoch) else self._origin
+            connection.call(Remove(0, self.id, origin=origin), f"removing {self.id}")
         except CentralLost:
             if foreign([self.id], connection.session.epoch) is None:
                 raise
@@ -192,7 +194,7 @@ class TaskRef(TaskIntervals):
         check(what, checks.SECONDS, delay=delay)
         check(what, checks.SCOPE, scope=scope)
         check(what, checks.POINT_OR_NONE, after=after)
-        return self._steer(Kill(0, self.id, why, scope, after, delay), what)
+        return self._steer(Kill(0, self.id, why, scope, after, delay, origin=self._origin), what)
 
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
         """Send *message* when the task is killed after it was started: to leave things safe (TDL: ON TERMINATE).
@@ -218,7 +220,7 @@ class TaskRef(TaskIntervals):
         what = f"a deadline of {self}"
         check(what, checks.DURATION, seconds=seconds)
         check(what, checks.POINT_OR_NONE, point=point)
-        return self._steer(Deadline(0, point or self.achieving.end, seconds), what)
+        return self._steer(Deadline(0, point or self.achieving.end, seconds, self._origin), what)
 
     # --- failures --------------------------------------------------------------------------------------------------
 
@@ -235,7 +237,7 @@ class TaskRef(TaskIntervals):
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
-        header = Attach(0, wanted, self.id)
+        header = Attach(0, wanted, self.id, origin=self._origin)
         number = self._connection.call(header, f"attaching '{handler.name}' to {self}")
         return AttachmentRef(self._connection, number, header)
 
@@ -245,7 +247,7 @@ class TaskRef(TaskIntervals):
         False if the task had ended, or been killed.
         """
         check_raised(failure)
-        header = Raise(0, self.id, failure.name, failure.text, failure.kinds)
+        header = Raise(0, self.id, failure.name, failure.text, failure.kinds, self._origin)
         return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
     def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
@@ -261,7 +263,7 @@ class TaskRef(TaskIntervals):
         if message is not None and message.name != self.message:
             raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
         body = message.encode_data(data) if message is not None else b""
-        return self._steer(Retry(0, self.id, message is not None), f"a retry of {self}", body)
+        return self._steer(Retry(0, self.id, message is not None, self._origin), f"a retry of {self}", body)
 
     # --- suspending ------------------------------------------------------------------------------------------------
 
@@ -269,11 +271,11 @@ class TaskRef(TaskIntervals):
         """Start nothing of the task and what is under it from now on; handlers that run are told. False if the task had
         ended.
         """
-        return self._steer(Suspend(0, self.id), f"suspending {self}")
+        return self._steer(Suspend(0, self.id, origin=self._origin), f"suspending {self}")
 
     def resume(self) -> bool:
         """Let it go on, also one that was not suspended. False if the task had ended."""
-        return self._steer(Suspend(0, self.id, resume=True), f"resuming {self}")
+        return self._steer(Suspend(0, self.id, resume=True, origin=self._origin), f"resuming {self}")
 
     # --- what is remembered ----------------------------------------------------------------------------------------
 
@@ -292,11 +294,11 @@ class TaskRef(TaskIntervals):
         more, and ("too late") if the task has ended already. Of records that hold more than 64 MiB the oldest are
         forgotten, with all under them.
         """
-        self._connection.call(Keep(0, self.id), f"keeping {self}")
+        self._connection.call(Keep(0, self.id, origin=self._origin), f"keeping {self}")
 
     def release(self) -> None:
         """Have it remembered no longer, as far as this module is concerned; nothing happens if it was not kept."""
-        self._connection.call(Keep(0, self.id, release=True), f"releasing {self}")
+        self._connection.call(Keep(0, self.id, release=True, origin=self._origin), f"releasing {self}")
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
         """The ended tasks under it that are kept, in the order in which they ended; their ``info()`` tells how."""

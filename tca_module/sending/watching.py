@@ -89,7 +89,7 @@ class Watching(CentralServices):
             check("on_failure()", checks.FAILS, of=of)
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
-        header = Attach(0, wanted, ROOT, of.name if of is not None else "")
+        header = Attach(0, wanted, ROOT, of.name if of is not None else "", self._origin)
         return AttachmentRef(connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header)
 
     def tap(
@@ -126,7 +126,7 @@ class Watching(CentralServices):
         else:
             connection = self._declare(listener, tapped)
             name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
-        header = Tap(0, condition, listener.name, name, task_id, watch)
+        header = Tap(0, condition, listener.name, name, task_id, watch, self._origin)
         return AttachmentRef(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
 
     def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorRef[D]:

@@ -52,7 +52,7 @@ class LastingAttachments:
         """Central has accepted it. As in central, the same wiretap is the one from before, and anything else that is
         attached alike takes the place of the one before, as the newest.
         """
-        header, key = msgspec.structs.replace(header, number=0), _key(header)
+        header, key = msgspec.structs.replace(header, number=0, origin=0), _key(header)
         with self._lock:
             before = self._wanted.get(key)
             if before is not None and isinstance(header, Tap) and before.header == header:

@@ -142,6 +142,12 @@ def refers_to_tasks(header: Any) -> bool:
     return not isinstance(header, _WITHOUT_TASKS) and not is_lasting(header)
 
 
+def origin_of(header: Any) -> int:
+    """The delivery whose handler made a request (0: none)."""
+    origin: int = getattr(header, "origin", 0)
+    return origin
+
+
 def check_addressee(header: Any, numbers: list[Given], before: str, now: str) -> None:
     """Raise CentralLost if the central of epoch *now* is not the one that a header, with these *numbers*, is for. One
     with none but plain numbers is for the central that was known *before*, when the caller gave it.

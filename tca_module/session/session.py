@@ -22,7 +22,14 @@ from tca_module.session.epoch_numbers import RESTARTED, Given, foreign, numbers_
 from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
 from tca_module.session.open_deliveries import OpenDeliveries
 from tca_module.session.redeclaration import Redeclaration
-from tca_module.session.request import Request, check_fields, is_for_any_central, may_be_asked_again, refers_to_tasks
+from tca_module.session.request import (
+    Request,
+    check_fields,
+    is_for_any_central,
+    may_be_asked_again,
+    origin_of,
+    refers_to_tasks,
+)
 from tca_wire.packets import headers
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
@@ -153,9 +160,10 @@ class Session:
         if request.path is not None:
             request.path.abandon(request)
         elif self._requests.pop(number, None) is not None and request.wants_answer:
-            self.post(headers.GiveUp(number))
+            self.post(headers.GiveUp(number, origin=origin_of(request.header)))
         elif self.is_recalled(request.header):
-            self.request(headers.Kill(0, ROOT, "its sender has given it up, and does not know it", request=number))
+            why, origin = "its sender has given it up, and does not know it", origin_of(request.header)
+            self.request(headers.Kill(0, ROOT, why, request=number, origin=origin))
 
     def give_up(self, request: Request) -> Request | None:
         """The same of what took too long, and ask central why it did; None of what went without central."""
@@ -164,7 +172,7 @@ class Session:
             return None
         number = request.header.number
         self._requests.pop(number, None)
-        return self.request(headers.GiveUp(number), wants_answer=True)
+        return self.request(headers.GiveUp(number, origin=origin_of(request.header)), wants_answer=True)
 
     def fate_of(self, request: Request) -> str:
         """What becomes of a request that was given up, in words."""

@@ -184,7 +184,8 @@ def _stood(run: Run) -> dict[tuple[Topic, str], Sum]:
             add(Topic.HANDLER, queueing.message_id, queueing.start, queueing.end, who)
     for suspension in run.suspensions():
         if (since := suspension.standstill) is not None:
-            who = run.describe(suspension.task) + (f" suspended{by_whom(suspension.by)}" if suspension.by else "")
+            whom = by_whom(suspension.by)
+            who = run.describe(suspension.task) + (f" suspended{whom}" if whom else "")
             add(Topic.SUSPENDED, suspension.task, since, suspension.end, who)
     return found
 

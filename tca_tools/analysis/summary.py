@@ -120,7 +120,7 @@ def stands_by(task: Task) -> bool:
     """Whether it is a monitor that watches until somebody ends it: it still does, or a module has killed it."""
     if not task.message_class.is_monitor:
         return False
-    return not is_over(task) or (task.state is State.KILLED and task.killed_by not in ("", CENTRAL))
+    return not is_over(task) or (task.state is State.KILLED and task.killed_by != CENTRAL)
 
 
 def is_over(task: Task) -> bool:

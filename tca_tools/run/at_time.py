@@ -216,7 +216,7 @@ class TaskAt:
 
     @property
     def _retried(self) -> float | None:
-        return max((time for time, _, _ in self._record.retries if time <= self._time), default=None)
+        return max((one.time for one in self._record.retries if one.time <= self._time), default=None)
 
     @property
     def is_retried(self) -> bool:

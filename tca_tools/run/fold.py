@@ -9,8 +9,9 @@ from typing import Any
 
 from tca_tools.run.fold_reactions import ReactionFold
 from tca_tools.run.garbage import no_garbage
-from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, Offer, Queueing, Raised, Task
+from tca_tools.run.records import Claim, CopyEnd, HandlerWait, Handling, Hold, Message, Offer, Queueing, Raised, Task
 from tca_wire.journal import facts
+from tca_wire.journal.causes import Request
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Outcome, Refusal
@@ -55,6 +56,8 @@ class History(ReactionFold):
         """Take in the facts that one event caused."""
         self.news.clear()
         self._tick(entry)
+        cause = entry.cause
+        self.asker = self._deliveries.get(cause.origin) if type(cause) is Request and cause.origin else None
         for fact in entry.facts:
             if take := _TAKE.get(type(fact)):
                 take(self, fact)
@@ -157,7 +160,7 @@ class History(ReactionFold):
         self._unqueue(fact.id)
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
-        queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time)
+        queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time, priority=fact.priority)
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
         self.news.append(queueing)
@@ -188,6 +191,7 @@ class History(ReactionFold):
             self._begin_anew(message)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
         handling.delivery = fact.id
+        handling.slot, handling.is_nested, handling.priority = fact.slot, fact.is_nested, fact.priority
         self.handlings.append(handling)
         self.news.append(handling)
         self.runs.setdefault((fact.module, fact.resource), []).append(handling)
@@ -261,7 +265,9 @@ class History(ReactionFold):
             lost.outcome, lost.is_lost = Outcome.FAILED, True
         text = f"{fact.failure}: {fact.text}" if fact.text else fact.failure
         if fact.is_beside:
-            self.raised.setdefault(fact.id, []).append(Raised(self.time, text, fact.by))
+            self.raised.setdefault(fact.id, []).append(Raised(self.time, text, fact.by, self.asker))
+        if fact.copy_of:
+            self._lose_copy(fact.id, fact.copy_of, text, is_failure=True)
         if message := self.messages.get(lost.message_id if lost else fact.id):
             self._change(message, "failure", text)
             self._seen_to.pop(message.id, None)
@@ -275,6 +281,7 @@ class History(ReactionFold):
             task = self._task(fact.task)
             self._change(task, "killed", fact.why)
             self._change(task, "killed_by", fact.by)
+            task.killer, task.killed_for = self._run_of(fact.origin, fact.by), fact.failed
             self._could_not_decide(fact.task)
             self._end_suspension(task)
             self._unqueue(fact.task)
@@ -283,10 +290,20 @@ class History(ReactionFold):
         self._unqueue(fact.id)
         if fact.id not in self.messages:  # a copy, for a listener that left; who gave up a message may still handle it
             self._finish(fact.id)
+        if fact.copy_of:
+            self._lose_copy(fact.id, fact.copy_of, fact.why, is_failure=False)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         if message := self.messages.get(fact.id):
             circle = self.deadlocks.get((self.time, message.sender), "") if fact.why == Refusal.DEADLOCK else ""
             self._change(message, "dropped", circle or fact.why)
+
+    def _lose_copy(self, delivery: int, message_id: int, text: str, *, is_failure: bool) -> None:
+        """What one receiver of a message was to get came to nothing."""
+        if (message := self.messages.get(message_id)) is not None:
+            had = next((run for run in reversed(message.handlings) if run.delivery == delivery), None)
+            module = had.module if had is not None else ""
+            message.copies_lost = message.copies_lost or []
+            message.copies_lost.append(CopyEnd(delivery, self.time, module, is_failure, text))
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
@@ -381,6 +398,7 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.SuspendedOrResumed: History._suspended,
     facts.DeadlineSet: History._deadline,
     facts.KillPlanned: History._kill_planned,
+    facts.SendPlanned: History._send_planned,
     facts.TapAdded: History._tap_added,
     facts.TapFired: History._tap_fired,
     facts.MonitorTested: History._tested,

@@ -4,7 +4,7 @@ history.py says which fact writes what.
 """
 
 from tca_tools.run.fold_records import RecordFold
-from tca_tools.run.records import Ahead, Exhausted, Hold, Task
+from tca_tools.run.records import Ahead, Exhausted, Farewell, Hold, Retry, Task
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point, TaskId
@@ -65,7 +65,7 @@ class ReactionFold(RecordFold):
             task.is_recovering = task.is_dealt_with = task.is_unhandled = False
             self._forget_outcome(task)
             is_other = fact.body not in (b"", task.body)
-            task.retries.append((self.time, fact.by, is_other))
+            task.retries.append(Retry(self.time, fact.by, is_other, self.asker))
             self._change(task, "body", fact.body or task.body)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
@@ -93,6 +93,11 @@ class ReactionFold(RecordFold):
 
     def _attached(self, fact: facts.Attached) -> None:
         self.attached[fact.id] = fact
+        self._note_asker(fact.id)
+
+    def _note_asker(self, number: int) -> None:
+        if self.asker is not None:
+            self.askers[number] = self.asker
 
     def _reissued(self, fact: facts.Reissued) -> None:
         self.reissued[fact.handler] = self.time
@@ -117,6 +122,7 @@ class ReactionFold(RecordFold):
 
     def _tap_added(self, fact: facts.TapAdded) -> None:
         self.taps[fact.id] = fact
+        self._note_asker(fact.id)
 
     def _tap_fired(self, fact: facts.TapFired) -> None:
         """What has to be done before a task goes on holds it, as a constraint does."""
@@ -134,9 +140,13 @@ class ReactionFold(RecordFold):
     def _deadline(self, fact: facts.DeadlineSet) -> None:
         if (task := self.tasks.get(fact.task)) is not None:
             moment = next((moment for moment in Moment if fact.moment & moment), None)
-            self.ahead.setdefault(task.id, []).append(Ahead(self.time, fact.seconds, moment))
+            self.ahead.setdefault(task.id, []).append(Ahead(self.time, fact.seconds, moment, asker=self.asker))
 
     def _kill_planned(self, fact: facts.KillPlanned) -> None:
         if fact.task in self.tasks:
-            ahead = Ahead(self.time, fact.seconds, None, fact.after, fact.scope, fact.by)
+            ahead = Ahead(self.time, fact.seconds, None, fact.after, fact.scope, fact.by, self.asker)
             self.ahead.setdefault(fact.task, []).append(ahead)
+
+    def _send_planned(self, fact: facts.SendPlanned) -> None:
+        farewell = Farewell(self.time, fact.message, fact.body, self.asker)
+        self.farewells.setdefault(fact.task, []).append(farewell)

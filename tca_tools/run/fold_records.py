@@ -27,6 +27,8 @@ class RecordFold(Run):
         """All of which something may have changed that they wait for."""
         self._followers: dict[int, list[Task]] = {}
         """By task those that a constraint keeps waiting for one of its moments."""
+        self.asker: Handling | None = None
+        """The run of a handler that asked for what the newest entry tells."""
 
     def _module(self, name: str) -> ModuleRecord:
         if name not in self.modules:
@@ -97,7 +99,9 @@ class RecordFold(Run):
             task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension
-                task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by))
+                task.suspensions.append(
+                    Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by, asker=above.asker)
+                )
         else:
             task.parent, task.top = ROOT, TaskId(task.id)
             self.top.append(TaskId(task.id))
@@ -107,7 +111,9 @@ class RecordFold(Run):
         ran: list[Handling] = []
         for task in self._living(top):
             if not task.is_suspended:
-                task.suspensions.append(Suspension(TaskId(task.id), TaskId(top.id), self.time, ran, by=by))
+                task.suspensions.append(
+                    Suspension(TaskId(task.id), TaskId(top.id), self.time, ran, by=by, asker=self.asker)
+                )
                 self._touch(task.id)
             if task.handling:
                 ran.append(task.handling)
@@ -120,6 +126,7 @@ class RecordFold(Run):
     def _end_suspension(self, task: Task, *, is_resumed: bool = False, by: str = "") -> None:
         if suspension := task.suspension:
             suspension.end, suspension.is_resumed, suspension.resumed_by = self.time, is_resumed, by
+            suspension.resumer = self.asker if is_resumed else None
             self._touch(task.id)
 
     def _living(self, top: Task) -> Iterator[Task]:

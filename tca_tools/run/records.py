@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
@@ -55,6 +55,7 @@ class Queueing:
     resource: str
     start: float
     end: float | None = None
+    priority: int = 0
 
 
 @dataclass(slots=True)
@@ -82,6 +83,11 @@ class Handling:
     """Whether it failed because its module was lost: no handler returned."""
     beside: "tuple[Handling, ...]" = field(default=(), repr=False, compare=False)
     """The runs that went on in the same resource when it began."""
+    slot: int = 0
+    """The connection of the module that had it."""
+    is_nested: bool = False
+    """Whether it was handled while its slot waited, in the midst of another message."""
+    priority: int = 0
 
 
 @dataclass(slots=True)
@@ -131,7 +137,43 @@ class Raised:
     text: str
     """Its name, with what was said of it."""
     by: str
-    """The module that raised it, or "central" ("": the journal does not tell)."""
+    """The module that raised it, or "central"."""
+    asker: Handling | None = field(default=None, repr=False, compare=False)
+    """The run of a handler that raised it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CopyEnd:
+    """What one receiver was to get of a message to many came to nothing: it failed, or was dropped."""
+
+    delivery: int
+    time: float
+    module: str
+    """Who got it or was to get it; "" if that is not known."""
+    is_failure: bool
+    text: str
+    """The failure, with what was said of it; or why it was dropped."""
+
+
+class Retry(NamedTuple):
+    """A task was to be handled again."""
+
+    time: float
+    by: str
+    is_other: bool
+    """Whether with other data."""
+    asker: Handling | None = None
+    """The run of a handler that asked for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Farewell:
+    """A message was to be sent if a task was killed."""
+
+    set_at: float
+    message: str
+    body: bytes
+    asker: Handling | None = field(default=None, repr=False, compare=False)
 
 
 Change = tuple[float, str, Any]
@@ -160,6 +202,9 @@ class Ahead:
     after: Point | None = None
     scope: Scope = Scope.TASK
     by: str = ""
+    """The module that planned the kill."""
+    asker: Handling | None = field(default=None, repr=False, compare=False)
+    """The run of a handler that asked for it."""
 
 
 @dataclass(slots=True)
@@ -185,8 +230,11 @@ class Suspension:
     is_resumed: bool = False
     """Whether it ended so; else the task itself ended."""
     by: str = ""
-    """The module that suspended *cause* ("": the journal does not tell)."""
+    """The module that suspended *cause*, or "central"."""
     resumed_by: str = ""
+    asker: Handling | None = field(default=None, repr=False, compare=False)
+    """The run of a handler that suspended it."""
+    resumer: Handling | None = field(default=None, repr=False, compare=False)
 
     @property
     def standstill(self) -> float | None:
@@ -238,6 +286,8 @@ class Message:
     """The run of a handler that sent it, if that went on then."""
     turns: list[float] = field(default_factory=list, repr=False, compare=False)
     """When something may have changed of what it waits for."""
+    copies_lost: "list[CopyEnd] | None" = None
+    """Of a message to many: which copies failed or were dropped."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
@@ -284,7 +334,11 @@ class Task(Message):
     killed: str | None = None
     """Why it was killed, as central gave it."""
     killed_by: str = ""
-    """The module that wanted it killed, or "central" ("": the journal does not tell)."""
+    """The module that wanted it killed, or "central"."""
+    killer: Handling | None = field(default=None, repr=False, compare=False)
+    """The run of a handler that asked for the kill, perhaps long before."""
+    killed_for: TaskId = ROOT
+    """The task whose failure nobody handled, if it was killed for that."""
     watched: str = ""
     """Of a monitor: why it watches no longer."""
     caught_by: list[TaskId] = field(default_factory=list)
@@ -296,8 +350,7 @@ class Task(Message):
     is_unhandled: bool = False
     """Nobody handled its failure. If it was not killed, because it survives what is above it, it goes on."""
     suspensions: list[Suspension] = field(default_factory=list)
-    retries: list[tuple[float, str, bool]] = field(default_factory=list)
-    """When it was retried, by whom, and whether with other data."""
+    retries: list[Retry] = field(default_factory=list)
     states: list[tuple[float, State]] = field(default_factory=list)
     """From when on it was in which state."""
 

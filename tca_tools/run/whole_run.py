@@ -10,6 +10,7 @@ from tca_tools.run.records import (
     Ahead,
     Claim,
     Exhausted,
+    Farewell,
     HandlerWait,
     Handling,
     Message,
@@ -44,6 +45,10 @@ class Reactions:
         """For tasks that are to be killed, or must be done by a time: that."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
         """For each monitor when its condition was tested, and whether it held."""
+        self.farewells: dict[int, list[Farewell]] = {}
+        """By task the messages that were to be sent if it was killed."""
+        self.askers: dict[int, Handling] = {}
+        """By id of an exception handler or wiretap the run of a handler that attached it."""
         self.raised: dict[int, list[Raised]] = {}
         """By task the failures that were raised beside its handler."""
         self.deadlocks: dict[tuple[float, str], str] = {}

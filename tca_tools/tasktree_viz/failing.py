@@ -8,14 +8,13 @@ from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import OVER, Message, State, Task
-from tca_tools.run.selection import lineage, subtree
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
 from tca_tools.why.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
-from tca_tools.why.deciding import called_for, decider, is_planned
+from tca_tools.why.deciding import called_for, decider
 from tca_tools.why.story import exhausted, retried
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import CENTRAL, Outcome
+from tca_wire.vocabulary import Outcome
 
 _MOST_LINKS = 30
 """A failure goes through so many tasks at most before nobody reads on."""
@@ -173,7 +172,7 @@ def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link
 
 def _has_tried_again(task: Task, moment: float) -> bool:
     """Whether its handler has returned once more after the last retry."""
-    again = max((time for time, _, _ in task.retries if time <= moment), default=0.0)
+    again = max((one.time for one in task.retries if one.time <= moment), default=0.0)
     return any(again <= run.start and run.end is not None and run.end <= moment for run in task.handlings)
 
 
@@ -216,36 +215,9 @@ def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
 
 
 def _culprits(run: Run, task: Task) -> list[Task]:
-    """Whose failure a task was killed for, that had not failed itself."""
-    if task.killed_by not in ("", CENTRAL):
-        return _culprit_of_handler(run, task)
-    return _culprit_of_tree(run, task)
-
-
-def _culprit_of_tree(run: Run, task: Task) -> list[Task]:
-    """Whose failure, not dealt with, killed the tree that a task was in: who is named there, or the last one before."""
-    top = lineage(run, TaskId(task.id))[-1]
-    killed = task.written("killed")
-    found = [
-        (raised[-1][0], run.tasks[number])
-        for number in subtree(run, [top])
-        if number != task.id
-        and (raised := [one for one in _raised(run.tasks[number]) if one[0] <= killed])
-        and not run.tasks[number].is_dealt_with
-        and run.tasks[number].reached.get(Moment.END_ACHIEVING, inf) >= killed
-    ]
-    why = task.killed or ""
-    named = [one for one in found if f" of task {one[1].id} " in why]
-    return [max(named or found, key=lambda one: (one[0], one[1].id))[1]] if found and "failure" in why else []
-
-
-def _culprit_of_handler(run: Run, task: Task) -> list[Task]:
-    """For whose failure the exception handler was called that had a task killed, if that is sure: it was the only one
-    that its module was handling, and the failure was that of the highest task that was killed then, or of one under it.
+    """Whose failure a task was killed for, that had not failed itself: nobody handled that, or the exception handler
+    that was called for it asked for the kill.
     """
-    killed, by = task.written("killed"), task.killed_by
-    above = [run.tasks[number] for number in lineage(run, TaskId(task.id))]
-    with_it = [one for one in above if one.killed_by == by and _killed(one) == killed]
-    handler = None if is_planned(run, task) else decider(run, with_it[-1], by, killed)
-    failed = task if handler is None else called_for(run, handler)
+    handler = decider(run, task.killer)
+    failed = called_for(run, handler) if handler is not None else run.tasks.get(task.killed_for, task)
     return [failed] if failed is not task and _raised(failed) else []

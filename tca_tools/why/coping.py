@@ -102,7 +102,7 @@ def watches(task: Task, state: State, moment: float = inf) -> bool:
         return False
     if task.reached.get(Moment.START_HANDLING, inf) > moment:
         return False
-    retried = max((time for time, _, _ in task.retries if time <= moment), default=0.0)  # it begins anew
+    retried = max((one.time for one in task.retries if one.time <= moment), default=0.0)  # it begins anew
     return not task.was("watched", moment) or retried >= task.written("watched", moment)
 
 
@@ -111,7 +111,7 @@ def watching(task: Task) -> Iterator[tuple[float, float]]:
     begun, spans = task.reached.get(Moment.START_HANDLING, inf), list[tuple[float, float]]()
     for stopped in (time for time, why in task.became("watched") if why):
         spans.append((begun, stopped))
-        begun = min((time for time, _, _ in task.retries if time >= stopped), default=inf)
+        begun = min((one.time for one in task.retries if one.time >= stopped), default=inf)
     spans.append((begun, inf))
     ends = [*(since for since, _ in task.states[1:]), inf]
     for (since, state), over in zip(task.states, ends, strict=True):
@@ -231,7 +231,7 @@ def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> boo
     failed.update(one.time for one in run.raised.get(monitor.id, ()))  # with the same text, too
     if time in failed:
         return False
-    begun = {when for when, _, _ in monitor.retries}  # anew, perhaps with that condition
+    begun = {one.time for one in monitor.retries}  # anew, perhaps with that condition
     if any(asked < when <= time for when in begun):
         return True
     ends = [when for when, why in monitor.became("watched") if why and not (when == asked and when in begun)]

@@ -16,6 +16,7 @@ from tca_tools.run.records import (
     Handling,
     Message,
     Queueing,
+    Retry,
     State,
     Suspension,
     Task,
@@ -306,12 +307,11 @@ def _retries(run: Run, task: Task) -> Iterator[Sentence]:
         yield Sentence(time, text)
 
 
-def retried(run: Run, task: Task, retry: tuple[float, str, bool]) -> str:
+def retried(run: Run, task: Task, retry: Retry) -> str:
     """``to be handled again, with other data (retried by safety)``."""
-    time, by, is_other = retry
-    why = retried_for(run, task, time, by)
-    whom = by_whom(by) + (f": {why}" if why else "")
-    return "to be handled again" + ", with other data" * is_other + (f" (retried{whom})" if by else "")
+    why = retried_for(run, task, retry)
+    whom = by_whom(retry.by) + (f": {why}" if why else "")
+    return f"to be handled again{', with other data' * retry.is_other} (retried{whom})"
 
 
 def _tests(run: Run, monitor: Task, moment: float) -> Iterator[Sentence]:

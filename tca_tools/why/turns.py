@@ -50,7 +50,7 @@ class Span:
 
     def _own(self, task: Task) -> Iterator[float | None]:
         yield from (time for time, _, _ in task.changes)
-        yield from (time for time, _, _ in task.retries)
+        yield from (one.time for one in task.retries)
         yield from task.reached.values()
         tasks = self.run.tasks
         for hold in task.holds:

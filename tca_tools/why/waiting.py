@@ -101,7 +101,7 @@ def waits_how(task: TaskAt) -> str:
     if task.handling and not task.wait and task.asking:
         return "asked"
     by = task.suspension.by if task.state is State.SUSPENDED and task.suspension else ""
-    return f"suspended{by_whom(by)}," if by else "waits"
+    return f"suspended{by_whom(by)}," if by_whom(by) else "waits"
 
 
 def waits_since(task: TaskAt) -> float:

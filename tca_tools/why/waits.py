@@ -218,8 +218,8 @@ def _of_the_rare(run: Run, task: Task) -> Iterator[Wait]:
     """Suspensions, failures and conditions, of which most tasks have none."""
     for suspension in task.suspensions:
         yield _of_suspension(task, suspension)
-    for retried, _, _ in task.retries:
-        yield from _of_retry(run, task, retried)
+    for retry in task.retries:
+        yield from _of_retry(run, task, retry.time)
     yield from _of_recovery(run, task)
     for start, end in watching(task) if task.message_class.is_monitor else ():
         yield Wait(start, end, WaitKind.CONDITION, Node(task.id), END_HANDLING)
@@ -290,7 +290,7 @@ def _is_to_be_handled_again(task: Task, time: float) -> bool:
         return True
     last = task.handlings[begun - 1]
     is_cut_off = last.outcome is None and last.end is not None and last.end <= time
-    return is_cut_off or any(last.start < retried <= time for retried, _, _ in task.retries)
+    return is_cut_off or any(last.start < retry.time <= time for retry in task.retries)
 
 
 def _is_on(span: _Span, time: float) -> bool:

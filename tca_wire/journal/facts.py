@@ -2,8 +2,8 @@
 
 A fact says what happened, never what follows from it: tools fold facts and re-run no rule. Every message accepted by
 central has an *id* from one counter; a goal's or command's id is its task. A *delivery* is one message on its way to
-one handler; its id is the message's own, except that each receiver of a broadcast or multi-query has one of its own.
-What failures, wiretaps and monitors leave in the journal is in facts_of_watching.py.
+one handler; its id is the message's own, except that each receiver of a broadcast or multi-query has one of its own,
+and that a task which is handled again has another one each time.
 """
 
 from typing import Annotated
@@ -11,37 +11,21 @@ from typing import Annotated
 import msgspec
 
 from tca_wire.constraints import Constraint
-from tca_wire.journal.facts_of_watching import (
-    Attached,
-    Caught,
-    Failed,
-    MonitorEnded,
-    MonitorTested,
-    Recovered,
-    Reissued,
-    Removed,
-    Retried,
-    TapAdded,
-    TapFired,
-    Unhandled,
-    _Fact,
-)  # fmt: skip
-from tca_wire.points import Point, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role, Scope
+from tca_wire.journal.causes import Cause
+from tca_wire.points import ROOT, Point, TaskId
+from tca_wire.vocabulary import CENTRAL, Condition, MessageClass, Outcome, Refusal, Role, Scope
 
-JOURNAL_VERSION = 1
+JOURNAL_VERSION = 2
+"""Goes up whenever a fact or an entry changes: journals of another version are refused."""
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
-__all__ = [
-    "JOURNAL_VERSION", "Answered", "Attached", "Awaited", "Caught", "ClaimEnded", "Claimed", "Closed",
-    "Constrained", "DeadlineSet", "Delivered", "Dropped", "Entry", "EntryTime", "Fact", "Failed", "FormatDefined",
-    "Granted", "HandledDirectly", "HandlerAdded", "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed",
-    "LostDirectly", "ModuleJoined", "ModuleLeft", "MonitorEnded", "MonitorTested", "Opened", "Queued", "Reached",
-    "Received", "Recovered", "Reissued", "Released", "Removed", "RequestRefused", "ResourceChanged", "Retried",
-    "Returned", "SuspendedOrResumed", "TapAdded", "TapFired", "TimedOut", "Unhandled", "Unqueued", "WaitBegan",
-    "WaitEnded", "kind_of",
-]  # fmt: skip
+
+class _Fact(msgspec.Struct, frozen=True, array_like=True):
+    """What all facts share: an array whose first element is the kind."""
+
+
+# --- the journal ------------------------------------------------------------------------------------------------------
 
 
 class Opened(_Fact, frozen=True, tag="opened"):
@@ -58,6 +42,9 @@ class Closed(_Fact, frozen=True, tag="closed"):
     """Central ended of its own will."""
 
     why: str
+
+
+# --- modules ----------------------------------------------------------------------------------------------------------
 
 
 class ModuleJoined(_Fact, frozen=True, tag="module joined"):
@@ -107,6 +94,24 @@ class HandlerRemoved(_Fact, frozen=True, tag="no handler"):
     module: str
 
 
+class RequestRefused(_Fact, frozen=True, tag="refused"):
+    """A request of a connection (a module's name or, before it said hello, "?") was refused."""
+
+    sender: str
+    refusal: Refusal
+    text: str
+
+
+class Ignored(_Fact, frozen=True, tag="ignored"):
+    """A request of a module changed nothing: what it asked for was no longer possible, and it could not know that."""
+
+    sender: str
+    text: str
+
+
+# --- messages on their way --------------------------------------------------------------------------------------------
+
+
 class Received(_Fact, frozen=True, tag="received"):
     """Central accepted a message; for a goal or command this is the birth of a task under *parent*.
 
@@ -128,12 +133,6 @@ class Received(_Fact, frozen=True, tag="received"):
     """Where central made it: the failing, tapped, killed or monitoring task."""
 
 
-class Constrained(_Fact, frozen=True, tag="constrained"):
-    """Constraints were added between tasks that existed."""
-
-    constraints: list[Constraint]
-
-
 class Queued(_Fact, frozen=True, tag="queued"):
     """A delivery of message *message_id* waits: for a resource that is busy, or for a handler (module, resource "")."""
 
@@ -141,6 +140,7 @@ class Queued(_Fact, frozen=True, tag="queued"):
     message_id: int
     module: str
     resource: str
+    priority: int = 0
 
 
 class Unqueued(_Fact, frozen=True, tag="unqueued"):
@@ -158,6 +158,11 @@ class Delivered(_Fact, frozen=True, tag="delivered"):
     message_id: int
     module: str
     resource: str
+    slot: int = 0
+    """The connection of the module that has it."""
+    is_nested: bool = False
+    """The slot has another message, and waits: this one is handled within that wait."""
+    priority: int = 0
 
 
 class Returned(_Fact, frozen=True, tag="returned"):
@@ -168,87 +173,19 @@ class Returned(_Fact, frozen=True, tag="returned"):
     body: bytes
 
 
-class Reached(_Fact, frozen=True, tag="reached"):
-    """A task reached moments (a bit mask, see points.Moment)."""
-
-    task: TaskId
-    moments: int
-
-
-class Killed(_Fact, frozen=True, tag="killed"):
-    """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and below, the module that
-    asked for it, or "central" ("": an older journal does not tell).
-    """
-
-    task: TaskId
-    why: str
-    by: str = ""
-
-
-class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
-    """A task was suspended or resumed, with all that is under it."""
-
-    task: TaskId
-    is_suspended: bool
-    by: str = ""
-
-
-class DeadlineSet(_Fact, frozen=True, tag="deadline"):
-    """If a task does not reach a moment within so many seconds from now, the failure "timeout" is raised on it."""
-
-    task: TaskId
-    moment: int
-    seconds: float
-
-
-class KillPlanned(_Fact, frozen=True, tag="to be killed"):
-    """A task is to be killed, or what *scope* says, when *after* is reached (None: now) and so many seconds more."""
-
-    task: TaskId
-    scope: Scope
-    after: Point | None
-    seconds: float
-    why: str
-    by: str
-
-
-class Kept(_Fact, frozen=True, tag="kept"):
-    """A module keeps a task: its data, outcome and place are remembered after its end."""
-
-    task: TaskId
-    module: str
-
-
-class Released(_Fact, frozen=True, tag="released"):
-    """A module keeps a task no longer; or ("") its record is gone, for all."""
-
-    task: TaskId
-    module: str
-
-
-class TimedOut(_Fact, frozen=True, tag="timed out"):
-    """A delay is over: what this constraint held back is held by it no longer."""
-
-    constraint: Constraint
-
-
-class Dropped(_Fact, frozen=True, tag="dropped"):
-    """A message or delivery came to nothing."""
-
-    id: int
-    why: str
-
-
 class Answered(_Fact, frozen=True, tag="answered"):
     """The sender of a message got its (last) answer."""
 
     id: int
 
 
-class Awaited(_Fact, frozen=True, tag="awaited"):
-    """Whoever sent a query or multi-query, and went on, waits for its answer from now on."""
+class Dropped(_Fact, frozen=True, tag="dropped"):
+    """A message came to nothing, or only what one receiver was to get: a copy of message *copy_of*."""
 
     id: int
+    message: str
+    why: str
+    copy_of: int = 0
 
 
 class HandledDirectly(_Fact, frozen=True, tag="direct"):
@@ -276,6 +213,100 @@ class LostDirectly(_Fact, frozen=True, tag="direct lost"):
     module: str
     message: str
     number: int
+
+
+# --- tasks ------------------------------------------------------------------------------------------------------------
+
+
+class Constrained(_Fact, frozen=True, tag="constrained"):
+    """Constraints were added between tasks that existed."""
+
+    constraints: list[Constraint]
+
+
+class TimedOut(_Fact, frozen=True, tag="timed out"):
+    """A delay is over: what this constraint held back is held by it no longer."""
+
+    constraint: Constraint
+
+
+class Reached(_Fact, frozen=True, tag="reached"):
+    """A task reached moments (a bit mask, see points.Moment)."""
+
+    task: TaskId
+    moments: int
+
+
+class Killed(_Fact, frozen=True, tag="killed"):
+    """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and below, the module that
+    asked for it, or "central".
+    """
+
+    task: TaskId
+    why: str
+    by: str = CENTRAL
+    origin: int = 0
+    """The delivery whose handler asked for it, perhaps long before (0: none)."""
+    failed: TaskId = ROOT
+    """The task for whose failure central killed it, since nobody handled that (0: it has another reason)."""
+
+
+class KillPlanned(_Fact, frozen=True, tag="to be killed"):
+    """A task is to be killed, or what *scope* says, when *after* is reached (None: now) and so many seconds more."""
+
+    task: TaskId
+    scope: Scope
+    after: Point | None
+    seconds: float
+    why: str
+    by: str
+
+
+class SendPlanned(_Fact, frozen=True, tag="to be sent"):
+    """A message is to be sent when a task is killed that has been started: to leave things safe."""
+
+    task: TaskId
+    message: str
+    body: bytes
+
+
+class DeadlineSet(_Fact, frozen=True, tag="deadline"):
+    """If a task does not reach a moment within so many seconds from now, the failure "timeout" is raised on it."""
+
+    task: TaskId
+    moment: int
+    seconds: float
+
+
+class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
+    """A task was suspended or resumed, with all that is under it."""
+
+    task: TaskId
+    is_suspended: bool
+    by: str = CENTRAL
+
+
+class Kept(_Fact, frozen=True, tag="kept"):
+    """A module keeps a task: its data, outcome and place are remembered after its end."""
+
+    task: TaskId
+    module: str
+
+
+class Released(_Fact, frozen=True, tag="released"):
+    """A module keeps a task no longer; or ("") its record is gone, for all."""
+
+    task: TaskId
+    module: str
+
+
+# --- waits and locks --------------------------------------------------------------------------------------------------
+
+
+class Awaited(_Fact, frozen=True, tag="awaited"):
+    """Whoever sent a query or multi-query, and went on, waits for its answer from now on."""
+
+    id: int
 
 
 class WaitBegan(_Fact, frozen=True, tag="wait began"):
@@ -319,38 +350,142 @@ class ClaimEnded(_Fact, frozen=True, tag="claim ended"):
     why: str
 
 
-class RequestRefused(_Fact, frozen=True, tag="refused"):
-    """A request of a connection (a module's name or, before it said hello, "?") was refused."""
+# --- failures ---------------------------------------------------------------------------------------------------------
 
-    sender: str
-    refusal: Refusal
+
+class Failed(_Fact, frozen=True, tag="failed"):
+    """A failure was raised on a task or message, or on what one receiver got: a copy of message *copy_of*.
+
+    Of a module that was lost no handler returns: this ends its part. A failure that is raised *beside* the handler
+    changes nothing for the one that has the task. Of that one *by* is the module that raised it, or "central", and
+    *body* the failure's data; else the handler raised it, and they are "" and empty.
+    """
+
+    id: int
+    failure: str
     text: str
+    is_beside: bool = False
+    by: str = ""
+    body: bytes = b""
+    copy_of: int = 0
 
 
-class Ignored(_Fact, frozen=True, tag="ignored"):
-    """A request of a module changed nothing: what it asked for was no longer possible, and it could not know that."""
+class Attached(_Fact, frozen=True, tag="attached"):
+    """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a message."""
 
-    sender: str
-    text: str
+    id: int
+    failure: str
+    handler: str
+    task: TaskId
+    message: str
+    maximum: int
+
+
+class Removed(_Fact, frozen=True, tag="removed"):
+    """An exception handler or wiretap was taken away."""
+
+    id: int
+    by: str
+
+
+class Caught(_Fact, frozen=True, tag="caught"):
+    """The failure of a task is handled: task *handler* was made for it, by attachment *attachment* of task *at*."""
+
+    task: TaskId
+    handler: TaskId
+    at: TaskId
+    attachment: int
+
+
+class Reissued(_Fact, frozen=True, tag="reissued"):
+    """An exception handler could not deal with its failure; the search goes on."""
+
+    handler: TaskId
+
+
+class Unhandled(_Fact, frozen=True, tag="unhandled"):
+    """No exception handler was found for the failure of a task: its top-level task is killed, or *undecided*."""
+
+    task: TaskId
+    undecided: TaskId = ROOT
+    """The exception handler that could not decide because of it: it is killed, and the search for the failure that it
+    was called for goes on after it."""
+
+
+class Recovered(_Fact, frozen=True, tag="recovered"):
+    """The failure of a task has been dealt with; the task counts as handled."""
+
+    task: TaskId
+
+
+class Retried(_Fact, frozen=True, tag="retried"):
+    """A task will be handled again when all under it has ended, with the body as its data if there is one."""
+
+    task: TaskId
+    body: bytes
+    by: str
+
+
+# --- wiretaps and monitors --------------------------------------------------------------------------------------------
+
+
+class TapAdded(_Fact, frozen=True, tag="tap"):
+    """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task. *by* is the module
+    that asked for it first.
+    """
+
+    id: int
+    condition: Condition
+    listener: str
+    message: str
+    task: TaskId
+    by: str
+
+
+class TapFired(_Fact, frozen=True, tag="tapped"):
+    """A wiretap sent its listener (message *listener*; 0: nobody handles it, so nothing was sent)."""
+
+    tap: int
+    tapped: int
+    listener: int
+
+
+class MonitorTested(_Fact, frozen=True, tag="tested"):
+    """The condition of a monitor was asked; whether it holds."""
+
+    monitor: TaskId
+    holds: bool
+
+
+class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
+    """A monitor watches no longer."""
+
+    monitor: TaskId
+    why: str
 
 
 Fact = (
-    Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
-    | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
-    | Awaited | WaitBegan | WaitEnded | RequestRefused | Ignored | HandledDirectly | LostDirectly
+    Opened | Closed
+    | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
+    | RequestRefused | Ignored
+    | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly
+    | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
+    | SuspendedOrResumed | Kept | Released
+    | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
+    | Failed | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried
     | TapAdded | TapFired | MonitorTested | MonitorEnded
-    | Claimed | Granted | ClaimEnded
-    | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut
-    | Kept | Released | DeadlineSet | KillPlanned
 )  # fmt: skip
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True):
-    """All facts that one event caused. *time* is in seconds since the epoch began, on a clock that never jumps."""
+    """All facts of one cause, and all that followed from it at once. *time* is in seconds since the epoch began, on a
+    clock that never jumps; *cause* is None where central itself begins or ends a segment.
+    """
 
     number: int
     time: EntryTime
     facts: list[Fact]
+    cause: Cause | None = None
 
 
 def kind_of(fact: Fact | type[Fact]) -> str:

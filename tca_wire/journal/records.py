@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 import msgspec
 
 from tca_wire.errors import JournalDamaged
+from tca_wire.journal.causes import Cause
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry, EntryTime, Fact, Opened
 
 _FRAME = struct.Struct(">BIBI")
@@ -36,11 +37,12 @@ _SPARE = 8
 
 
 class _Roughly(msgspec.Struct, array_like=True):
-    """An entry whose facts may be anything."""
+    """An entry whose facts and cause may be anything."""
 
     number: int
     time: EntryTime
     facts: list[msgspec.Raw]
+    cause: msgspec.Raw = msgspec.Raw(b"\xc0")
 
 
 class _Numbered(msgspec.Struct, array_like=True):
@@ -57,6 +59,7 @@ _decode = msgspec.msgpack.Decoder(Entry).decode
 _decode_roughly = msgspec.msgpack.Decoder(_Roughly).decode
 _decode_number = msgspec.msgpack.Decoder(_Numbered).decode
 _decode_fact = msgspec.msgpack.Decoder(Fact).decode
+_decode_cause = msgspec.msgpack.Decoder(Cause | None).decode
 
 
 def record(entry: Entry) -> bytes:
@@ -67,7 +70,7 @@ def record(entry: Entry) -> bytes:
     if len(payload) > MAX_RECORD and len(entry.facts) > 1:
         middle = len(entry.facts) // 2
         halves = entry.facts[:middle], entry.facts[middle:]
-        return b"".join(record(Entry(entry.number, entry.time, half)) for half in halves)
+        return b"".join(record(Entry(entry.number, entry.time, half, entry.cause)) for half in halves)
     return _FRAME.pack(_UINT32, len(payload), _UINT32, zlib.crc32(payload)) + payload
 
 
@@ -280,7 +283,12 @@ class JournalReader:
                 known.append(_decode_fact(raw))
             except _UNREADABLE:
                 self.unknown += 1
-        return Entry(entry.number, entry.time, known)
+        try:
+            cause = _decode_cause(entry.cause)
+        except _UNREADABLE:
+            cause = None
+            self.unknown += 1
+        return Entry(entry.number, entry.time, known, cause)
 
     def _begin(self, payload: bytes, entry: Entry | None) -> None:
         """The first sound record: it says the version, in a form that never changes. If it does not, others are
@@ -292,6 +300,9 @@ class JournalReader:
             version = None
         if version is None and entry is None:
             self._refuse("not a journal of tca central")
+        if version is not None and version < JOURNAL_VERSION:
+            written = f"an earlier version of tca wrote it (format {version}, this one reads {JOURNAL_VERSION})"
+            self._refuse(f"{written}: read it with that version")
         if version is not None:
             self.version = version
         elif not self.holes:

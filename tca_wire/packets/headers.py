@@ -54,7 +54,7 @@ from tca_wire.packets.to_module import (
     Welcome,
 )  # fmt: skip
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 """Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
 __all__ = [

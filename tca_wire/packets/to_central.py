@@ -1,7 +1,7 @@
 """The headers of what a module says to central, one type a message; the field order is the wire order.
 
 ``number`` counts a connection's requests: the answer to a request carries the same number, and 0 means that no answer
-is wanted.
+is wanted. ``origin`` is the delivery whose handler asks (0: code outside of handlers does).
 """
 
 from typing import Literal
@@ -64,7 +64,6 @@ class Send(_Header, frozen=True, tag=4):
     parent: TaskId = TaskId(0)
     """The task that a goal or command becomes a child of (0: the root)."""
     origin: int = 0
-    """The delivery that the sender is handling (0: none)."""
     flags: Flags = Flags.SEQ_ACH
     constraints: list[Constraint] = []
     priority: int = 0
@@ -111,6 +110,7 @@ class Constrain(_Header, frozen=True, tag=7):
 
     number: int
     constraints: list[Constraint]
+    origin: int = 0
 
 
 class WaitFor(_Header, frozen=True, tag=8):
@@ -132,6 +132,7 @@ class GiveUp(_Header, frozen=True, tag=9):
     number: int = 0
     """With a number it is answered: the text of the Answer says why that answer is not there ("": it is, or was). Of a
     multi-query to which nobody has replied it is the first failure, if there was one."""
+    origin: int = 0
 
 
 class Await(_Header, frozen=True, tag=26):
@@ -140,6 +141,7 @@ class Await(_Header, frozen=True, tag=26):
     request: int
     blocking: bool = True
     """The sender's connection does nothing else meanwhile; a coroutine lets it do other things."""
+    origin: int = 0
 
 
 class Kill(_Header, frozen=True, tag=10):
@@ -153,6 +155,7 @@ class Kill(_Header, frozen=True, tag=10):
     delay: float = 0
     request: int = 0
     """Instead of *task*: the one that this connection has sent with that request, if it has come (0: no)."""
+    origin: int = 0
 
 
 class Ask(_Header, frozen=True, tag=11):
@@ -176,6 +179,7 @@ class Attach(_Header, frozen=True, tag=13):
     task: TaskId = TaskId(0)
     """The task that it is attached to, where *message* is "" (0: the root, above all tasks)."""
     message: str = ""
+    origin: int = 0
 
 
 class Remove(_Header, frozen=True, tag=14):
@@ -184,6 +188,7 @@ class Remove(_Header, frozen=True, tag=14):
     number: int
     id: int
     for_all: bool = False
+    origin: int = 0
 
 
 class Raise(_Header, frozen=True, tag=15):
@@ -194,6 +199,7 @@ class Raise(_Header, frozen=True, tag=15):
     failure: str
     text: str = ""
     kinds: list[str] = []
+    origin: int = 0
 
 
 class Retry(_Header, frozen=True, tag=16):
@@ -202,6 +208,7 @@ class Retry(_Header, frozen=True, tag=16):
     number: int
     task: TaskId
     new_data: bool = False
+    origin: int = 0
 
 
 class Suspend(_Header, frozen=True, tag=17):
@@ -210,6 +217,7 @@ class Suspend(_Header, frozen=True, tag=17):
     number: int
     task: TaskId
     resume: bool = False
+    origin: int = 0
 
 
 class Deadline(_Header, frozen=True, tag=18):
@@ -218,6 +226,7 @@ class Deadline(_Header, frozen=True, tag=18):
     number: int
     point: Point
     seconds: float
+    origin: int = 0
 
 
 class Inspect(_Header, frozen=True, tag=19):
@@ -242,7 +251,6 @@ class Lock(_Header, frozen=True, tag=23):
     """Whose resource it is; "" if only one module has a resource of that name."""
     reserve: bool = False
     origin: int = 0
-    """The delivery that the sender is handling (0: none)."""
     timeout: float = -1
     """After so many seconds of waiting the answer is the failure "timeout" (negative: never)."""
     priority: int = 0
@@ -258,6 +266,7 @@ class Unlock(_Header, frozen=True, tag=24):
     number: int
     resource: str
     module: str = ""
+    origin: int = 0
 
 
 class Tap(_Header, frozen=True, tag=64):
@@ -274,6 +283,7 @@ class Tap(_Header, frozen=True, tag=64):
     """The task that is tapped, where *message* is ""."""
     watch: WatchOptions | None = None
     """How a listener that is a monitor watches."""
+    origin: int = 0
 
 
 class Fire(_Header, frozen=True, tag=65):
@@ -286,6 +296,7 @@ class Fire(_Header, frozen=True, tag=65):
     monitor: TaskId
     action: str = ""
     """The message that the data are for; refused if that is not the monitor's action ("": it is not asked)."""
+    origin: int = 0
 
 
 class EndMonitor(_Header, frozen=True, tag=66):
@@ -293,6 +304,7 @@ class EndMonitor(_Header, frozen=True, tag=66):
 
     number: int
     monitor: TaskId
+    origin: int = 0
 
 
 class Keep(_Header, frozen=True, tag=25):
@@ -301,6 +313,7 @@ class Keep(_Header, frozen=True, tag=25):
     number: int
     task: TaskId
     release: bool = False
+    origin: int = 0
 
 
 class AwaitAny(_Header, frozen=True, tag=27):
@@ -317,6 +330,7 @@ class Release(_Header, frozen=True, tag=28):
 
     number: int
     request: int
+    origin: int = 0
 
 
 class GetVariable(_Header, frozen=True, tag=20):

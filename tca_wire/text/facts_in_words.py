@@ -106,13 +106,14 @@ class Wording:
         return f"{self._name(fact.task)}: {_moments(fact.moments)}"
 
     def _failed(self, fact: facts.Failed) -> str:
-        return f"{self._name(fact.id)}: {fact.failure}" + (f": {fact.text}" if fact.text else "") + raised_by(fact.by)
+        text = f": {fact.text}" if fact.text else ""
+        return f"{self._name(fact.id)}{_copy_of(fact)}: {fact.failure}{text}{raised_by(fact.by)}"
 
     def _killed(self, fact: facts.Killed) -> str:
         return f"{self._name(fact.task)}: {kill_reason(fact.why, fact.by)}"
 
     def _dropped(self, fact: facts.Dropped) -> str:
-        return f"{self._name(fact.id)}: {fact.why}"
+        return f"{fact.message} {{{fact.id}}}{_copy_of(fact)}: {fact.why}"
 
     def _answered(self, fact: facts.Answered) -> str:
         return self._name(fact.id)
@@ -157,6 +158,9 @@ class Wording:
         after = f" after {self._point(fact.after)}" if fact.after is not None else ""
         delay = f" in {_seconds(fact.seconds)}" if fact.seconds else ""
         return f"{what}{delay}{after}: {kill_reason(fact.why, fact.by)}"
+
+    def _send_planned(self, fact: facts.SendPlanned) -> str:
+        return f"{fact.message} when {self._name(fact.task)} is killed"
 
     def _tap(self, fact: facts.TapAdded) -> str:
         at = self._name(fact.task) if fact.task else f"all {fact.message}"
@@ -238,30 +242,33 @@ def called(module: str) -> str:
 
 
 def by_whom(by: str) -> str:
-    """Who asked for something: " by legs", " by the command 'tca kill'"; "" if the journal does not tell."""
+    """Who asked for something: " by legs", " by the command 'tca kill'"; "" of what central does of its own."""
     if by.startswith(_COMMAND):
         return f" by the command '{called(by)}'"
-    return f" by {by}" if by else ""
+    return f" by {by}" if by not in ("", CENTRAL) else ""
 
 
 def kill_reason(why: str, by: str) -> str:
     """Why a task was killed, and who wanted that; what central does of its own, the reason tells."""
-    if by in ("", CENTRAL):
-        return why
     whom = by_whom(by).strip()
-    return whom if why in ("", f"by module '{by}'") else f"{why} ({whom})"
+    return f"{why} ({whom})" if why and whom else why or whom
 
 
 def raised_by(by: str) -> str:
     """Who raised a failure beside the handler: " (raised by the command 'tca raise')"; of what central raises, its text
     tells.
     """
-    return f" (raised{by_whom(by)})" if by not in ("", CENTRAL) else ""
+    whom = by_whom(by)
+    return f" (raised{whom})" if whom else ""
 
 
 def place(module: str, resource: str) -> str:
     """A module's resource: only the module's name where both are named alike."""
     return module if resource in ("", module) else f"{module} / {resource}"
+
+
+def _copy_of(fact: facts.Failed | facts.Dropped) -> str:
+    return f" of message {{{fact.copy_of}}}" if fact.copy_of else ""
 
 
 def _seconds(seconds: float) -> str:
@@ -317,6 +324,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.ClaimEnded: Wording._claim_ended,
     facts.DeadlineSet: Wording._deadline,
     facts.KillPlanned: Wording._kill_planned,
+    facts.SendPlanned: Wording._send_planned,
     facts.Kept: Wording._kept,
     facts.Released: Wording._kept,
     facts.RequestRefused: Wording._refused,

@@ -160,7 +160,8 @@ def _has(number: int) -> str:
 
 def _resume(waits: Waits) -> str:
     wait = waits[0]
-    by = f", suspended{by_whom(wait.module)}," if wait.module else ""
+    whom = by_whom(wait.module)
+    by = f", suspended{whom}," if whom else ""
     return f"until {numbered(wait.name, wait.number) if wait.number else 'it'}{by} is resumed"
 
 

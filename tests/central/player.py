@@ -17,6 +17,8 @@ from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'
+SAYS_ITSELF = headers.Send | headers.WaitFor | headers.Lock | headers.SetVariable
+"""What else a connection asks, the handler asks that it is running; of these a test says which does."""
 
 
 class Player:
@@ -44,6 +46,8 @@ class Player:
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
         """Let central receive a message; the headers that it sent to anyone."""
         self.time += 1.0
+        if getattr(header, "origin", None) == 0 and not isinstance(header, SAYS_ITSELF):
+            header = msgspec.structs.replace(header, origin=(self.delivered(connection) or [0])[-1])
         effects = self.event(Received(self.time, ConnectionId(connection.encode()), header, body))
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 

@@ -17,7 +17,7 @@ NUMBERS = count(1)
 def connection_of(pulse: bytes) -> Connection:
     number = next(NUMBERS)
     module = Module("legs", "legs", "1", "here:1")
-    connection = Connection(ConnectionId(b"connection %d" % number), f"1/{number}", module)
+    connection = Connection(ConnectionId(b"connection %d" % number), f"1/{number}", module, number)
     connection.pulse = pulse
     return connection
 

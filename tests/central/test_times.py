@@ -4,10 +4,9 @@ import pytest
 from central.player import Player
 
 from tca_central.events import Tick
-from tca_central.model.clock import Due
 from tca_wire.packets.headers import Register
 from tca_wire.packets.parts import MessageFormat, WatchOptions
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import Due, MessageClass
 
 
 @pytest.mark.parametrize("began", [6.3, 8.7, 12345.6])

@@ -11,7 +11,7 @@ from tca_wire.journal.facts import kind_of
 from tca_wire.messages.notices import NOTICES
 from tca_wire.packets.parts import Attachment, WatchOptions
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
-from tca_wire.text.facts_in_words import fields_of
+from tca_wire.text.facts_in_words import fields_of, kill_reason
 from tca_wire.vocabulary import CENTRAL
 
 
@@ -63,13 +63,17 @@ def describe(fact: facts.Fact) -> str:
             return f"{fact.task} reached {', '.join(describe_moments(fact.moments))}"
         case facts.Delivered():
             what = "" if fact.id == fact.message_id else f" (message {fact.message_id})"
-            return f"{fact.id}{what} delivered to {fact.module}"
+            slot = f", slot {fact.slot}" if fact.slot > 1 else ""
+            nested = ", within its wait" if fact.is_nested else ""
+            return f"{fact.id}{what} delivered to {fact.module}{slot}{nested}{described_priority(fact)}"
         case facts.Queued():
-            return f"{fact.id} waits for {fact.module or 'a handler'}"
+            return f"{fact.id} waits for {fact.module or 'a handler'}{described_priority(fact)}"
+        case facts.Dropped():
+            return f"dropped: {fact.message} {fact.id}{described_copy(fact)}: {fact.why}"
         case facts.Failed():
             whose = f" by {fact.by}" if fact.by not in ("", CENTRAL) else ""
             beside = f", beside its handler{whose}" if fact.is_beside else ""
-            return f"failed: id {fact.id}, failure {fact.failure}, text {fact.text}{beside}"
+            return f"failed: id {fact.id}{described_copy(fact)}, failure {fact.failure}, text {fact.text}{beside}"
         case facts.FormatDefined() | facts.ResourceChanged() | facts.RequestRefused():
             return ""
         case facts.ModuleJoined():
@@ -82,6 +86,14 @@ def describe(fact: facts.Fact) -> str:
             return describe_control(fact)
 
 
+def described_priority(fact: facts.Queued | facts.Delivered) -> str:
+    return f", priority {fact.priority}" if fact.priority else ""
+
+
+def described_copy(fact: facts.Failed | facts.Dropped) -> str:
+    return f" (a copy of {fact.copy_of})" if fact.copy_of else ""
+
+
 def describe_control(fact: facts.Fact) -> str:
     """Facts of what some tasks do to others; all that have no words of their own, by their fields."""
     match fact:
@@ -89,7 +101,7 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
         case facts.SuspendedOrResumed():
             return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'} by {fact.by}"
-        case facts.Killed() | facts.Retried() | facts.KillPlanned() | facts.DeadlineSet():
+        case facts.Killed() | facts.Retried() | facts.KillPlanned() | facts.DeadlineSet() | facts.SendPlanned():
             return describe_ending(fact)
         case facts.TimedOut():
             return f"time is up for {fact.constraint}"
@@ -113,8 +125,12 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
 
 
-def describe_ending(fact: facts.Killed | facts.Retried | facts.KillPlanned | facts.DeadlineSet) -> str:
+def describe_ending(
+    fact: facts.Killed | facts.Retried | facts.KillPlanned | facts.DeadlineSet | facts.SendPlanned,
+) -> str:
     match fact:
+        case facts.SendPlanned():
+            return f"{fact.message} is to be sent when {fact.task} is killed"
         case facts.Retried():
             return f"{fact.task} retried by {fact.by}"
         case facts.DeadlineSet():
@@ -123,8 +139,7 @@ def describe_ending(fact: facts.Killed | facts.Retried | facts.KillPlanned | fac
             after = f", after {fact.after}" if fact.after else ""
             return f"{fact.task} is to be killed ({fact.scope}){after}, in {fact.seconds:g} s"
         case facts.Killed():
-            is_said = fact.by == CENTRAL or fact.why == f"by module '{fact.by}'"
-            return f"killed: task {fact.task}, why {fact.why}" + ("" if is_said else f", by {fact.by}")
+            return f"killed: task {fact.task}, {kill_reason(fact.why, fact.by)}"
 
 
 def describe_claim(fact: facts.Claimed | facts.Granted | facts.ClaimEnded) -> str:

@@ -25,10 +25,9 @@ from sampling import one_in
 from tca_central.control.kills_and_suspension import Ending
 from tca_central.core import Central
 from tca_central.events import ConnectionId
-from tca_central.model.clock import Due
 from tca_central.model.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
 from tca_central.model.resources import Claim
-from tca_central.model.task_tree import Rare, Siblings, TaskTree
+from tca_central.model.task_tree import Rare, Siblings, TaskTree, Verdict
 from tca_central.order.holds import Release
 from tca_central.state import Recovery
 from tca_central.watching.watches import Watch
@@ -40,7 +39,7 @@ from tca_explorer.world import Name, World
 from tca_module import Condition, QueryFailed, Refused, Timeout, this
 from tca_wire.messages.declarations import Variable
 from tca_wire.packets.parts import WatchOptions
-from tca_wire.vocabulary import Scope
+from tca_wire.vocabulary import Due, Scope
 
 Path = tuple[Action, ...]
 
@@ -287,10 +286,10 @@ def test_the_tables_name_what_there_is() -> None:
     module = Module("legs", "legs", "run", "")
     things = [
         central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
-        message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
-        Claim(resource, Connection(ConnectionId(b""), "", module), module, admits_owner=False),
+        message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
+        Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
         central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(), Siblings(),  # type: ignore[arg-type]
-        Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, "", ""),
+        Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, Verdict("")),
         Recovery(*[None] * 5),  # type: ignore[arg-type]
     ]  # fmt: skip
     assert isinstance(message, MessageType)

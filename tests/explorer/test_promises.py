@@ -97,7 +97,7 @@ KEPT: dict[str, Told] = {
         reached(1, *(moment for moment in Moment if moment & ALL_MOMENTS)), reached(2, SA, SP),
     ],
     "a wiretap's listener comes first": [
-        TapAdded(7, Condition.BEFORE_HANDLING, "m2", "m1", ROOT), born(1), born(2, role=Role.LISTENER, about=1),
+        TapAdded(7, Condition.BEFORE_HANDLING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
         TapFired(7, 1, 2), reached(2, EH), given(1),
     ],
     "the owner's, and those of the module itself, come into what he reserved": [
@@ -107,7 +107,7 @@ KEPT: dict[str, Told] = {
     "a lock of another resource": [*LOCKED, born(1), given(1, module="arm")],
     "a lock that is only wanted": [LOCKED[0], born(1), given(1)],
     "a retried task is given to a handler again": [
-        born(1), given(1), ended(1), Retried(TaskId(1), b""), given(1, delivery=3), ended(3)
+        born(1), given(1), ended(1), Retried(TaskId(1), b"", "user"), given(1, delivery=3), ended(3)
     ],
     "what is resumed": [
         born(1), SuspendedOrResumed(TaskId(1), True), SuspendedOrResumed(TaskId(1), False), given(1)
@@ -145,13 +145,13 @@ BROKEN: dict[str, tuple[Told, str]] = {
     "a handler comes before what its handling comes after": (
         [*TWO, Constrained([after(1, EA, 2, SH)]), given(2)], "m2 {2} was given to a handler before end achieving 1"),
     "a wiretap's listener is not waited for": (
-        [TapAdded(7, Condition.BEFORE_HANDLING, "m2", "m1", ROOT), born(1), born(2, role=Role.LISTENER, about=1),
+        [TapAdded(7, Condition.BEFORE_HANDLING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
          TapFired(7, 1, 2), given(1)], "m1 {1} was given to a handler before end handling 2"),
     "nor before the planning": (
-        [TapAdded(7, Condition.BEFORE_PLANNING, "m2", "m1", ROOT), born(1), born(2, role=Role.LISTENER, about=1),
+        [TapAdded(7, Condition.BEFORE_PLANNING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
          TapFired(7, 1, 2), reached(1, SP)], "start planning 1 ('m1') came before end planning 2"),
     "nor before the achieving": (
-        [TapAdded(7, Condition.BEFORE_ACHIEVING, "m2", "m1", ROOT), born(1), born(2, role=Role.LISTENER, about=1),
+        [TapAdded(7, Condition.BEFORE_ACHIEVING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
          TapFired(7, 1, 2), reached(1, SA)], "start achieving 1 ('m1') came before end achieving 2"),
     "somebody gets in where others have locked": (
         [*LOCKED, born(1), given(1)], "m1 {1} was given to 'legs' while planner has it locked"),

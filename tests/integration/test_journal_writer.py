@@ -25,7 +25,7 @@ def writer(folder: Path, sync: Sync = Sync.BATCH) -> JournalWriter:
 def test_what_was_added_can_be_read(tmp_path: Path, sync: Sync) -> None:
     journal = writer(tmp_path / "run", sync)
     for number in range(1, 100):
-        journal.add(Entry(number, number / 10, [Dropped(number, "why")]))
+        journal.add(Entry(number, number / 10, [Dropped(number, "any", "why")]))
         journal.flush()
     journal.close(100, 10.0, "done")
     entries = list(open_log(tmp_path / "run"))
@@ -36,7 +36,7 @@ def test_what_was_added_can_be_read(tmp_path: Path, sync: Sync) -> None:
 
 def test_a_flush_is_with_the_kernel_when_it_returns(tmp_path: Path) -> None:
     journal = writer(tmp_path / "run")
-    journal.add(Entry(1, 0.5, [Dropped(1, "why")]))
+    journal.add(Entry(1, 0.5, [Dropped(1, "any", "why")]))
     assert len(list(open_log(tmp_path / "run"))) == 1
     journal.flush()
     assert len(list(open_log(tmp_path / "run"))) == 2
@@ -47,7 +47,7 @@ def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(journal_writer, "SEGMENT_BYTES", 2000)
     journal = writer(tmp_path / "run")
     for number in range(1, 200):
-        journal.add(Entry(number, number / 10, [Dropped(number, "x" * 50)]))
+        journal.add(Entry(number, number / 10, [Dropped(number, "any", "x" * 50)]))
         journal.flush()
     journal.close(200, 20.0, "done")
     segments = sorted(path.name for path in (tmp_path / "run").iterdir())
@@ -61,7 +61,7 @@ def test_a_sync_that_fails_stops_the_next_turn(tmp_path: Path, monkeypatch: pyte
     journal = writer(tmp_path / "run")
     os.close(journal._file)
     journal._file = os.open("/dev/full", os.O_WRONLY)
-    journal.add(Entry(1, 0.5, [Dropped(1, "why")]))
+    journal.add(Entry(1, 0.5, [Dropped(1, "any", "why")]))
     with pytest.raises(CentralError, match="No space left on device: central stops"):
         journal.flush()
 

@@ -12,7 +12,7 @@ from integration.programs import central
 
 from tca_module import CentralLost, Client, Command, Condition, Inform, SentTask, connect
 from tca_tools.run.journals import open_log
-from tca_wire.journal import facts, facts_of_watching
+from tca_wire.journal import facts
 
 WORK, NOTE = Command("work", int), Inform("note")
 
@@ -48,5 +48,5 @@ def test_a_killed_central_takes_its_numbers_with_it(tmp_path: Path, *, has_heard
                 CALLS[call](user, olds[call], new)
         assert sorted(task.data(WORK) for task in stranger.tasks(WORK)) == [2] * len(CALLS) + [3] * len(CALLS)
     told = [fact for entry in open_log(second.journal) for fact in entry.facts]
-    done = facts.Constrained | facts.KillPlanned | facts.Killed | facts.DeadlineSet | facts_of_watching.TapAdded
+    done = facts.Constrained | facts.KillPlanned | facts.Killed | facts.DeadlineSet | facts.TapAdded
     assert not [fact for fact in told if isinstance(fact, done)]

@@ -128,7 +128,7 @@ def test_so_do_rows_of_handlers_that_block(taken: list[tuple[str, int, int, int]
 
 def test_many_rows_are_compared() -> None:
     player = FoldedPlayer()
-    Life(player).go_on(0, 300)
+    Life(player).go_on(0, 400)
     assert assert_ages_are_the_story_s(player.history, 60) > 50
 
 

@@ -118,7 +118,7 @@ def recovering() -> Story:
     story.delivered(moves[0], "legs")
     fail(story.at(2.0), moves[0], "slip", "left foot")
     helper = caught(story, moves[0])
-    story.at(2.2).say(facts.Retried(TaskId(moves[0]), b"")).returned(helper).reached(helper, *Moment)
+    story.at(2.2).say(facts.Retried(TaskId(moves[0]), b"", "user")).returned(helper).reached(helper, *Moment)
     story.say(facts.Delivered(moves[0] + 100, moves[0], "legs", "legs"))
     story.at(3.7).say(facts.Returned(moves[0] + 100, Outcome.DONE, b"")).reached(moves[0], *Moment)
     moves.append(story.at(4.0).command("move", "user"))

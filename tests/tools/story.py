@@ -13,6 +13,7 @@ import msgspec
 from tca_tools.run.fold import History
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
 from tca_wire.journal import facts
+from tca_wire.journal.causes import Request
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
@@ -47,6 +48,12 @@ class Story:
 
     def at(self, time: float) -> "Story":
         self.entries.append(Entry(len(self.entries) + 1, time, []))
+        return self
+
+    def asked_by(self, delivery: int) -> "Story":
+        """What is told next of this event, a handler has asked for."""
+        entry = self.entries[-1]
+        self.entries[-1] = Entry(entry.number, entry.time, entry.facts, Request("any", 1, 1, "Kill", delivery))
         return self
 
     def fold(self, until: float | None = None) -> History:
@@ -206,7 +213,9 @@ def stumbling() -> Story:
         facts.Failed(7, "terrain collision", "leg 4 met\x1b[31m rock")
     )
     for task in (1, 2, 3, 4, 9, 10):
-        story.say(facts.Killed(TaskId(task), "failure 'terrain collision' of move body {7} was not handled"))
+        story.say(
+            facts.Killed(TaskId(task), "failure 'terrain collision' of move body {7} was not handled", failed=TaskId(7))
+        )
     for task in (7, 9, 10, 2, 3, 4, 1):
         story.reached(task, *Moment)
     return story.say(facts.WaitEnded("user interface", 0, TaskId(1))).at(5.0).say(facts.Closed("interrupted"))

@@ -30,7 +30,7 @@ def test_who_waits_for_a_reply_is_told_where_the_query_is() -> None:
     ]
     run = tale.module("cellar", "salt").delivered(salt, "cellar").at(3.0).fold()
     assert of_handler(run)[1] == f"1.5 {asked}, which cellar handles, and goes on"
-    run = tale.returned(salt).say(facts.Answered(salt), facts.Dropped(taste, "no need")).at(4.0).fold()
+    run = tale.returned(salt).say(facts.Answered(salt), facts.Dropped(taste, "any", "no need")).at(4.0).fold()
     assert of_handler(run) == [f"1.0 (2.0 s) {waits}", f"1.5 (1.5 s) {asked}, and goes on"]
 
 

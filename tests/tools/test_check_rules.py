@@ -228,7 +228,7 @@ def test_a_journal_that_begins_in_the_middle() -> None:
 
 
 def test_a_segment_that_is_missing() -> None:
-    opened = facts.Opened(1, "epoch", 3, 0.0, "0.1.0")
+    opened = facts.Opened(facts.JOURNAL_VERSION, "epoch", 3, 0.0, "0.1.0")
     middle = len(WALK) // 2
     entries = [*WALK[:9], Entry(WALK[middle].number, WALK[middle].time, [opened]), *WALK[middle:]]
     gaps, found = _gaps(entries)
@@ -237,7 +237,7 @@ def test_a_segment_that_is_missing() -> None:
 
 
 def test_two_runs_one_after_the_other() -> None:
-    other = Entry(0, 0.0, [facts.Opened(1, "other", 1, 0.0, "0.1.0")])
+    other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "other", 1, 0.0, "0.1.0")])
     gaps, found = _gaps([*WALK, other, *WALK[1:]])
     assert gaps == ["at 0.00 s another run begins (other)"]
     assert found == []

@@ -52,7 +52,7 @@ def test_data_are_indented_and_cut_after_five_lines() -> None:
 def test_nobody_listens_and_nobody_handles() -> None:
     story = Story().module("user")
     pose = story.received("pose", MessageClass.BROADCAST, "user")
-    story.say(facts.Dropped(pose, "nobody listens"))
+    story.say(facts.Dropped(pose, "any", "nobody listens"))
     story.queued(story.command("fly", "user"))
     lines = [" ".join(line.split()) for line in classic_lines(story.entries)]
     assert lines[2:] == [

@@ -99,7 +99,7 @@ def given_up() -> Story:
     story.delivered(where, "maps").at(1.2)
     look = story.received("look", QUERY, "maps", origin=where, blocking=True)
     story.delivered(look, "eye").at(2.0)
-    story.say(facts.ModuleLeft("maps", "fog"), facts.Dropped(look, "its sender gave up"))
+    story.say(facts.ModuleLeft("maps", "fog"), facts.Dropped(look, "any", "its sender gave up"))
     _fail(story.say(facts.Failed(where, "blind", "fog"), facts.Answered(where)), walk)
     story.say(facts.Unhandled(TaskId(walk)), facts.Killed(TaskId(walk), "blind", "central")).reached(walk, *Moment)
     return _fail(story.at(9.0), look).at(10.0)
@@ -180,7 +180,7 @@ def test_of_what_is_killed_later_there_is_no_chain_yet() -> None:
     step = story.goal("step", "user", walk)
     _fail(story.delivered(step, "legs").at(2.0), step).at(3.0).say(facts.Unhandled(TaskId(step)))
     why = "failure 'blind' of task 2 'step' was not handled"
-    story.say(*(facts.Killed(TaskId(task), why, "central") for task in (walk, step)))
+    story.say(*(facts.Killed(TaskId(task), why, failed=TaskId(step)) for task in (walk, step)))
     run = story.reached(step, *Moment).reached(walk, *Moment).at(4.0).fold()
     assert [one.depth for one in failure_chain(run, TaskId(walk))] == [1, 0, 1]
     assert failure_chain(run, TaskId(walk), 2.5) == []

@@ -145,7 +145,7 @@ def test_of_a_journal_of_a_later_version_what_is_known_is_written(tmp_path: Path
     story = stumbling()
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION + 1, "epoch", 1, 0.0, "9.9")
     result = exported(story.write(tmp_path / "run"), "--to", name, "-o", tmp_path / "out")
-    assert (result.exit_code, "written by a later version (2; this one reads up to 1)" in result.stderr) == (1, True)
+    assert (result.exit_code, "written by a later version (3; this one reads up to 2)" in result.stderr) == (1, True)
     assert (tmp_path / "out").exists()
 
 

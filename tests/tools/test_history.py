@@ -190,7 +190,7 @@ def test_a_broadcast_has_a_handling_for_each_receiver() -> None:
 def test_a_query_that_is_dropped_keeps_nobody_waiting() -> None:
     story = Story().module("script")
     query = story.received("where", QUERY, "script", blocking=True)
-    story.queued(query).at(2.0).say(facts.Dropped(query, "its sender gave up"))
+    story.queued(query).at(2.0).say(facts.Dropped(query, "any", "its sender gave up"))
     history = story.fold()
     assert [(wait.start, wait.end) for wait in history.modules["script"].waits] == [(0.0, 2.0)]
     assert history.queueings[0].end == 2.0
@@ -305,7 +305,7 @@ def test_a_tree_may_be_as_deep_as_it_likes() -> None:
 def test_a_copy_whose_listener_left_is_handled_no_longer() -> None:
     story = Story().module("map", "pose")
     pose = story.received("pose", MessageClass.BROADCAST, "legs")
-    story.say(facts.Delivered(9, pose, "map", "map")).at(1.0).say(facts.Dropped(9, "it left"))
+    story.say(facts.Delivered(9, pose, "map", "map")).at(1.0).say(facts.Dropped(9, "any", "it left"))
     history = story.fold()
     assert RunAt(history).running("map", "map") == []
     assert [handling.end for handling in history.messages[pose].handlings] == [1.0]

@@ -84,9 +84,9 @@ def test_what_is_to_be_handled_again_says_that_a_wiretap_holds_it() -> None:
     assert told(history, move)[-1] == f"achieving, until check {{{check}}} (the listener of a wiretap) has ended"
 
 
-def test_a_journal_that_does_not_tell_who_added_a_wiretap() -> None:
+def test_what_a_wiretap_s_listener_holds_waits_for_it() -> None:
     tale = Story().module("legs", "move").module("checker", "check").at(1.0)
-    tale.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT))
+    tale.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT, "safety"))
     move = tale.command("move", "user")
     check = move + 1
     command = MessageClass.COMMAND
@@ -94,7 +94,7 @@ def test_a_journal_that_does_not_tell_who_added_a_wiretap() -> None:
     tale.say(facts.TapFired(90, move, check), facts.Delivered(check, check, "checker", "checker"))
     tale.reached(check, *ACTING).at(3.0)
     tale.command("move", "user")
-    reason = f"waits until check {{{check}}}, the listener of a wiretap, has been handled"
+    reason = f"waits until check {{{check}}}, the listener of a wiretap of safety, has been handled"
     assert noted(tale.fold(), move) == f"{reason}, for 2.00 s"
     tale.at(4.0).reached(check, *Moment).delivered(move, "legs")
     assert noted(tale.fold(), move) == ""

@@ -13,7 +13,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role, Scope
+from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 PATIENT, TREAT, INFUSE, TRANSFER = 1, 2, 3, 4
 KILLED = "was killed: transferred (by safety)"
@@ -40,8 +40,12 @@ def treating() -> Story:
     return story.at(3.0)
 
 
-def kill(story: Story, *tasks: int, by: str = "safety") -> Story:
-    story.say(*(facts.Killed(TaskId(task), "transferred", by) for task in tasks))
+def killed(task: int, by: str = "safety", asker: int = TRANSFER) -> facts.Killed:
+    return facts.Killed(TaskId(task), "transferred", by, asker)
+
+
+def kill(story: Story, *tasks: int, by: str = "safety", asker: int = TRANSFER) -> Story:
+    story.say(*(killed(task, by, asker) for task in tasks))
     story.reached(INFUSE, *Moment)
     return story.at(4.0).returned(TRANSFER).reached(TRANSFER, *Moment).at(5.0)
 
@@ -66,7 +70,7 @@ def test_of_a_handler_that_was_called_for_another_one_that_failed_the_first_fail
     story = treating()
     story.returned(TRANSFER, Outcome.FAILED).say(facts.Failed(TRANSFER, "no bed", "full"))
     give_up = help_for(story, TRANSFER, "give up")
-    story.at(3.5).say(*(facts.Killed(TaskId(task), "transferred", "safety") for task in (PATIENT, TREAT)))
+    story.at(3.5).say(*(killed(task, asker=give_up) for task in (PATIENT, TREAT)))
     run = story.at(4.0).returned(give_up).fold()
     assert [text for _, text in told(run, PATIENT)][:4] == [
         "  treat {2} failed: allergy: rash",
@@ -78,11 +82,21 @@ def test_of_a_handler_that_was_called_for_another_one_that_failed_the_first_fail
 
 def of_another_module() -> Story:
     """Somebody else kills the patient while the exception handler runs."""
-    return kill(treating(), PATIENT, TREAT, INFUSE, by="ward")
+    return kill(treating(), PATIENT, TREAT, INFUSE, by="ward", asker=0)
+
+
+def of_code_outside() -> Story:
+    """The module kills it, and not in the exception handler."""
+    return kill(treating(), PATIENT, TREAT, INFUSE, asker=0)
+
+
+@pytest.mark.parametrize("tell", [of_another_module, of_code_outside])
+def test_what_no_exception_handler_asked_for_was_for_no_failure(tell: Callable[[], Story]) -> None:
+    assert told(tell().fold(), INFUSE) == []
 
 
 def of_two_handlers() -> Story:
-    """Two exception handlers of the module run: it may have been either."""
+    """Two exception handlers of the module run."""
     story = treating()
     other = story.goal("visit", "user")
     story.say(facts.Failed(other, "lost", ""))
@@ -90,29 +104,15 @@ def of_two_handlers() -> Story:
     return kill(story.at(3.5), PATIENT, TREAT, INFUSE)
 
 
-def of_another_failure() -> Story:
-    """The exception handler runs for what is not under the task that is killed."""
-    return kill(treating(), INFUSE)
-
-
-def of_a_plan() -> Story:
-    """The module had planned a kill of that task long ago."""
-    story = treating()
-    planned = facts.KillPlanned(TaskId(PATIENT), Scope.TASK, None, 1.0, "transferred", "safety")
-    return kill(story.say(planned).at(3.5), PATIENT, TREAT, INFUSE)
-
-
 def of_a_late_kill() -> Story:
-    """The exception handler had returned."""
+    """The exception handler has planned it, and returned."""
     story = treating().returned(TRANSFER).reached(TRANSFER, *Moment).at(3.5)
-    return story.say(*(facts.Killed(TaskId(task), "transferred", "safety") for task in (PATIENT, TREAT, INFUSE)))
+    return story.say(*(killed(task) for task in (PATIENT, TREAT, INFUSE))).reached(INFUSE, *Moment).at(4.0)
 
 
-@pytest.mark.parametrize(
-    "tell", [of_another_module, of_two_handlers, of_another_failure, of_a_plan, of_a_late_kill]
-)  # fmt: skip
-def test_what_is_not_sure_is_not_told(tell: Callable[[], Story]) -> None:
-    assert told(tell().fold(), INFUSE) == []
+@pytest.mark.parametrize("tell", [of_two_handlers, of_a_late_kill])
+def test_the_exception_handler_that_asked_is_known(tell: Callable[[], Story]) -> None:
+    assert told(tell().fold(), INFUSE)[0] == (2.0, "  treat {2} failed: allergy: rash")
 
 
 def retrying() -> Story:

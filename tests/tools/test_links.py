@@ -70,10 +70,12 @@ def given_up() -> Run:
     go = story.command("go", "user")
     story.delivered(go, "m").at(2.0)
     look = story.received("look", QUERY, "m", origin=go, blocking=True)
-    story.delivered(look, "eye").at(3.0).say(facts.Dropped(look, "its sender gave up")).at(4.0)
+    story.delivered(look, "eye").at(3.0).say(facts.Dropped(look, "any", "its sender gave up")).at(4.0)
     every = story.received("all", MessageClass.MULTI_QUERY, "m", origin=go, blocking=True)
     story._next_id += 1
-    story.say(facts.Queued(every + 1, every, "eye", "eye")).at(5.0).say(facts.Dropped(every, "its sender gave up"))
+    story.say(facts.Queued(every + 1, every, "eye", "eye")).at(5.0).say(
+        facts.Dropped(every, "any", "its sender gave up")
+    )
     story.at(6.0).returned(go).reached(go, END).at(8.0).returned(look)
     return story.at(9.0).fold()
 

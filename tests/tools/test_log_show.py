@@ -40,7 +40,7 @@ def told_of_everything() -> Story:
     story.returned(goal, Outcome.FAILED).say(
         facts.Failed(goal, "slip", ""), facts.Killed(TaskId(goal), "slipped", "panel")
     )
-    story.say(facts.Dropped(77, "nobody listens"), facts.Awaited(pose), facts.Answered(pose))
+    story.say(facts.Dropped(77, "any", "nobody listens"), facts.Awaited(pose), facts.Answered(pose))
     story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))
     told_of_control(story, TaskId(goal))
     story.say(facts.HandledDirectly("pose", "map", "map", "legs", goal, 88, 61.4, 0.00025, Outcome.DONE, ""))
@@ -56,7 +56,9 @@ def told_of_control(story: Story, task: TaskId) -> None:
     story.say(facts.Attached(20, "slip", "recover", task, "", 3), facts.Attached(21, "", "report", ROOT, "walk", 0))
     story.say(facts.Caught(task, TaskId(22), task, 20), facts.Reissued(TaskId(22)), facts.Unhandled(task))
     story.say(facts.Retried(task, b"", "expert"), facts.Recovered(task), facts.Removed(21, "tca detach"))
-    story.say(facts.TapAdded(23, Condition.BEFORE_HANDLING, "check", "walk", ROOT), facts.TapFired(23, task, 0))
+    story.say(
+        facts.TapAdded(23, Condition.BEFORE_HANDLING, "check", "walk", ROOT, "safety"), facts.TapFired(23, task, 0)
+    )
     story.say(facts.MonitorTested(task, holds=True), facts.MonitorEnded(task, "its end point is reached"))
     story.say(facts.Claimed(24, "legs", "motors", True, "map", 0), facts.Granted(24), facts.ClaimEnded(24, "released"))
     story.say(facts.SuspendedOrResumed(task, is_suspended=True, by="panel"))
@@ -66,6 +68,7 @@ def told_of_control(story: Story, task: TaskId) -> None:
     story.say(facts.TimedOut(Constraint(Point(task, Moment.END_HANDLING), after, 0.5)))
     story.say(facts.DeadlineSet(task, Moment.END_ACHIEVING, 5.0))
     story.say(facts.KillPlanned(task, Scope.DESCENDANTS, after, 3.0, "no need", "panel"))
+    story.say(facts.SendPlanned(task, "stand", b""))
 
 
 def test_a_line_for_each_fact(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
@@ -247,5 +250,8 @@ def test_walking_stays_as_it_is(tca: Tca, tmp_path: Path) -> None:
 def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("map", "pose")
     pose = story.received("pose", MessageClass.VARIABLE, "legs")
-    story.say(facts.Queued(9, pose, "map", "map"), facts.Dropped(9, "a newer one came"))
-    assert "dropped        pose {9}: a newer one came" in tca("log", "show", story.write(tmp_path / "run")).stdout
+    story.say(facts.Queued(9, pose, "map", "map"), facts.Dropped(9, "pose", "a newer one came", pose))
+    assert (
+        f"dropped        pose {{9}} of message {{{pose}}}: a newer one came"
+        in tca("log", "show", story.write(tmp_path / "run")).stdout
+    )

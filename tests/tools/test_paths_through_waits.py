@@ -78,7 +78,7 @@ def _asked(told: Story, go: int) -> Story:
     told.delivered(ask, "n").at(4.05)
     back = told.received("back", QUERY, "n", origin=ask, blocking=True)
     told.queued(back, "m").say(facts.RequestRefused("n", Refusal.DEADLOCK, CIRCLE), facts.Unqueued(back))
-    told.say(facts.Dropped(back, "deadlock")).at(4.1)
+    told.say(facts.Dropped(back, "any", "deadlock")).at(4.1)
     return told.returned(ask, data=-1).say(facts.Answered(ask))
 
 

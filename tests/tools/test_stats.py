@@ -97,7 +97,7 @@ def test_a_query_that_nobody_handles_is_open_until_it_is_dropped() -> None:
     story = Story().at(1.0)
     lost = story.received("where", QUERY, "x")
     assert of(measure(story.fold()), "where").open == 1
-    story.at(2.0).say(facts.Dropped(lost, "its sender left"))
+    story.at(2.0).say(facts.Dropped(lost, "any", "its sender left"))
     assert [(one.open, one.dropped) for one in measure(story.fold()).messages] == [(0, 1)]
 
 
@@ -108,7 +108,7 @@ def test_what_is_in_no_time_to_the_end_is_told(run: Path, tmp_path: Path) -> Non
     asked = [story.received("where", QUERY, "user") for _ in range(2)]
     for one in asked:
         story.delivered(one, "map")
-    story.at(2.0).say(facts.Dropped(asked[0], "its sender gave up")).at(3.0)
+    story.at(2.0).say(facts.Dropped(asked[0], "any", "its sender gave up")).at(3.0)
     for one in asked:
         story.returned(one)
     run = story.say(facts.Answered(asked[1])).write(tmp_path / "asked")
@@ -119,7 +119,7 @@ def test_a_failure_that_was_dealt_with_counts() -> None:
     story = Story().module("legs", "walk").at(1.0)
     walk = story.goal("walk", "x")
     story.delivered(walk, "legs").at(2.0).returned(walk, Outcome.FAILED).say(facts.Failed(walk, "slip", ""))
-    story.at(3.0).say(facts.Retried(TaskId(walk), b"")).delivered(walk, "legs").at(5.0).returned(walk)
+    story.at(3.0).say(facts.Retried(TaskId(walk), b"", "user")).delivered(walk, "legs").at(5.0).returned(walk)
     story.reached(walk, Moment.END_ACHIEVING)
     walks = of(measure(story.fold()), "walk")
     assert (walks.failed_runs, walks.failed, walks.handled) == (1, 0, 2)
@@ -173,7 +173,7 @@ def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: 
     dances = [story.received("dance", MessageClass.INFORM, "user") for _ in range(3)]
     for dance in dances:
         story.queued(dance)
-    run = story.say(facts.Dropped(dances[0], "a newer one came")).at(61.0).write(tmp_path / "run")
+    run = story.say(facts.Dropped(dances[0], "any", "a newer one came")).at(61.0).write(tmp_path / "run")
     lines = [line.split() for line in shown(run).stdout.splitlines()]
     heads, figures = (next(line for line in lines if line[:1] == [name]) for name in ("message", "dance"))
     told = dict(zip(heads[1:6], figures[1:6], strict=True))

@@ -100,7 +100,7 @@ def test_a_failure_that_is_handled_by_another_try() -> None:
         recover, "recover", GOAL, "central", TaskId(move), 0, False, b"", [], Role.EXCEPTION, move
     )
     tale.say(facts.Caught(TaskId(move), TaskId(recover), TaskId(0), 9)).delivered(recover, "expert")
-    tale.at(1.5).say(facts.Retried(TaskId(move), b"\x07")).returned(recover).reached(recover, *Moment)
+    tale.at(1.5).say(facts.Retried(TaskId(move), b"\x07", "user")).returned(recover).reached(recover, *Moment)
     tale.delivered(move, "legs").at(2.0).returned(move).reached(move, Moment.END_ACHIEVING)
     history = tale.fold()
     assert told(history, move) == [
@@ -109,7 +109,7 @@ def test_a_failure_that_is_handled_by_another_try() -> None:
         "1.0 failed: slip",
         "1.0 exception handler recover {2} is called",
         "1.0 (0.5 s) recovering, until recover {2} has dealt with its failure",
-        "1.5 to be handled again, with other data",
+        "1.5 to be handled again, with other data (retried by user)",
         "1.5 (0.5 s) handled by legs",
         "2.0 achieved",
     ]
@@ -207,15 +207,14 @@ def test_what_is_sent_under_a_suspended_task_is_suspended_by_the_same() -> None:
 
 def test_who_killed_is_told_once_and_with_the_reason_that_was_given() -> None:
     tale = Story().module("chef", "mop floor").at(1.0)
-    reasons = {"by module 'panel'": "panel", "tired": "tca kill", "too late": "", "overload: one came": "central"}
+    reasons = {"": "panel", "tired": "tca kill", "overload: one came": "central"}
     for why, by in reasons.items():
         mop = tale.goal("mop floor", "user")
         tale.say(facts.Killed(TaskId(mop), why, by)).reached(mop, *Moment)
     history = tale.fold()
-    assert [told(history, task)[-1] for task in range(1, 5)] == [
+    assert [told(history, task)[-1] for task in range(1, 4)] == [
         "1.0 killed: by panel",
         "1.0 killed: tired (by the command 'tca kill')",
-        "1.0 killed: too late",
         "1.0 killed: overload: one came",
     ]
 

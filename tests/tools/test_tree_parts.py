@@ -155,7 +155,9 @@ def test_what_ran_out_of_time_waited_for_something() -> None:
     story.say(facts.DeadlineSet(TaskId(deliver), Moment.END_ACHIEVING, 2.0)).at(3.0)
     story.say(facts.Failed(deliver, "timeout", "too late"), facts.Unhandled(TaskId(deliver)))
     why = "failure 'timeout' of task 3 'deliver' was not handled"
-    story.say(*(facts.Killed(TaskId(task), why) for task in (order, batch, deliver))).reached(deliver, *Moment)
+    story.say(*(facts.Killed(TaskId(task), why, failed=TaskId(deliver)) for task in (order, batch, deliver))).reached(
+        deliver, *Moment
+    )
     run = story.at(4.0).fold()
     assert [(link.time, link.text) for link in failure_chain(run, TaskId(order))] == [
         (1.0, "deliver {3} waited until batch {2} is achieved, for 2.00 s"),

@@ -6,21 +6,20 @@ import zlib
 from collections.abc import Callable
 
 import msgpack
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tca_wire.errors import JournalDamaged
-from tca_wire.journal.facts import Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
+from tca_wire.journal.facts import JOURNAL_VERSION, Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
 from tca_wire.journal.records import MAX_RECORD, JournalReader, record
 from tca_wire.points import Moment, TaskId, describe_moments
 from tca_wire.text.facts_in_words import fields_of
 from tca_wire.vocabulary import Outcome
 
 ENTRIES = [
-    Entry(0, 0.0, [Opened(1, "epoch", 1, 1e9, "0.1")]),
-    Entry(1, 0.5, [Reached(TaskId(3), 5), Dropped(4, "why")]),
+    Entry(0, 0.0, [Opened(JOURNAL_VERSION, "epoch", 1, 1e9, "0.1")]),
+    Entry(1, 0.5, [Reached(TaskId(3), 5), Dropped(4, "any", "why")]),
     Entry(2, 0.75, [Reached(TaskId(3), 58)]),
 ]
 BYTES = b"".join(map(record, ENTRIES))
@@ -57,11 +56,13 @@ def test_no_flipped_bit_goes_unnoticed(at: int, bit: int) -> None:
     assert (reader.holes == [ENDS[lost]]) if lost < 2 else reader.torn
 
 
-def test_journals_from_before_it_was_noted_who_asked_are_read() -> None:
-    older = [["suspended", 3, True], ["killed", 3, "why"], ["retried", 3, b""], ["removed", 3]]
-    told = msgspec.convert(older, list[Fact])
-    assert [getattr(fact, "by", None) for fact in told] == [""] * 4
-    assert msgspec.to_builtins(msgspec.convert([[*fact, "panel"] for fact in older], list[Fact]))[0][-1] == "panel"
+def test_a_journal_of_an_earlier_version_is_refused_and_it_is_said_what_to_do() -> None:
+    older = b"".join(framed([number, 0.0, told]) for number, told in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []]))
+    said = (
+        f"walk: an earlier version of tca wrote it \\(format 1, this one reads {JOURNAL_VERSION}\\): read it with that"
+    )
+    with pytest.raises(JournalDamaged, match=said):
+        read(older)
 
 
 def flipped(*places: int) -> bytes:
@@ -88,7 +89,10 @@ def test_damage_that_hides_where_the_next_entry_begins_is_passed_over_too(places
 
 
 def long_journal(entries: int = 3000) -> list[Entry]:
-    return [ENTRIES[0], *(Entry(number, number / 8, [Dropped(number, "x" * 90)]) for number in range(1, entries))]
+    return [
+        ENTRIES[0],
+        *(Entry(number, number / 8, [Dropped(number, "any", "x" * 90)]) for number in range(1, entries)),
+    ]
 
 
 @pytest.mark.parametrize("filler", [b"", bytes(50_000), b"\xce" * 50_000, b"\xce\x00\x00\x00\x20" * 20_000])
@@ -190,7 +194,7 @@ def framed(*values: object) -> bytes:
 def test_facts_that_this_version_does_not_know_are_left_out() -> None:
     entries, reader = read(BYTES + framed([3, 1.0, [["brand new", 1, {"a": 2}], ["reached", 3, 1]], "more"]))
     assert entries == [*ENTRIES, Entry(3, 1.0, [Reached(TaskId(3), 1)])]
-    assert (reader.unknown, reader.holes, reader.version) == (1, [], 1)
+    assert (reader.unknown, reader.holes, reader.version) == (2, [], JOURNAL_VERSION)  # a fact, and a cause
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300, "noon"])
@@ -280,7 +284,7 @@ def test_facts_have_text_forms() -> None:
 
 
 def test_an_entry_too_big_for_a_record_becomes_several_of_the_same_number() -> None:
-    told: list[Fact] = [Dropped(number, "x" * (8 << 20)) for number in range(9)]
+    told: list[Fact] = [Dropped(number, "any", "x" * (8 << 20)) for number in range(9)]
     entries, _ = read(BYTES + record(Entry(3, 1.0, told)))
     parts = entries[len(ENTRIES) :]
     assert len(parts) == 2
