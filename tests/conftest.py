@@ -1,6 +1,7 @@
 """Shared fixtures."""
 
 import os
+import resource
 import signal
 import sys
 from pathlib import Path
@@ -30,6 +31,13 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     settings.register_profile("ours", derandomize=not config.getoption("--new-lives"), deadline=None)
     settings.load_profile("ours")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """All that the tests and the processes they started have cost."""
+    if not hasattr(config, "workerinput"):
+        used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        print(f"processor: {sum(one.ru_utime + one.ru_stime for one in used):.0f} s")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -5,10 +5,8 @@ import signal
 import socket as sockets
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import pytest
 import zmq
 from integration.programs import central, program, run, tca
@@ -17,12 +15,10 @@ from tca_module import (
     CentralLost,
     Command,
     Failure,
-    FormatRefused,
     Goal,
     Module,
     Outcome,
     Query,
-    QueryFailed,
     Task,
     TaskFailed,
     Variable,
@@ -108,24 +104,6 @@ def test_a_killed_module_fails_its_task_and_nothing_else(tmp_path: Path) -> None
             assert user.query(SQUARE, 3) == 9
 
 
-def test_a_query_whose_server_is_killed_is_answered(tmp_path: Path) -> None:
-    text = SQUARES.replace("return number * number", "import os; os.kill(os.getpid(), 9)")
-    with central(tmp_path) as daemon, program(text, daemon.address) as squares, connect("user", daemon.address) as user:
-        ready(squares)
-        with pytest.raises(QueryFailed, match="module lost"):
-            user.query(SQUARE, 3, timeout=20)
-
-
-def test_a_running_handler_is_told_that_its_task_was_killed(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, program(MOVES, daemon.address) as legs, connect("user", daemon.address) as user:
-        ready(legs)
-        endless = user.command(MOVE, 1000)
-        assert legs.stdout
-        assert legs.stdout.readline() == "moving\n"
-        endless.kill("enough")
-        assert endless.wait(timeout=10) is Outcome.KILLED
-
-
 def test_a_terminated_module_finishes_what_it_does_and_another_goes_on(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         with program(MOVES_UNTIL_TERMINATED, daemon.address) as old:
@@ -166,25 +144,6 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
     assert f"speaks protocol 99, central {headers.PROTOCOL_VERSION}: use one version" in said
     assert "3 frames; a packet is one" in said
     assert "Traceback" not in said
-
-
-@dataclass
-class Number:
-    value: float
-
-
-def test_two_formats_for_one_name_are_refused_in_one_line(tmp_path: Path) -> None:
-    with (
-        central(tmp_path) as daemon,
-        program(SQUARES, daemon.address) as squares,
-        connect("user", daemon.address) as user,
-    ):
-        ready(squares)
-        with pytest.raises(FormatRefused, match=r"'square'.*data \$: object here, integer there .*'user'.*'squares'"):
-            user.query(Query("square", Number, reply=int), Number(1))
-        with pytest.raises(FormatRefused, match="a command here, a query there"):
-            user.command(Command("square", int, result=int), 1)
-        assert user.query(SQUARE, 2) == 4
 
 
 def test_central_that_is_not_running_is_named(tmp_path: Path) -> None:
@@ -306,25 +265,6 @@ def test_the_journal_of_a_killed_central_can_be_read(tmp_path: Path) -> None:
         daemon.process.wait()
     history = History.until(open_log(daemon.journal))
     assert sum(task.state == "achieved" for task in history.tasks.values()) == 20
-
-
-def test_handlers_may_be_threads_of_this_process_too(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon:
-        planner = Module("planner", daemon.address)
-
-        @planner.handles(WALK)
-        def walk(task: Task, count: int) -> None:
-            with task.sequence():
-                for number in range(count):
-                    task.command(MOVE, number)
-
-        with program(MOVES, daemon.address) as legs, planner.running():
-            ready(legs)
-            assert planner.goal(WALK, 5).wait(timeout=10) is Outcome.DONE
-    history = History.until(open_log(daemon.journal))
-    moves = [task for task in history.tasks.values() if task.name == "move"]
-    assert len(moves) == 5
-    assert msgspec.msgpack.decode(moves[3].result) == 3
 
 
 def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:
