@@ -1,13 +1,13 @@
 """Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
 
-from tca_explorer.accepted import accepted
 from tca_explorer.errors import ExplorerError, ScenarioError
-from tca_explorer.exploration import explore
-from tca_explorer.scenario import Scenario, ScenarioModule
-from tca_explorer.script import Script, Task
-from tca_explorer.states import Result, Violation
-from tca_explorer.transcript import report
-from tca_explorer.world import Held, Seen, World
+from tca_explorer.observed.world import Held, Seen, World
+from tca_explorer.scenario.accepted import accepted
+from tca_explorer.scenario.scenario import Scenario, ScenarioModule
+from tca_explorer.scenario.script import Script, Task
+from tca_explorer.search.exploration import explore
+from tca_explorer.search.states import Result, Violation
+from tca_explorer.search.transcript import report
 from tca_properties import (
     BadProperty,
     Property,

@@ -8,9 +8,9 @@ from pathlib import Path
 import click
 
 from tca_explorer.errors import ScenarioError
-from tca_explorer.exploration import LIMIT, explore
-from tca_explorer.scenario import Scenario
-from tca_explorer.transcript import report
+from tca_explorer.scenario.scenario import Scenario
+from tca_explorer.search.exploration import LIMIT, explore
+from tca_explorer.search.transcript import report
 from tca_wire.user_file import CannotRun, names_of
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from tca_properties.errors import BadProperty
 from tca_properties.predicates import Named, OfMessages, predicate_from
-from tca_properties.world import Found, Predicate, World
+from tca_properties.world import Found, Predicate, PredicateValues
 from tca_wire.vocabulary import LONGEST_TIME
 
 _MICROSECONDS = 1_000_000  # in a second
@@ -50,9 +50,9 @@ class Property:
         """What there must be, once, or that it holds says nothing; None if it always says something."""
         return None
 
-    def seen(self, world: World, memory: int) -> tuple[int, Breach | None]:
+    def seen(self, values: PredicateValues, memory: int) -> tuple[int, Breach | None]:
         """After an event: what to remember, and what is wrong."""
-        del world
+        del values
         return memory, None
 
     def is_owed(self, memory: int) -> bool:
@@ -66,8 +66,8 @@ class _Never(Property):
 
     is_certain = True
 
-    def seen(self, world: World, memory: int) -> tuple[int, Breach | None]:
-        found = world.true_of(self.predicates[0])
+    def seen(self, values: PredicateValues, memory: int) -> tuple[int, Breach | None]:
+        found = values.true_of(self.predicates[0])
         if not found.is_true:
             return memory, None
         return memory, Breach("", found.messages) if found.messages else Breach("here it is")
@@ -76,8 +76,8 @@ class _Never(Property):
 class _Always(Property):
     """A predicate is always true."""
 
-    def seen(self, world: World, memory: int) -> tuple[int, Breach | None]:
-        return memory, None if world.true_of(self.predicates[0]).is_true else Breach("here it is not")
+    def seen(self, values: PredicateValues, memory: int) -> tuple[int, Breach | None]:
+        return memory, None if values.true_of(self.predicates[0]).is_true else Breach("here it is not")
 
 
 class _AtMost(Property):
@@ -93,23 +93,23 @@ class _AtMost(Property):
     def case(self) -> Predicate:
         return self.predicates[0]
 
-    def seen(self, world: World, memory: int) -> tuple[int, Breach | None]:
+    def seen(self, values: PredicateValues, memory: int) -> tuple[int, Breach | None]:
         predicate = self.predicates[0]
-        found = world.true_of(predicate)
+        found = values.true_of(predicate)
         if found.number > self._most and isinstance(predicate, OfMessages) and predicate.makes_room:
             left = [one for one in found.messages or () if not one.is_over]
             found = Found(bool(left), left)
         if found.number <= self._most:
             return memory, None
         messages = found.messages or ()
-        return memory, Breach(f"here {found.number}", messages, world.newly(predicate).messages or messages)
+        return memory, Breach(f"here {found.number}", messages, values.newly(predicate).messages or messages)
 
 
 class _AtMostInAll(_AtMost):
     """A predicate comes true so many times in a run, and no more."""
 
-    def seen(self, world: World, memory: int) -> tuple[int, Breach | None]:
-        found = world.newly(self.predicates[0])
+    def seen(self, values: PredicateValues, memory: int) -> tuple[int, Breach | None]:
+        found = values.newly(self.predicates[0])
         memory += found.number
         if memory <= self._most or not found.is_true:
             return memory, None
@@ -123,10 +123,10 @@ class _Before(Property):
     def case(self) -> Predicate:
         return self.predicates[1]
 
-    def seen(self, world: World, memory: int) -> tuple[int, Breach | None]:
+    def seen(self, values: PredicateValues, memory: int) -> tuple[int, Breach | None]:
         first, second = self.predicates
-        memory = memory or int(world.true_of(first).is_true)
-        found = Found(is_true=False) if memory else world.true_of(second)
+        memory = memory or int(values.true_of(first).is_true)
+        found = Found(is_true=False) if memory else values.true_of(second)
         return memory, Breach("the second came first", found.messages or ()) if found.is_true else None
 
 
@@ -135,8 +135,8 @@ class _Eventually(Property):
 
     may_be_owed = True
 
-    def seen(self, world: World, memory: int) -> tuple[int, Breach | None]:
-        return memory or int(world.true_of(self.predicates[0]).is_true), None
+    def seen(self, values: PredicateValues, memory: int) -> tuple[int, Breach | None]:
+        return memory or int(values.true_of(self.predicates[0]).is_true), None
 
     def is_owed(self, memory: int) -> bool:
         return not memory
@@ -155,14 +155,14 @@ class _Within(Property):
     def case(self) -> Predicate:
         return self.predicates[0]
 
-    def seen(self, world: World, memory: int) -> tuple[int, Breach | None]:
+    def seen(self, values: PredicateValues, memory: int) -> tuple[int, Breach | None]:
         first, second = self.predicates
         if memory:
-            memory += round(world.passed * _MICROSECONDS)
+            memory += round(values.passed * _MICROSECONDS)
         passed = memory - 1
         breach = Breach(f"here {passed / _MICROSECONDS:g} s have passed") if passed > self._most else None
-        is_asked = world.true_of(first).is_true
-        return 0 if world.true_of(second).is_true else memory or int(is_asked), breach
+        is_asked = values.true_of(first).is_true
+        return 0 if values.true_of(second).is_true else memory or int(is_asked), breach
 
     def is_owed(self, memory: int) -> bool:
         return bool(memory)

@@ -44,7 +44,7 @@ class OfMessages(Named):
     """The predicate that finds the messages in a state: those of a name, handled by a module, with such data."""
 
     def __init__(
-        self, words: str, state: "State", *, message: str = "", module: str = "", data: Sequence[DataTest] = (),
+        self, words: str, state: "MessageState", *, message: str = "", module: str = "", data: Sequence[DataTest] = (),
         is_typed: bool = False,
     ) -> None:  # fmt: skip
         super().__init__(words + _with(data), message=message, module=module)
@@ -75,7 +75,7 @@ def _with(data: Sequence[DataTest]) -> str:
     return f" with {', '.join(map(str, data))}" if data else ""
 
 
-class State:
+class MessageState:
     """A state of messages. Called with a declaration, and data, it is the predicate of such messages in that state."""
 
     def __init__(self, words: str, test: Callable[[Any], bool], meaning: str, *, makes_room: bool = False) -> None:
@@ -107,29 +107,33 @@ class _Equal:
         return bool(message.data == self._value)
 
 
-sent = State("sent", lambda one: one.is_new, "it was sent with the last event, by whomever")
-begun = State("begun", lambda one: one.is_begun, "a handler was given it, now or before", makes_room=True)
-handled = State("handled", lambda one: one.is_handled, "a handler has it")
-queued = State("queued", lambda one: one.is_queued, "it waits for a resource, or for a handler")
-planned = State("planned", lambda one: one.is_planned, "it was expanded, with all that is under it", makes_room=True)
-planned_ahead = State(
+sent = MessageState("sent", lambda one: one.is_new, "it was sent with the last event, by whomever")
+begun = MessageState("begun", lambda one: one.is_begun, "a handler was given it, now or before", makes_room=True)
+handled = MessageState("handled", lambda one: one.is_handled, "a handler has it")
+queued = MessageState("queued", lambda one: one.is_queued, "it waits for a resource, or for a handler")
+planned = MessageState(
+    "planned", lambda one: one.is_planned, "it was expanded, with all that is under it", makes_room=True
+)
+planned_ahead = MessageState(
     "planned ahead", lambda one: one.is_planned_ahead, "it was begun, and may not be achieved yet", makes_room=True
 )
-being_achieved = State(
+being_achieved = MessageState(
     "being achieved", lambda one: one.is_being_achieved, "its achieving has started and has not ended"
 )
-achieved = State("achieved", lambda one: one.is_achieved, "it was achieved with the last event")
-killed = State("killed", lambda one: one.is_killed, "it was killed, and ended with the last event at the earliest")
-failed = State("failed", lambda one: bool(one.failure), "it has a failure that has not been dealt with")
-recovering = State("recovering", lambda one: one.is_recovering, "an exception handler is at work on its failure")
-suspended = State(
+achieved = MessageState("achieved", lambda one: one.is_achieved, "it was achieved with the last event")
+killed = MessageState(
+    "killed", lambda one: one.is_killed, "it was killed, and ended with the last event at the earliest"
+)
+failed = MessageState("failed", lambda one: bool(one.failure), "it has a failure that has not been dealt with")
+recovering = MessageState("recovering", lambda one: one.is_recovering, "an exception handler is at work on its failure")
+suspended = MessageState(
     "suspended", lambda one: one.is_suspended, "it is suspended, by itself or with what it is under", makes_room=True
 )
-fired = State(
+fired = MessageState(
     "fired", lambda one: one.is_fire or one.has_fired,
     "with the last event a wiretap or a monitor sent it; or it is a monitor and sent its action",
 )  # fmt: skip
-retried = State("retried", lambda one: one.is_retried, "it was retried with the last event")
+retried = MessageState("retried", lambda one: one.is_retried, "it was retried with the last event")
 
 STATES = {
     state.words: state

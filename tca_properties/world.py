@@ -32,8 +32,8 @@ class Found(NamedTuple):
         return cls(bool(value), [value] if hasattr(value, "id") else None)
 
 
-class World(Protocol):
-    """What a property asks of the run. Predicates of users may ask for more: for what their own world has."""
+class PredicateValues(Protocol):
+    """What predicates say of a run now. The properties ask this; predicates ask the world of the run itself."""
 
     def true_of(self, predicate: Predicate) -> Found:
         """Of which messages it is true."""

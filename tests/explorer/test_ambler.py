@@ -12,7 +12,7 @@ from robots.ambler_sim.messages import TRAVERSE_ARC, Bend
 from robots.ambler_sim.modules import body_planner, controller, gait_planner, leg_planner, perception
 from robots.ambler_sim.robot import make_robot
 from tca_explorer import Result, World, achieved, always, at_most, before, begun, explore, never, never_stuck, report
-from tca_explorer.fold import Fold
+from tca_explorer.observed.fold import Fold
 from tca_module import connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received

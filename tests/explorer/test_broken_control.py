@@ -259,7 +259,7 @@ BROKEN: dict[Callable[[Patch], None], Callable[[], Result]] = {
 @pytest.mark.parametrize("mutation", BROKEN, ids=lambda mutation: mutation.__name__)
 def test_a_broken_rule_is_found(monkeypatch: Patch, mutation: Callable[[Patch], None]) -> None:
     """By promises and properties alone, without central's own invariants, and in a few actions."""
-    monkeypatch.setattr("tca_explorer.exploration.check_invariants", lambda _: None)
+    monkeypatch.setattr("tca_explorer.search.exploration.check_invariants", lambda _: None)
     assert BROKEN[mutation]().ok, report(BROKEN[mutation]())
     mutation(monkeypatch)
     result = BROKEN[mutation]()

@@ -18,8 +18,8 @@ from tca_explorer import (
     never_stuck,
     report,
 )
-from tca_explorer.fingerprint import Detail, fingerprint
-from tca_explorer.play import Action, Kind, Play
+from tca_explorer.play.play import Action, ActionKind, Play
+from tca_explorer.search.fingerprint import Detail, fingerprint
 from tca_module import Outcome, PollingMonitor, Query
 
 IS_LOW: Query[None, bool] = Query("is low", reply=bool)
@@ -110,7 +110,7 @@ def test_what_need_not_happen_may_be_left_out_for_ever() -> None:
     scenario = looked_at(eventually(lambda world: "battery" not in world.modules))
     scenario.modules["battery"].may_be_lost = 1
     circle = goes_round(explore(scenario))
-    assert {action.kind for action in circle} == {Kind.TIME, Kind.STEP}
+    assert {action.kind for action in circle} == {ActionKind.TIME, ActionKind.STEP}
 
 
 def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:

@@ -24,8 +24,8 @@ from tca_explorer import (
     report,
     sent,
 )
-from tca_explorer.play import Play
-from tca_explorer.snapshot import Snapshots
+from tca_explorer.play.play import Play
+from tca_explorer.search.snapshot import Snapshots
 from tca_module import TaskFailed, TaskKilled
 from tca_wire.messages.declarations import Command
 
@@ -137,7 +137,7 @@ def test_whoever_watches_is_told_how_far_it_is() -> None:
 def test_where_there_is_no_room_for_snapshots_runs_are_played_again(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = walking(never_stuck(), steps=3, capacity=2, may_be_lost=1, comes_back=True)
     kept = explore(scenario, limit=500)
-    monkeypatch.setattr("tca_explorer.exploration.KEPT_BYTES", 0)
+    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 0)
     played = explore(scenario, limit=500)
     assert (kept.states, kept.steps, kept.ends) == (played.states, played.steps, played.ends)
 
@@ -152,12 +152,12 @@ def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(self, play)
 
     monkeypatch.setattr(Snapshots, "save", save)
-    monkeypatch.setattr("tca_explorer.exploration.KEPT_BYTES", 200_000)
+    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 200_000)
     result = explore(walking(never_stuck(), steps=3, capacity=2))
     assert result.ok
     assert len(made) == result.states
     made.clear()
-    monkeypatch.setattr("tca_explorer.exploration.KEPT_BYTES", 20_000)
+    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 20_000)
     assert explore(walking(never_stuck(), steps=3, capacity=2)).ok
     assert 0 < len(made) < result.states
 

@@ -32,10 +32,10 @@ from tca_central.order.holds import Release
 from tca_central.state import Recovery
 from tca_central.watching.watches import Watch
 from tca_explorer import Scenario, Script, Task
-from tca_explorer.fingerprint import IGNORED, SPECIAL, Detail, fingerprint, recognised
-from tca_explorer.play import Action, Kind, Play
-from tca_explorer.snapshot import Snapshots
-from tca_explorer.world import Name, World
+from tca_explorer.observed.world import Name, World
+from tca_explorer.play.play import Action, ActionKind, Play
+from tca_explorer.search.fingerprint import IGNORED, SPECIAL, Detail, fingerprint, recognised
+from tca_explorer.search.snapshot import Snapshots
 from tca_module import Condition, QueryFailed, Refused, Timeout, this
 from tca_wire.messages.declarations import Variable
 from tca_wire.packets.parts import WatchOptions
@@ -246,7 +246,7 @@ def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
     scenario.module("one").does(lambda me: [me.command(STEP)])
     scenario.module("other").does(lambda me: [me.inform(NOTE)])
     step, note = Play(scenario).actions()
-    ways = [(step, note, Action(Kind.STEP, "legs/2")), (note, step, Action(Kind.STEP, "legs/1"))]
+    ways = [(step, note, Action(ActionKind.STEP, "legs/2")), (note, step, Action(ActionKind.STEP, "legs/1"))]
     first, second = (play(scenario, way) for way in ways)
     assert [task.is_handled for task in (*first.fold.tasks, *second.fold.tasks)] == [True, True]
     assert fingerprint(first, ()) == fingerprint(second, ())

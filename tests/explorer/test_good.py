@@ -27,7 +27,7 @@ from tca_explorer import (
     sent,
     within,
 )
-from tca_explorer.fold import Fold
+from tca_explorer.observed.fold import Fold
 from tca_module import PollingMonitor, Query, this
 
 IS_LOW: Query[None, bool] = Query("is low", reply=bool)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from tca_explorer.fold import Fold
+from tca_explorer.observed.fold import Fold
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import (
     Claimed,

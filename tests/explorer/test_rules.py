@@ -252,7 +252,7 @@ def test_a_broken_rule_is_found(
 ) -> None:
     assert is_good(BROKEN[mutation])
     if checked == "by promises and properties":
-        monkeypatch.setattr("tca_explorer.exploration.check_invariants", lambda _: None)
+        monkeypatch.setattr("tca_explorer.search.exploration.check_invariants", lambda _: None)
     mutation(monkeypatch)
     result = BROKEN[mutation]()
     assert result.violation is not None, report(result)

@@ -23,7 +23,7 @@ from tca_explorer import (
     never_stuck,
     report,
 )
-from tca_explorer.link import Link
+from tca_explorer.scenario.script_connection import ScriptConnection
 from tca_module import QueryFailed, Refused
 from tca_wire.constraints import sequential_achievement
 from tca_wire.messages.declarations import Command, Goal
@@ -248,7 +248,7 @@ def test_scenarios_are_checked_when_they_are_written() -> None:
         (lambda: module.handles(REST, resource="arm"), "has no resource 'arm'"),
         (lambda: module.does(lambda _: None), "does something already"),
         (lambda: scenario.may_kill(NOTE), "wants a goal or command"),
-        (lambda: Script(Link(())).choose(), "nothing to choose from"),
+        (lambda: Script(ScriptConnection(())).choose(), "nothing to choose from"),
     ):
         with pytest.raises(ScenarioError, match=words):
             bad()

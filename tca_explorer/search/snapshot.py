@@ -11,16 +11,16 @@ import sys
 from types import CellType, CodeType, FunctionType, MethodType
 from typing import Any
 
-from tca_explorer.marks import Id, Number
-from tca_explorer.play import Play
-from tca_explorer.scenario import Scenario, ScenarioModule
-from tca_explorer.script import Program
-from tca_explorer.steps import Branch, Life
+from tca_explorer.play.identifiers import MessageId, RequestNumber
+from tca_explorer.play.play import Play
+from tca_explorer.scenario.scenario import Scenario, ScenarioModule
+from tca_explorer.scenario.script import Program
+from tca_explorer.scenario.steps import Branch, ScriptRun
 from tca_wire.messages.declarations import Message
 
-_SHARED = (Scenario, ScenarioModule, Program, Life, Branch, Message, CodeType, FunctionType)
+_SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, CodeType, FunctionType)
 
-_ATOMS = (Id, Number)
+_ATOMS = (MessageId, RequestNumber)
 
 
 class Snapshots:

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from tca_explorer.play import Action, Play
-from tca_explorer.scenario import Scenario
+from tca_explorer.play.play import Action, Play
+from tca_explorer.scenario.scenario import Scenario
 
 
 class Violation(msgspec.Struct, frozen=True):
@@ -45,17 +45,17 @@ class Result(msgspec.Struct, frozen=True):
         return self.is_complete and self.violation is None
 
 
-class State:
+class SearchState:
     """A state that was reached, by the action that first led to it."""
 
     __slots__ = ("action", "before", "following", "memories", "order", "snapshot", "ways")
 
-    def __init__(self, before: "State | None", action: Action | None, memories: tuple[int, ...]) -> None:
+    def __init__(self, before: "SearchState | None", action: Action | None, memories: tuple[int, ...]) -> None:
         self.before = before
         self.action = action
         self.memories = memories  #: of the properties
-        self.following: list[State] = []
-        self.ways: list[Way] = []  #: the same, with how: kept where circles are looked for
+        self.following: list[SearchState] = []
+        self.ways: list[Transition] = []  #: the same, with how: kept where circles are looked for
         self.order: tuple[int, ...] = ()  #: the messages under way, in the order of all equal states
         self.snapshot: bytes | None = None  #: of its play, until it has been left; None: play it again
 
@@ -69,16 +69,16 @@ class State:
         return tuple(reversed(actions))
 
 
-class Way(NamedTuple):
+class Transition(NamedTuple):
     """From a state to one that follows it."""
 
     action: Action
-    to: State
+    to: SearchState
     carried: tuple[int, ...]
     """By place of what waits before: its place among what waits after, or -1 where it waits no longer for the same."""
 
 
-def replayed(scenario: Scenario, state: State) -> Play:
+def replayed(scenario: Scenario, state: SearchState) -> Play:
     """Play the run to a state again: it takes as long as the run is."""
     play = Play(scenario)
     for action in state.actions():

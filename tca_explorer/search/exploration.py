@@ -6,20 +6,20 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from tca_central.invariants import check_invariants
-from tca_explorer import circles
-from tca_explorer.apart import apart, check_wanted
-from tca_explorer.branching import Branching
-from tca_explorer.checks import checked_number
 from tca_explorer.errors import CentralFault, ScenarioError
-from tca_explorer.existing import check_messages, check_modules, missing_in
-from tca_explorer.fingerprint import Detail, recognised
-from tca_explorer.play import Action, Play
-from tca_explorer.scenario import Scenario, checked_properties
-from tca_explorer.snapshot import Snapshots
-from tca_explorer.states import Result, State, Violation, Way, replayed
-from tca_explorer.waiting import Waiting, carried, waiting
-from tca_explorer.words import unfinished
-from tca_explorer.world import World, breach_in_words
+from tca_explorer.observed.world import World, breach_in_words
+from tca_explorer.play.play import Action, Play
+from tca_explorer.play.waiting import Waiting, carried, waiting
+from tca_explorer.play.words import unfinished
+from tca_explorer.scenario.argument_checks import checked_number
+from tca_explorer.scenario.scenario import Scenario, checked_properties
+from tca_explorer.scenario.worker_thread import check_wanted, in_worker_thread
+from tca_explorer.search import circles
+from tca_explorer.search.branching import Branching
+from tca_explorer.search.fingerprint import Detail, recognised
+from tca_explorer.search.name_checks import check_message_names, check_module_names, unknown_names
+from tca_explorer.search.snapshot import Snapshots
+from tca_explorer.search.states import Result, SearchState, Transition, Violation, replayed
 from tca_properties.algebra import NeverStuck, Property, words_of
 
 LIMIT = 100_000
@@ -45,12 +45,12 @@ def explore(
         raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
     checked_number(limit, "explore(limit=...)", least=1)
     judged = (*scenario.properties, *checked_properties(properties))
-    check_modules(scenario, judged)
+    check_module_names(scenario, judged)
     detail = Detail()
     while True:
         exploration = _Exploration(scenario, judged, limit, detail, watch)
         try:
-            return apart(exploration.run)
+            return in_worker_thread(exploration.run)
         except _MoreDetail as more:
             detail = more.detail
 
@@ -71,8 +71,8 @@ class _Exploration:
         self.limit = limit
         self.detail = detail
         self.watch = watch
-        self.known: dict[bytes, State] = {}
-        self.frontier: deque[State] = deque()
+        self.known: dict[bytes, SearchState] = {}
+        self.frontier: deque[SearchState] = deque()
         self.steps = 0
         self.ends = 0
         self.branching = Branching()
@@ -95,13 +95,13 @@ class _Exploration:
         if is_complete and longest is None:
             violation = self._go_round(states)
         if is_complete:
-            check_messages(self.scenario, self.properties, self.used)
+            check_message_names(self.scenario, self.properties, self.used)
         vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
         said_nothing = tuple(f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous)
         return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
                       said_nothing, self.branching.most())  # fmt: skip
 
-    def _go_round(self, states: list[State]) -> Violation | None:
+    def _go_round(self, states: list[SearchState]) -> Violation | None:
         """Some runs go on for ever: judge what never happens in them."""
         if not any(isinstance(one, NeverStuck) or one.may_be_owed for one in self.properties):
             return None
@@ -109,7 +109,7 @@ class _Exploration:
             raise _MoreDetail(msgspec.structs.replace(self.detail, names=True))
         return circles.judge(self.scenario, self.properties, states)
 
-    def _leave(self, state: State) -> Violation | None:
+    def _leave(self, state: SearchState) -> Violation | None:
         """Take every action that is possible in a state."""
         check_wanted()
         play = self._play_of(state)
@@ -128,10 +128,10 @@ class _Exploration:
             state.snapshot = None
         return None
 
-    def _play_of(self, state: State) -> Play:
+    def _play_of(self, state: SearchState) -> Play:
         return self.snapshots.load(state.snapshot) if state.snapshot is not None else replayed(self.scenario, state)
 
-    def _take(self, state: State, action: Action, play: Play) -> Violation | None:
+    def _take(self, state: SearchState, action: Action, play: Play) -> Violation | None:
         self.steps += 1
         waited = waiting(play) if self.detail.names else []
         try:
@@ -141,10 +141,10 @@ class _Exploration:
         return self._arrive(state, action, play, waited)
 
     def _arrive(
-        self, before: State | None, action: Action | None, play: Play, waited: Sequence[Waiting] = ()
+        self, before: SearchState | None, action: Action | None, play: Play, waited: Sequence[Waiting] = ()
     ) -> Violation | None:
         """A state is reached: check it, and remember it if it is new."""
-        state = State(before, action, before.memories if before else (0,) * len(self.properties))
+        state = SearchState(before, action, before.memories if before else (0,) * len(self.properties))
         if play.fold.broken:
             return Violation("what central promises", play.fold.broken, state.actions())
         if violation := self._judge(state, play, before.order if before else ()):
@@ -154,7 +154,7 @@ class _Exploration:
         if before is not None:
             before.following.append(known or state)
             if self.detail.names and action is not None:
-                before.ways.append(Way(action, known or state, carried(waited, play)))
+                before.ways.append(Transition(action, known or state, carried(waited, play)))
         if known is not None:
             return None
         try:
@@ -169,7 +169,7 @@ class _Exploration:
             self.saved += len(state.snapshot)
         return None
 
-    def _judge(self, state: State, play: Play, order: tuple[int, ...]) -> Violation | None:
+    def _judge(self, state: SearchState, play: Play, order: tuple[int, ...]) -> Violation | None:
         """What properties say of a state; what they remember from now on."""
         world = World(play.fold, {message: place for place, message in enumerate(order)}, self._look_at_time)
         memories = []
@@ -191,19 +191,19 @@ class _Exploration:
         if not self.detail.time:
             raise _MoreDetail(msgspec.structs.replace(self.detail, time=True))
 
-    def _end(self, state: State, play: Play) -> Violation | None:
+    def _end(self, state: SearchState, play: Play) -> Violation | None:
         """A run may end here."""
         left = "".join(f"\n{line}" for line in unfinished(play))
         for one, memory in zip(self.properties, state.memories, strict=True):
             if isinstance(one, NeverStuck) and left:
                 return Violation(str(one), f"nothing further need happen, and this is left:{left}", state.actions())
             if one.is_owed(memory):
-                left += "".join(f"\n{words}" for words in missing_in(one, self.used))
+                left += "".join(f"\n{words}" for words in unknown_names(one, self.used))
                 return Violation(str(one), f"nothing further need happen, and it never did{left}", state.actions())
         return None
 
 
-def _longest_way(states: list[State]) -> int | None:
+def _longest_way(states: list[SearchState]) -> int | None:
     """The most actions from the first state to any; None if there is a way round in a circle."""
     ways_in = Counter(id(following) for state in states for following in state.following)
     length = dict.fromkeys(map(id, states), 0)

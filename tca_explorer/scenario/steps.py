@@ -145,31 +145,31 @@ class Given(msgspec.Struct, frozen=True):
     context: Trouble | Tapped | Watching | None = None
 
 
-class Life:
+class ScriptRun:
     """What a script was given, and all that it has got since, the newest here. Equal lives are the same object, so that
     one more thing costs the same after however many.
     """
 
     __slots__ = ("_after", "before", "branches", "given", "got", "number")
 
-    def __init__(self, given: Given, number: int, before: "Life | None" = None, got: Got | None = None) -> None:
+    def __init__(self, given: Given, number: int, before: "ScriptRun | None" = None, got: Got | None = None) -> None:
         self.given = given
         self.number = number  #: no other life of the program has it
         self.before = before
         self.got = got
         self.branches: tuple[Branch, ...] | None = None  #: how it may go on, once that was asked
-        self._after: dict[Got, Life] = {}
+        self._after: dict[Got, ScriptRun] = {}
 
-    def then(self, got: Got, number: int) -> "Life":
+    def then(self, got: Got, number: int) -> "ScriptRun":
         """This life and one more thing; *number* is for one that was not lived before."""
         if got not in self._after:
-            self._after[got] = Life(self.given, number, self, got)
+            self._after[got] = ScriptRun(self.given, number, self, got)
         return self._after[got]
 
     def history(self) -> History:
         """All that it has got, oldest first."""
         found: list[Got] = []
-        life: Life | None = self
+        life: ScriptRun | None = self
         while life is not None and life.got is not None:
             found.append(life.got)
             life = life.before

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import msgspec
 
-from tca_explorer.under_way import Situation, Taken, Tracked, UnderWay
+from tca_explorer.observed.messages import ObservedMessage, Situation, Taken, TrackedMessage
 from tca_properties.algebra import Breach
 from tca_properties.world import Found, Predicate
 from tca_wire.points import Moment
@@ -46,7 +46,7 @@ class Name:
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __mod__ = __bool__ = __format__ = _refuse
 
 
-class Seen(UnderWay, frozen=True, kw_only=True):
+class Seen(ObservedMessage, frozen=True, kw_only=True):
     """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
 
     id: Name
@@ -171,7 +171,7 @@ def breach_in_words(breach: Breach) -> str:
     return ": ".join(part for part in (breach.what, names) if part)
 
 
-def _seen(record: Tracked) -> Seen:
-    said = {name: getattr(record, name) for name in UnderWay.__struct_fields__}
+def _seen(record: TrackedMessage) -> Seen:
+    said = {name: getattr(record, name) for name in ObservedMessage.__struct_fields__}
     return Seen(**said, id=Name(record.id), parent_id=Name(record.parent_id), about=Name(record.about),
                 is_recovering=bool(record.recovering))  # fmt: skip

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from tca_central.model.clock import Timer
-from tca_explorer.play import Action, Kind, Play
+from tca_explorer.play.play import Action, ActionKind, Play
 
 _MOST_NAMED = 4
 
@@ -19,16 +19,16 @@ _TIMES = {
 """By what a timer is for: what is due."""
 
 _OF_MODULES = {
-    Kind.JOIN: "{} joining",
-    Kind.BREAK: "the loss of {}",
-    Kind.LEAVE: "{} leaving",
-    Kind.BYE: "{} leaving",
-    Kind.STEP: "steps of {}",
-    Kind.LATE: "timeouts of {}",
-    Kind.KILL: "kills of {}",
-    Kind.SUSPEND: "suspensions of {}",
-    Kind.RESUME: "suspensions of {}",
-    Kind.TIME: "{}",
+    ActionKind.JOIN: "{} joining",
+    ActionKind.BREAK: "the loss of {}",
+    ActionKind.LEAVE: "{} leaving",
+    ActionKind.BYE: "{} leaving",
+    ActionKind.STEP: "steps of {}",
+    ActionKind.LATE: "timeouts of {}",
+    ActionKind.KILL: "kills of {}",
+    ActionKind.SUSPEND: "suspensions of {}",
+    ActionKind.RESUME: "suspensions of {}",
+    ActionKind.TIME: "{}",
 }
 
 
@@ -53,11 +53,11 @@ class Branching:
 
 
 def _source(play: Play, action: Action) -> str:
-    if action.kind is Kind.TIME:
+    if action.kind is ActionKind.TIME:
         name = _due(play)
-    elif action.kind in (Kind.STEP, Kind.LATE, Kind.BREAK, Kind.BYE):
+    elif action.kind in (ActionKind.STEP, ActionKind.LATE, ActionKind.BREAK, ActionKind.BYE):
         name = play.lines[action.name].run.module.name
-    elif action.kind in (Kind.JOIN, Kind.LEAVE):
+    elif action.kind in (ActionKind.JOIN, ActionKind.LEAVE):
         name = play.runs[action.name].module.name
     else:
         name = action.name

@@ -5,7 +5,7 @@ before its parent's, no parent's end before its children's; nothing suspended or
 others have locked or reserved the resource; no task is handled twice at once, or ends before its handler does.
 """
 
-from tca_explorer.under_way import Situation, Tracked
+from tca_explorer.observed.messages import Situation, TrackedMessage
 from tca_wire.journal.facts import Delivered
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.rules import CHILDREN_FIRST, PARENT_FIRST
@@ -13,7 +13,7 @@ from tca_wire.rules import CHILDREN_FIRST, PARENT_FIRST
 _ROUNDING = 1e-9  # seconds
 
 
-def reached(now: Situation, task: Tracked, moments: int) -> str:
+def reached(now: Situation, task: TrackedMessage, moments: int) -> str:
     """What is wrong with moments that a task has just reached; "" if nothing is."""
     too_early = []
     if not task.is_killed:
@@ -32,7 +32,7 @@ def reached(now: Situation, task: Tracked, moments: int) -> str:
     return f"{words} ('{task.message}') came before {', '.join(too_early)}"
 
 
-def delivered(now: Situation, message: Tracked, fact: Delivered) -> str:
+def delivered(now: Situation, message: TrackedMessage, fact: Delivered) -> str:
     """What is wrong with giving a message to a handler now; "" if nothing is."""
     held_by = now.held_by.get((fact.module, fact.resource))
     if held_by is not None and not (held_by.is_reserved and message.sent_by in (held_by.sender, fact.module, "")):
@@ -46,12 +46,12 @@ def delivered(now: Situation, message: Tracked, fact: Delivered) -> str:
     return f"{message} was given to a handler before {', '.join(too_early)}" if too_early else ""
 
 
-def returned(message: Tracked | None, key: int) -> str:
+def returned(message: TrackedMessage | None, key: int) -> str:
     """What is wrong with the end of a message's handler; "" if nothing is."""
     return "" if message is not None and message.is_handled else f"a handler of {message or key} ended, and none had it"
 
 
-def _not_met(now: Situation, task: Tracked, moments: int) -> list[str]:
+def _not_met(now: Situation, task: TrackedMessage, moments: int) -> list[str]:
     """What those moments of a task come after, and is not past."""
     points = [str(point) for moment, point in task.after if moments & moment and not now.is_past(point)]
     delays = [str(point) for moment, point, _ in task.delayed if moments & moment]

@@ -5,20 +5,20 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from tca_explorer.link import CANCELLED, SUSPENDED
-from tca_explorer.marks import Id, Number
-from tca_explorer.scenario import ScenarioModule
-from tca_explorer.script import Program
-from tca_explorer.steps import OWN, Await, Branch, Given, Got, Step, known, place_of
+from tca_explorer.play.identifiers import MessageId, RequestNumber
+from tca_explorer.scenario.scenario import ScenarioModule
+from tca_explorer.scenario.script import Program
+from tca_explorer.scenario.script_connection import CANCELLED, SUSPENDED
+from tca_explorer.scenario.steps import OWN, Await, Branch, Given, Got, Step, known, place_of
 from tca_module.session.request import waits_for_others
 from tca_wire.packets.headers import Lock
 from tca_wire.points import TaskId
 
 
-class Request:
+class OpenRequest:
     """What a script asked and wants an answer to: the answers that it has not read."""
 
-    def __init__(self, number: Number, header: Any) -> None:
+    def __init__(self, number: RequestNumber, header: Any) -> None:
         self.number = number
         self.header = header
         self.wants_answer = True
@@ -36,10 +36,10 @@ class Actor:
         self.task = task  #: that it handles; 0: none
         self.known: list[TaskId] = []  #: what else it has heard of, by place
         self.life = program.beginning(given)
-        self.requests: dict[int, Request] = {}  #: by place; those of which nothing more can come are left out
+        self.requests: dict[int, OpenRequest] = {}  #: by place; those of which nothing more can come are left out
         self.asked = 0  #: how many there were
         self.step: Step | None = None  #: that it is waiting to get something for
-        self.number = Number(0)  #: of what it has just asked
+        self.number = RequestNumber(0)  #: of what it has just asked
         self.late_at: float | None = None  #: when it waits no longer
         self.is_told = False  #: that its task was killed
         self.is_ending = False  #: its module leaves
@@ -54,7 +54,7 @@ class Actor:
         return self.program.branches(self.life)
 
     @property
-    def awaited(self) -> Request | None:
+    def awaited(self) -> OpenRequest | None:
         """The request whose answer it waits for."""
         return self.requests[self.step.request] if isinstance(self.step, Await) else None
 
@@ -65,7 +65,7 @@ class Actor:
             return False
         return all(bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED)
 
-    def is_woken_from(self, request: Request) -> bool:
+    def is_woken_from(self, request: OpenRequest) -> bool:
         """Whether it waits no longer for an answer because its task was killed, or its module ends: once for each, as
         Connection.wait has it.
         """
@@ -89,7 +89,7 @@ class Actor:
         if self.suspended[-1]:  # it is to end, not to hold
             self.suspended = (*self.suspended, False)
 
-    def ask(self, request: Request) -> None:
+    def ask(self, request: OpenRequest) -> None:
         """It has made a request."""
         self.requests[self.asked] = request
         self.asked += 1
@@ -118,7 +118,7 @@ class Actor:
     def get(self, got: Got) -> None:
         """Something came back for its step."""
         self.lives(got)
-        self.step, self.number, self.late_at = None, Number(0), None
+        self.step, self.number, self.late_at = None, RequestNumber(0), None
         self.was_told = self.is_told or self.is_ending
         self.suspended = self.suspended[-1:]
 
@@ -132,7 +132,7 @@ class Actor:
         """The script's name for what central calls so."""
         if not real or real == self.task:
             return OWN if real else TaskId(0)
-        task = TaskId(Id(real))
+        task = TaskId(MessageId(real))
         if task not in self.known:
             self.known.append(task)
         return known(self.known.index(task))
@@ -141,7 +141,7 @@ class Actor:
 class Line:
     """A connection of a module's run to central, and what is being done on it."""
 
-    def __init__(self, name: str, run: "Run") -> None:
+    def __init__(self, name: str, run: "ModuleRun") -> None:
         self.name = name
         self.run = run
         self.stack: list[Actor] = []  #: each began while the one before it waited
@@ -171,7 +171,7 @@ class Line:
         self.delivered.clear()
 
 
-class Run:
+class ModuleRun:
     """One run of a module's program, from its start until its last connection has ended."""
 
     def __init__(self, module: ScenarioModule, number: int) -> None:

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from tca_explorer.asking import CALLS
-from tca_explorer.checks import checked_name, nearest
 from tca_explorer.errors import ScenarioError
+from tca_explorer.scenario.argument_checks import checked_name, nearest
+from tca_explorer.scenario.requests import CALLS
 from tca_properties.predicates import Named
 from tca_properties.world import Predicate
 

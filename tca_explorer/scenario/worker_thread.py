@@ -22,7 +22,7 @@ class _Unwanted(BaseException):
     """Nobody waits for the work any more."""
 
 
-def apart(work: Callable[[], T]) -> T:
+def in_worker_thread(work: Callable[[], T]) -> T:
     """What *work* returns or raises."""
     future: Future[T] = Future()
     is_unwanted = threading.Event()

@@ -14,11 +14,11 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from tca_explorer.play import Action
-from tca_explorer.scenario import Scenario
-from tca_explorer.states import State, Violation, Way, replayed
-from tca_explorer.waiting import waiting
-from tca_explorer.words import left_behind
+from tca_explorer.play.play import Action
+from tca_explorer.play.waiting import waiting
+from tca_explorer.play.words import left_behind
+from tca_explorer.scenario.scenario import Scenario
+from tca_explorer.search.states import SearchState, Transition, Violation, replayed
 from tca_properties.algebra import NeverStuck, Property
 
 Fair = tuple[str, str]
@@ -33,14 +33,14 @@ class _Node(NamedTuple):
 
 
 class _Step(NamedTuple):
-    way: Way
+    way: Transition
     to: _Node
 
 
 Graph = dict[_Node, list[_Step]]
 
 
-def judge(scenario: Scenario, properties: Iterable[Property], states: list[State]) -> Violation | None:
+def judge(scenario: Scenario, properties: Iterable[Property], states: list[SearchState]) -> Violation | None:
     """The first property that is not true of runs that never end, shown by one of them. *states* are all there are,
     nearest first.
     """
@@ -59,14 +59,14 @@ def judge(scenario: Scenario, properties: Iterable[Property], states: list[State
     return None
 
 
-def _owed(states: list[State], places: dict[int, int], number: int, one: Property) -> Graph:
+def _owed(states: list[SearchState], places: dict[int, int], number: int, one: Property) -> Graph:
     """The states in which a property is owed, and the ways between them."""
     nodes = {_Node(place) for place, state in enumerate(states) if one.is_owed(state.memories[number])}
     return {node: [_Step(way, to) for way in states[node.state].ways if (to := _Node(places[id(way.to)])) in nodes]
             for node in nodes}  # fmt: skip
 
 
-def _waits(states: list[State], places: dict[int, int]) -> Graph:
+def _waits(states: list[SearchState], places: dict[int, int]) -> Graph:
     """What waits in each state, and the ways after which it still does."""
     return {
         _Node(place, one): [_Step(way, _Node(places[id(way.to)], way.carried[one])) for way in state.ways
@@ -75,7 +75,7 @@ def _waits(states: list[State], places: dict[int, int]) -> Graph:
     }  # fmt: skip
 
 
-def _fair_circle(graph: Graph, states: list[State]) -> tuple[_Node, list[Way]] | None:
+def _fair_circle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Transition]] | None:
     """The nearest fair circle: where it begins, and the ways round."""
     for part in sorted(_strongly_connected(graph), key=min):
         inside = {node: [step for step in graph[node] if step.to in part] for node in part}
@@ -90,7 +90,7 @@ def _fair(action: Action) -> Fair:
     return action.kind, action.name
 
 
-def _possible(state: State) -> set[Fair]:
+def _possible(state: SearchState) -> set[Fair]:
     """What can happen in a state, and need happen some time."""
     return {_fair(way.action) for way in state.ways if not way.action.is_optional}
 
@@ -128,9 +128,9 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
     return found
 
 
-def _round(inside: Graph, start: _Node, states: list[State]) -> list[Way]:
+def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Transition]:
     """A fair way from *start* round to it again: a short one, if not always the shortest."""
-    ways: list[Way] = []
+    ways: list[Transition] = []
     here, left_out = start, _possible(states[start.state])
     while left_out:
         for step in _path(inside, here, lambda step, out=left_out: bool(  # type: ignore[misc]

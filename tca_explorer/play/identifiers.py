@@ -3,7 +3,7 @@
 from typing import Self
 
 
-class Mark(int):
+class Identifier(int):
     """A number that only names something: what matters is which are equal, not what they are."""
 
     __slots__ = ()
@@ -12,13 +12,13 @@ class Mark(int):
         return type(self)(int(self) + other)
 
 
-class Id(Mark):
+class MessageId(Identifier):
     """Names a message or delivery in central."""
 
     __slots__ = ()
 
 
-class Number(Mark):
+class RequestNumber(Identifier):
     """Names a request of a connection."""
 
     __slots__ = ()

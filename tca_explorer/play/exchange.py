@@ -7,15 +7,15 @@ from msgspec.structs import replace
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, Effect, Event, Received, Record
-from tca_explorer.actors import Actor, Line, Request
-from tca_explorer.asking import call_of
 from tca_explorer.errors import CentralFault, ScenarioError
-from tca_explorer.fold import Fold
-from tca_explorer.marks import Id, Number
-from tca_explorer.naming import renamed, renamed_rows, without_ids
-from tca_explorer.scenario import Scenario
-from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, Return
-from tca_explorer.under_way import Taken
+from tca_explorer.observed.fold import Fold
+from tca_explorer.observed.messages import Taken
+from tca_explorer.play.actors import Actor, Line, OpenRequest
+from tca_explorer.play.identifiers import MessageId, RequestNumber
+from tca_explorer.play.renaming import renamed, renamed_rows, without_ids
+from tca_explorer.scenario.requests import call_of
+from tca_explorer.scenario.scenario import Scenario
+from tca_explorer.scenario.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, Return
 from tca_module.errors import NIL
 from tca_wire.journal.facts import Fact, Ignored, RequestRefused
 from tca_wire.journal.facts import Received as Birth
@@ -33,7 +33,7 @@ class Exchange:
     def __init__(self, scenario: Scenario) -> None:
         self.central = Central("explored")
         self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
-        self.central.tree.newest = Id(0)
+        self.central.tree.newest = MessageId(0)
         self.fold = Fold()
         self.now = 0.0  #: seconds since the run began
         self.lines: dict[str, Line] = {}  #: connections that central has not seen end
@@ -41,9 +41,9 @@ class Exchange:
         self.names: dict[int, str] = {}  #: of all messages ever sent; for people
         self.scenario = scenario
         self._known = scenario.messages()  #: what some module handles
-        self._number = Number(0)
+        self._number = RequestNumber(0)
 
-    def next_number(self) -> Number:
+    def next_number(self) -> RequestNumber:
         """The number of a new request."""
         self._number += 1
         return self._number
@@ -118,7 +118,7 @@ class Exchange:
             number = self.next_number()
             header = replace(header, number=number)
             if step.wants_answer:
-                actor.ask(Request(number, header))
+                actor.ask(OpenRequest(number, header))
                 actor.get(Got(step.kind))
             else:
                 actor.number = number

@@ -3,9 +3,9 @@
 from contextlib import suppress
 
 from tca_explorer.errors import CentralFault
-from tca_explorer.play import Play
-from tca_explorer.states import Result, Violation
-from tca_explorer.words import describe
+from tca_explorer.play.play import Play
+from tca_explorer.play.words import describe
+from tca_explorer.search.states import Result, Violation
 from tca_wire.journal.facts import Fact, FormatDefined, kind_of
 from tca_wire.text.facts_in_words import Wording
 

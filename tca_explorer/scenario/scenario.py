@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable
 from itertools import combinations
 from typing import Any, NoReturn
 
-from tca_explorer.checks import MOST, checked_flag, checked_name, checked_number, name_or_none
 from tca_explorer.errors import ScenarioError
-from tca_explorer.script import Program
+from tca_explorer.scenario.argument_checks import MOST, checked_flag, checked_name, checked_number, name_or_none
+from tca_explorer.scenario.script import Program
 from tca_module.sending.sender import Sender
 from tca_properties import Property
 from tca_wire.messages.controls import Monitor

@@ -21,12 +21,12 @@ from msgspec.structs import replace
 
 from tca_central.model.registry import MessageType
 from tca_central.model.task_tree import Verdict
-from tca_explorer.actors import Actor
-from tca_explorer.exchange import connection_of
-from tca_explorer.marks import Mark
-from tca_explorer.naming import without_ids
-from tca_explorer.play import Play
-from tca_explorer.under_way import Tracked
+from tca_explorer.observed.messages import TrackedMessage
+from tca_explorer.play.actors import Actor
+from tca_explorer.play.exchange import connection_of
+from tca_explorer.play.identifiers import Identifier
+from tca_explorer.play.play import Play
+from tca_explorer.play.renaming import without_ids
 from tca_wire.points import ALL_MOMENTS
 
 IGNORED = {
@@ -295,7 +295,7 @@ _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
 _WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
     ((Enum,), _Walk.add_enum),
-    ((Mark,), _Walk.add_mark),
+    ((Identifier,), _Walk.add_mark),
     ((int,), _Walk.add_int),
     ((msgspec.Struct,), _Walk.add_struct),
     ((list, tuple, deque), _Walk.add_list),
@@ -400,6 +400,6 @@ def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
     return tuple(known[number].id for number in sorted(known))
 
 
-def _out_of_time(seen: Tracked) -> Tracked:
+def _out_of_time(seen: TrackedMessage) -> TrackedMessage:
     """What is not only of the last action, and no time."""
     return replace(seen, not_before=(), is_new=False, is_retried=False, has_fired=False)

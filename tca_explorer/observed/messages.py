@@ -8,7 +8,7 @@ from tca_wire.points import ROOT, Point
 from tca_wire.vocabulary import MessageClass, Role
 
 
-class UnderWay(MessageView, msgspec.Struct, frozen=True, kw_only=True):
+class ObservedMessage(MessageView, msgspec.Struct, frozen=True, kw_only=True):
     """What can be said of a message under way without naming others."""
 
     message: str
@@ -44,7 +44,7 @@ class Taken(msgspec.Struct, frozen=True):
     """The call of the module library by which it did: "kill", "on_termination", ..."""
 
 
-class Tracked(UnderWay, frozen=True, kw_only=True):
+class TrackedMessage(ObservedMessage, frozen=True, kw_only=True):
     """A message under way, with what names others, and what holds it."""
 
     id: int
@@ -70,7 +70,8 @@ class Situation:
     """The messages under way. What ended with the last action is still there; what ended before is not."""
 
     def __init__(self) -> None:
-        self.seen: dict[int, Tracked] = {}  #: by id, oldest first; each receiver of a broadcast has one of its own
+        #: By id, oldest first; each receiver of a broadcast has one of its own.
+        self.seen: dict[int, TrackedMessage] = {}
         self.claims: dict[int, facts.Claimed] = {}  #: locks and reservations, waited for or in force
         self.held_by: dict[tuple[str, str], facts.Claimed] = {}  #: those in force, by module and resource
         self.modules: tuple[str, ...] = ()  #: those connected, oldest first
@@ -80,20 +81,20 @@ class Situation:
         self.broken = ""  #: what central did against its promises with the last action
 
     @property
-    def messages(self) -> list[Tracked]:
+    def messages(self) -> list[TrackedMessage]:
         """Everything under way, oldest first."""
         return list(self.seen.values())
 
     @property
-    def tasks(self) -> list[Tracked]:
+    def tasks(self) -> list[TrackedMessage]:
         """The tasks among them."""
         return [seen for seen in self.seen.values() if seen.is_task]
 
-    def parent(self, task: Tracked) -> Tracked | None:
+    def parent(self, task: TrackedMessage) -> TrackedMessage | None:
         """The task that *task* is under; None: the root."""
         return self.seen.get(task.parent_id)
 
-    def children(self, task: Tracked) -> list[Tracked]:
+    def children(self, task: TrackedMessage) -> list[TrackedMessage]:
         """The tasks under *task*, oldest first."""
         return [seen for seen in self.seen.values() if seen.is_task and seen.parent_id == task.id]
 

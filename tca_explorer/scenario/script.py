@@ -8,10 +8,16 @@ from contextlib import suppress
 from itertools import count
 from typing import Any, NoReturn, TypeVar, cast
 
-from tca_explorer.apart import leave_behind
 from tca_explorer.errors import ExplorerError, ScenarioError
-from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
-from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, Got, History, Life, Return, Step
+from tca_explorer.scenario.script_connection import (
+    CHOOSE,
+    MOST_DECISIONS,
+    DecisionReached,
+    ScriptConnection,
+    StepReached,
+)
+from tca_explorer.scenario.steps import HERE, OWN, Branch, Fail, Given, Got, History, Return, ScriptRun, Step
+from tca_explorer.scenario.worker_thread import leave_behind
 from tca_module.errors import LockLost, QueryFailed, Refused, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued, failed
@@ -37,7 +43,7 @@ scenario has no such resource at all is found out when it is asked for: see Exch
 class _Choices:
     """What only a scenario has."""
 
-    _explored: Link
+    _explored: ScriptConnection
 
     def choose(self, *alternatives: T) -> T:
         """One of these: each is explored."""
@@ -53,7 +59,7 @@ class _Choices:
 class Script(_Choices, Sender):
     """What a module does by itself: each call that reaches central is one step of the exploration."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: ScriptConnection) -> None:
         Sender.__init__(self)
         self._explored = link
 
@@ -64,7 +70,7 @@ class Script(_Choices, Sender):
 class Task(_Choices, ModuleTask):
     """What a handler sees of the message that it handles, and sends from: the module library's Task, and choices."""
 
-    def __init__(self, link: Link, given: Given, message: Message[Any, Any]) -> None:
+    def __init__(self, link: ScriptConnection, given: Given, message: Message[Any, Any]) -> None:
         delivery = Deliver(HERE, message.name, OWN if given.is_task else ROOT, given.context)
         ModuleTask.__init__(self, cast("Connection", link), delivery, message)
         self._explored = link
@@ -78,31 +84,31 @@ class Program:
         self.message = message  #: None: what a module does by itself
         self._function = function
         self._arguments = _number_of_arguments(name, function, 2 if message else 1)
-        self._beginnings: dict[Given, Life] = {}
+        self._beginnings: dict[Given, ScriptRun] = {}
         self._numbers = count()
 
-    def beginning(self, given: Given) -> Life:
+    def beginning(self, given: Given) -> ScriptRun:
         """The life of a script that was given this and has got nothing yet."""
         if given not in self._beginnings:
-            self._beginnings[given] = Life(given, next(self._numbers))
+            self._beginnings[given] = ScriptRun(given, next(self._numbers))
         return self._beginnings[given]
 
-    def live(self, life: Life, *got: Got) -> Life:
+    def live(self, life: ScriptRun, *got: Got) -> ScriptRun:
         """That life, and what it got then."""
         for one in got:
             life = life.then(one, next(self._numbers))
         return life
 
-    def branches(self, life: Life) -> tuple[Branch, ...]:
+    def branches(self, life: ScriptRun) -> tuple[Branch, ...]:
         """The ways in which a script that has this life may go on. Raises ScenarioError."""
         if life.branches is None:
             life.branches = tuple(self._explore(life.given, life.history(), ()))
         return life.branches
 
-    def place(self, life: Life, branch: Branch) -> str:
+    def place(self, life: ScriptRun, branch: Branch) -> str:
         """Where in the script a branch comes to its step."""
-        link = Link(life.history() + branch.decisions, self._leave_behind)
-        with suppress(Exception, Pause):
+        link = ScriptConnection(life.history() + branch.decisions, self._leave_behind)
+        with suppress(Exception, StepReached):
             self._called(link, life.given)
         return self._where(link.stopped)
 
@@ -111,8 +117,8 @@ class Program:
             text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
             raise ScenarioError(f"the script of {text}: it would never go on")
         try:
-            step = self._run(Link(history + decisions, self._leave_behind), given)
-        except Fork as fork:
+            step = self._run(ScriptConnection(history + decisions, self._leave_behind), given)
+        except DecisionReached as fork:
             for decision in fork.decisions:
                 yield from self._explore(given, history, (*decisions, decision))
         else:
@@ -126,21 +132,21 @@ class Program:
             text = f"{error}; it catches this, and goes on for ever"
         leave_behind(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
 
-    def _run(self, link: Link, given: Given) -> Step:
+    def _run(self, link: ScriptConnection, given: Given) -> Step:
         """Run to the first step that is not past."""
         try:
             step = self._called(link, given)
-        except (Pause, Fork):
+        except (StepReached, DecisionReached):
             assert link.stopped is not None
         except (Exception, SystemExit) as error:
             raise ScenarioError(f"{self._where(error)}: {_described(link.error or error)}") from error
         if link.error is not None:  # and the script went on
             raise ScenarioError(f"{self._where(link.error)}: {link.error}")
-        if isinstance(link.stopped, Fork):
+        if isinstance(link.stopped, DecisionReached):
             raise link.stopped
         return link.stopped.step if link.stopped is not None else step
 
-    def _called(self, link: Link, given: Given) -> Step:
+    def _called(self, link: ScriptConnection, given: Given) -> Step:
         """Call the function; how it ended."""
         message = self.message
         if message is None:

@@ -9,8 +9,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from tca_explorer import promises
-from tca_explorer.under_way import Situation, Tracked
+from tca_explorer.observed import promises
+from tca_explorer.observed.messages import Situation, TrackedMessage
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
@@ -53,7 +53,7 @@ class Fold(Situation):
     def _received(self, fact: facts.Received) -> None:
         is_original = fact.message_class.fans_out and not fact.message_class.keeps_value
         parent, about = self.seen.get(fact.parent), self.seen.get(fact.about)
-        self.seen[fact.id] = Tracked(
+        self.seen[fact.id] = TrackedMessage(
             id=fact.id, message=fact.message, message_class=fact.message_class, sender=fact.sender,
             parent_id=fact.parent, body=fact.body, is_over=is_original, role=fact.role, about=fact.about, is_new=True,
             sent_by=about.sent_by if about is not None else "" if fact.role else fact.sender,
@@ -138,7 +138,7 @@ class Fold(Situation):
     def _reissued(self, fact: facts.Reissued) -> None:
         self._recover(self.seen[fact.handler])
 
-    def _recover(self, handler: Tracked) -> None:
+    def _recover(self, handler: TrackedMessage) -> None:
         """An exception handler is at work no longer."""
         if (failing := self.seen.get(handler.about)) is not None:
             self._change(failing.id, recovering=tuple(one for one in failing.recovering if one != handler.id))
@@ -195,7 +195,7 @@ class Fold(Situation):
             if follower.delayed:
                 self._begin_delays(follower, fact)
 
-    def _begin_delays(self, follower: Tracked, fact: facts.Reached) -> None:
+    def _begin_delays(self, follower: TrackedMessage, fact: facts.Reached) -> None:
         """What comes so many seconds after what was just reached."""
         begun = [one for one in follower.delayed if one[1].task == fact.task and one[1].moment & fact.moments]
         times = [(moment, self.now + delay) for moment, _, delay in begun]

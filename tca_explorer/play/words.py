@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from typing import Any
 
-from tca_explorer.actors import Actor, Line
-from tca_explorer.asking import in_words, point_in_words
-from tca_explorer.link import CHOOSE
-from tca_explorer.naming import renamed
-from tca_explorer.play import Action, Kind, Play
-from tca_explorer.steps import Ask, Await, Fail, GiveUp, Hang, History, Know, Return, Step
-from tca_explorer.under_way import Tracked
-from tca_explorer.waiting import Waiting
+from tca_explorer.observed.messages import TrackedMessage
+from tca_explorer.play.actors import Actor, Line
+from tca_explorer.play.play import Action, ActionKind, Play
+from tca_explorer.play.renaming import renamed
+from tca_explorer.play.waiting import Waiting
+from tca_explorer.scenario.requests import in_words, point_in_words
+from tca_explorer.scenario.script_connection import CHOOSE
+from tca_explorer.scenario.steps import Ask, Await, Fail, GiveUp, Hang, History, Know, Return, Step
 from tca_wire.packets import headers
 from tca_wire.points import Point, describe_moments
 
@@ -36,7 +36,7 @@ def left_behind(play: Play, one: Waiting) -> str:
     return f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}"
 
 
-def _left(play: Play, task: Tracked) -> str:
+def _left(play: Play, task: TrackedMessage) -> str:
     return f"{task} has not ended: {_standing(play, task)}"
 
 
@@ -88,17 +88,17 @@ def _late(play: Play, action: Action) -> str:
     return f"{_who(line, actor, play)} no longer {_waiting(play, actor, actor.step)}"
 
 
-_DESCRIBE: dict[Kind, Callable[[Play, Action], str]] = {
-    Kind.STEP: _step,
-    Kind.JOIN: _join,
-    Kind.BREAK: _break,
-    Kind.LEAVE: lambda _, action: f"{action.name} begins to leave",
-    Kind.BYE: lambda _, action: f"{action.name} says goodbye",
-    Kind.KILL: _kill,
-    Kind.SUSPEND: _suspend,
-    Kind.RESUME: _resume,
-    Kind.TIME: _time,
-    Kind.LATE: _late,
+_DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
+    ActionKind.STEP: _step,
+    ActionKind.JOIN: _join,
+    ActionKind.BREAK: _break,
+    ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",
+    ActionKind.BYE: lambda _, action: f"{action.name} says goodbye",
+    ActionKind.KILL: _kill,
+    ActionKind.SUSPEND: _suspend,
+    ActionKind.RESUME: _resume,
+    ActionKind.TIME: _time,
+    ActionKind.LATE: _late,
 }
 
 
@@ -157,7 +157,7 @@ _DO: dict[type, Callable[[Play, Actor, Any], str]] = {
 }
 
 
-def _standing(play: Play, task: Tracked) -> str:
+def _standing(play: Play, task: TrackedMessage) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
     after = [_point(play, point) for _, point in task.after if not play.fold.is_past(point)]
     parts = [

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from tca_explorer.errors import ScenarioError
-from tca_explorer.steps import Ask, Await, GiveUp, Got, Hang, History, Know, Step
+from tca_explorer.scenario.steps import Ask, Await, GiveUp, Got, Hang, History, Know, Step
 from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN
 from tca_module.sending.replies import QUERY_TIMEOUT
@@ -40,7 +40,7 @@ _NOT_EXPLORED = {
 }
 
 
-class Pause(BaseException):
+class StepReached(BaseException):
     """The script got to a step whose answer is not there yet. No ``except Exception`` of a script catches it."""
 
     def __init__(self, step: Step) -> None:
@@ -48,7 +48,7 @@ class Pause(BaseException):
         self.step = step
 
 
-class Fork(BaseException):
+class DecisionReached(BaseException):
     """The script got to a decision that has not been made yet."""
 
     def __init__(self, decisions: Iterable[Got]) -> None:
@@ -56,10 +56,10 @@ class Fork(BaseException):
         self.decisions = tuple(decisions)
 
 
-class Asked:
+class ScriptRequest:
     """A request that a script has made, and what it has read of the answers."""
 
-    def __init__(self, link: "Link", place: int) -> None:
+    def __init__(self, link: "ScriptConnection", place: int) -> None:
         self.place = place
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.accepted: int | None = None
@@ -77,7 +77,7 @@ class Asked:
         self._link.refuse("query_notify()")
 
 
-class Link:
+class ScriptConnection:
     """One run of a script up to the end of what it has got."""
 
     def __init__(self, history: History, on_caught: Callable[[ScenarioError | None], NoReturn] | None = None) -> None:
@@ -86,7 +86,7 @@ class Link:
         )  # central is never restarted here: nothing is kept for that, no number marked
         self.session = SimpleNamespace(epoch="", module="explored", attachments=attachments)
         self.silence = ""  #: of central, which is never silent
-        self.stopped: Pause | Fork | None = None  #: where the run ended, or shall end
+        self.stopped: StepReached | DecisionReached | None = None  #: where the run ended, or shall end
         self.error: ScenarioError | None = None  #: what can't be played
         self._on_caught = on_caught  #: called if the script never lets it end
         self._history = history
@@ -112,7 +112,7 @@ class Link:
         if self._at < len(self._history):
             return self._past(step.kind)
         if self.stopped is None:
-            self.stopped = Pause(step)
+            self.stopped = StepReached(step)
         raise self._over()
 
     def decide(self, kind: str, alternatives: Sequence[str]) -> int:
@@ -123,7 +123,7 @@ class Link:
                 self._refuse_change()
             return got.choice
         if self.stopped is None:
-            self.stopped = Fork(Got(kind, choice=i, words=words) for i, words in enumerate(alternatives))
+            self.stopped = DecisionReached(Got(kind, choice=i, words=words) for i, words in enumerate(alternatives))
         raise self._over()
 
     def hang(self) -> NoReturn:
@@ -147,7 +147,7 @@ class Link:
         self._check_caught()
         raise error
 
-    def _over(self) -> Pause | Fork:
+    def _over(self) -> StepReached | DecisionReached:
         """What ends this run: once more, where code that cleans up goes on."""
         assert self.stopped is not None
         self._check_caught()
@@ -174,16 +174,20 @@ class Link:
         """Say something that has no answer."""
         self.do(self._ask(header, body, is_told=True))
 
-    def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False) -> Asked:
+    def request(
+        self, header: Any, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
+    ) -> ScriptRequest:
         """Ask something."""
         del is_awaited
         if type(header) in _NOT_EXPLORED:
             self.refuse(_NOT_EXPLORED[type(header)])
         self.do(self._ask(header, body, wants_answer=wants_answer))
         self._requests += 1
-        return Asked(self, self._requests - 1)
+        return ScriptRequest(self, self._requests - 1)
 
-    def wait(self, request: Asked, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None) -> bool:
+    def wait(
+        self, request: ScriptRequest, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
+    ) -> bool:
         """Wait for an answer. The time that a query waits unless said otherwise is taken as endless."""
         seconds = None if timeout in (QUERY_TIMEOUT, ACKNOWLEDGED_WITHIN) else timeout
         if is_over is not None and seconds is not None:
@@ -201,7 +205,7 @@ class Link:
                 request.answers.append((got.answer, got.body))
         return True
 
-    def _be_woken(self, request: Asked, got: Got, what: str) -> NoReturn:
+    def _be_woken(self, request: ScriptRequest, got: Got, what: str) -> NoReturn:
         self._is_told = True
         if got.answer is None and got.refusal is None:
             self.abandon(request)
@@ -213,13 +217,13 @@ class Link:
         """The script gets an error, and knows by that of its kill."""
         self.do(Know())
 
-    def abandon(self, request: Asked) -> None:
+    def abandon(self, request: ScriptRequest) -> None:
         """Want no answer any more."""
         if not request.is_over:
             request.is_over = True
             self.do(GiveUp(request.place))
 
-    def give_up(self, request: Asked) -> str:
+    def give_up(self, request: ScriptRequest) -> str:
         """The same; why there is no answer is not told here: such words differ from run to run."""
         self.abandon(request)
         return ""
@@ -227,7 +231,7 @@ class Link:
     def check_thread(self) -> None:
         """A script has one thread."""
 
-    def release(self, request: Asked, what: str, *, at_once: bool = False) -> bool:
+    def release(self, request: ScriptRequest, what: str, *, at_once: bool = False) -> bool:
         """Want no longer the lock that a request has got; whether it was had until now."""
         del what, at_once
         request.taken = self.do(GiveUp(request.place)).text

@@ -13,12 +13,12 @@ from enum import StrEnum
 import msgspec
 
 from tca_central.events import ConnectionLost, Tick
-from tca_explorer.actors import Actor, Line, Run
 from tca_explorer.errors import ScenarioError
-from tca_explorer.exchange import Exchange, connection_of
-from tca_explorer.scenario import Scenario
-from tca_explorer.steps import Await, Given, Got
-from tca_explorer.under_way import Tracked
+from tca_explorer.observed.messages import TrackedMessage
+from tca_explorer.play.actors import Actor, Line, ModuleRun
+from tca_explorer.play.exchange import Exchange, connection_of
+from tca_explorer.scenario.scenario import Scenario
+from tca_explorer.scenario.steps import Await, Given, Got
 from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
@@ -29,7 +29,7 @@ SOMEBODY = "somebody"
 NOTHING = b"\xc0"  # None as MessagePack
 
 
-class Kind(StrEnum):
+class ActionKind(StrEnum):
     """What an action is."""
 
     STEP = "step"  # a script goes on
@@ -47,7 +47,7 @@ class Kind(StrEnum):
 class Action(msgspec.Struct, frozen=True):
     """One thing that may happen. *name* is a line's, run's or message's; *index* says which branch or task."""
 
-    kind: Kind
+    kind: ActionKind
     name: str = ""
     index: int = 0
     is_optional: bool = False
@@ -59,7 +59,7 @@ class Play(Exchange):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.runs: dict[str, Run] = {}  #: of modules, by name, until their last connection has ended
+        self.runs: dict[str, ModuleRun] = {}  #: of modules, by name, until their last connection has ended
         self.losses = {module.name: module.may_be_lost for module in scenario.modules.values()}
         self.kills = dict(scenario.may_be_killed)
         self.suspensions = dict(scenario.may_be_suspended)
@@ -83,12 +83,12 @@ class Play(Exchange):
             if (actor := line.actor) is not None and actor.step is None:
                 for index, branch in enumerate(actor.branches):
                     if actor.may_take(branch):
-                        yield Action(Kind.STEP, line.name, index)
+                        yield Action(ActionKind.STEP, line.name, index)
 
     def _passing_of_time(self) -> Iterator[Action]:
         if self.next_time is not None:
-            yield Action(Kind.TIME)
-        yield from (Action(Kind.LATE, line.name) for line, at in self._late() if at <= self.now)
+            yield Action(ActionKind.TIME)
+        yield from (Action(ActionKind.LATE, line.name) for line, at in self._late() if at <= self.now)
 
     def _late(self) -> list[tuple[Line, float]]:
         """Who waits no longer than until when."""
@@ -107,27 +107,27 @@ class Play(Exchange):
             if run.is_alive:
                 if not run.is_joined:
                     if not run.is_starting:
-                        yield Action(Kind.JOIN, run.name)
+                        yield Action(ActionKind.JOIN, run.name)
                 elif run.module.may_leave and not run.is_leaving:
-                    yield Action(Kind.LEAVE, run.name, is_optional=True)
-                yield from (Action(Kind.BYE, line.name) for line in run.may_say_goodbye())
+                    yield Action(ActionKind.LEAVE, run.name, is_optional=True)
+                yield from (Action(ActionKind.BYE, line.name) for line in run.may_say_goodbye())
             if not run.is_alive or self.losses[run.module.name]:
-                yield from (Action(Kind.BREAK, line.name, is_optional=run.is_alive) for line in run.lines)
+                yield from (Action(ActionKind.BREAK, line.name, is_optional=run.is_alive) for line in run.lines)
 
     def _interventions(self) -> Iterator[Action]:
         for message, times in self.kills.items():
             for index, _ in enumerate(self.killable(message) if times else []):
-                yield Action(Kind.KILL, message, index, is_optional=True)
+                yield Action(ActionKind.KILL, message, index, is_optional=True)
         for message, times in self.suspensions.items():
             for index, _ in enumerate(self.suspendable(message) if times else []):
-                yield Action(Kind.SUSPEND, message, index, is_optional=True)
-            yield from (Action(Kind.RESUME, message, index) for index, _ in enumerate(self.suspended[message]))
+                yield Action(ActionKind.SUSPEND, message, index, is_optional=True)
+            yield from (Action(ActionKind.RESUME, message, index) for index, _ in enumerate(self.suspended[message]))
 
-    def killable(self, message: str) -> list[Tracked]:
+    def killable(self, message: str) -> list[TrackedMessage]:
         """The tasks of that message which somebody may kill."""
         return [task for task in self.fold.tasks if task.message == message and not (task.is_killed or task.is_over)]
 
-    def suspendable(self, message: str) -> list[Tracked]:
+    def suspendable(self, message: str) -> list[TrackedMessage]:
         """The tasks of that message which somebody may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
@@ -172,9 +172,9 @@ class Play(Exchange):
 
     # --- modules come and go -----------------------------------------------------------------------------------------
 
-    def _start(self, module: str) -> Run:
+    def _start(self, module: str) -> ModuleRun:
         self._started[module] += 1
-        run = Run(self.scenario.modules[module], self._started[module])
+        run = ModuleRun(self.scenario.modules[module], self._started[module])
         self.runs[run.name] = run
         return run
 
@@ -187,7 +187,7 @@ class Play(Exchange):
                 while self._starts_further(run):
                     moved = True
 
-    def _starts_further(self, run: Run) -> bool:
+    def _starts_further(self, run: ModuleRun) -> bool:
         """The next step of a module that joins before the run; False if there is none, or more than one."""
         if run.module.arrives_late or run.is_joined:
             return False
@@ -197,11 +197,11 @@ class Play(Exchange):
             actor = run.lines[0].actor
             if actor is None or actor.step is not None or len(actor.branches) > 1:
                 return False
-            self._take_step(Action(Kind.STEP, run.lines[0].name))
+            self._take_step(Action(ActionKind.STEP, run.lines[0].name))
         self._go_on()
         return True
 
-    def _join(self, run: Run) -> None:
+    def _join(self, run: ModuleRun) -> None:
         """The next step of joining."""
         module, done = run.module, run.steps_joined
         if done == 1:
@@ -265,15 +265,15 @@ class Play(Exchange):
 
 
 # ruff: noqa: SLF001
-_PERFORM: dict[Kind, Callable[[Play, Action], None]] = {
-    Kind.STEP: Play._take_step,
-    Kind.TIME: Play._pass_time,
-    Kind.LATE: Play._be_late,
-    Kind.JOIN: lambda play, action: play._join(play.runs[action.name]),
-    Kind.BREAK: Play._break,
-    Kind.LEAVE: Play._leave,
-    Kind.BYE: Play._say_goodbye,
-    Kind.KILL: Play._kill,
-    Kind.SUSPEND: Play._suspend,
-    Kind.RESUME: Play._resume,
+_PERFORM: dict[ActionKind, Callable[[Play, Action], None]] = {
+    ActionKind.STEP: Play._take_step,
+    ActionKind.TIME: Play._pass_time,
+    ActionKind.LATE: Play._be_late,
+    ActionKind.JOIN: lambda play, action: play._join(play.runs[action.name]),
+    ActionKind.BREAK: Play._break,
+    ActionKind.LEAVE: Play._leave,
+    ActionKind.BYE: Play._say_goodbye,
+    ActionKind.KILL: Play._kill,
+    ActionKind.SUSPEND: Play._suspend,
+    ActionKind.RESUME: Play._resume,
 }

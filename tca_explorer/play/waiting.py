@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from tca_explorer.actors import Actor
-from tca_explorer.play import Play
-from tca_explorer.steps import Life
-from tca_explorer.under_way import Tracked
+from tca_explorer.observed.messages import TrackedMessage
+from tca_explorer.play.actors import Actor
+from tca_explorer.play.play import Play
+from tca_explorer.scenario.steps import ScriptRun
 
-Waiting = tuple[int] | tuple[Actor, Life]
+Waiting = tuple[int] | tuple[Actor, ScriptRun]
 """A task that is held or queued, by id; a script, at that point of its life."""
 
 
@@ -28,6 +28,6 @@ def carried(before: Sequence[Waiting], play: Play) -> tuple[int, ...]:
     return tuple(now.index(one) if one in now else -1 for one in before)
 
 
-def _waits(task: Tracked) -> bool:
+def _waits(task: TrackedMessage) -> bool:
     """Central itself carries monitors out: they go on, and do not wait."""
     return not (task.is_over or task.is_handled or task.message_class.is_monitor)

@@ -1,0 +1,1 @@
+"""Scenarios as users write them, and how their scripts run."""

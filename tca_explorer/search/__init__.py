@@ -1,0 +1,1 @@
+"""All runs of a scenario, and what is found in them."""
