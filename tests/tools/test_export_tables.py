@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from pyarrow import parquet
-from tools.story import Story, stumbling, walking
+from tools.story import Story, locking, stumbling, walking
 from tools.test_coping import asking, replacing
 
 from tca_tools.export.csv_files import write_csv
@@ -26,20 +26,6 @@ DOCS = Path(__file__).parents[2] / "docs" / "exports.md"
 def rows(history: History, name: str) -> list[dict[str, Any]]:
     table = next(table for table in TABLES if table.name == name)
     return [dict(zip(table.columns, row, strict=True)) for row in table.rows(history)]
-
-
-def test_messages_and_tasks() -> None:
-    history = stumbling().fold()
-    assert [row["id"] for row in rows(history, "messages")] == list(range(1, 11))
-    assert rows(history, "messages")[4] == {
-        "id": 5, "name": "elevation map", "class": "query", "sender": "gait planner", "origin": 2, "role": None,
-        "about": None, "sent": 0.8, "started": 0.8, "ended": 1.22, "answered": 1.22, "handlings": 1,
-        "failure": None, "handled": None, "dropped": None, "data": None, "result": '{"ok": true}', "failure_data": None,
-    }  # fmt: skip
-    body = next(row for row in rows(history, "tasks") if row["id"] == 7)
-    assert (body["name"], body["parent"], body["depth"], body["state"]) == ("move body", 2, 3, "failed")
-    assert (body["start_achieving"], body["end_achieving"]) == (3.4, 4.5)
-    assert rows(history, "tasks")[0]["killed"].startswith("failure 'terrain collision'")
 
 
 def test_every_failure_has_a_row_with_what_became_of_it() -> None:
@@ -63,61 +49,14 @@ def test_every_failure_has_a_row_with_what_became_of_it() -> None:
     assert [row["handled"] for row in rows(lost, "handlings")] == [False]
 
 
-def test_who_killed_a_task_has_a_column_of_its_own() -> None:
-    story = Story().at(1.0)
-    for by in ("user", "central", ""):
-        story.say(facts.Killed(TaskId(story.goal("walk", "user")), "it rains", by))
-    told = [(row["killed"], row["killed_by"]) for row in rows(story.fold(), "tasks")]
-    assert told == [("it rains", "user"), ("it rains", "central"), ("it rains", None)]
-
-
-def test_states_handlings_queueings_and_waits() -> None:
-    history = walking().fold()
-    second = [(row["state"], row["start"], row["end"]) for row in rows(history, "states") if row["task"] == 3]
-    assert second == [("queued", 0.6, 1.4), ("planning", 1.4, 2.2), ("planned", 2.2, None)]
-    assert rows(history, "handlings")[-1] == {
-        "message": 7, "delivery": 7, "name": "move body", "module": "controller", "resource": "controller",
-        "start": 3.4, "end": None, "outcome": None, "handled": None, "direct_from": None,
-    }  # fmt: skip
-    assert [(row["message"], row["start"], row["end"]) for row in rows(history, "queueings")] == [
-        (2, 0.6, 0.7),
-        (3, 0.6, 1.4),
-    ]
-    waits = [
-        (row["module"], row["delivery"], row["kind"], row["name"], row["moment"]) for row in rows(history, "waits")
-    ]
-    assert waits == [
-        ("gait planner", 2, "reply", "elevation map", None),
-        ("gait planner", 3, "reply", "elevation map", None),
-        ("user interface", None, "task", "traverse arc", "end achieving"),
-    ]
-
-
-def test_claims_direct_messages_and_the_run() -> None:
-    story = Story().module("arm", "reach").at(1.0).say(facts.Claimed(7, "arm", "arm", True, "user", 0))
-    story.at(2.0).say(facts.Granted(7))
-    story.say(facts.HandledDirectly("where", "arm", "arm", "user", 0, 8, 1.5, 0.25, Outcome.FAILED, "dark"))
-    history = story.at(3.0).say(facts.ClaimEnded(7, "released")).fold()
-    assert rows(history, "claims") == [
-        {
-            "id": 7, "module": "arm", "resource": "arm", "reservation": True, "sender": "user", "origin": None,
-            "asked": 1.0, "granted": 2.0, "end": 3.0, "why": "released",
-        }
-    ]  # fmt: skip
-    assert rows(history, "waits")[0]["kind"] == "reservation"
-    direct = rows(history, "handlings")[0]
-    assert (direct["message"], direct["direct_from"], direct["start"], direct["end"]) == (None, "user", 1.25, 1.5)
-    assert rows(history, "run") == [
-        {
-            "epoch": "epoch",
-            "began": 1_700_000_000.0,
-            "first": 0.0,
-            "last": 3.0,
-            "until": 3.0,
-            "live": False,
-            "entries": 4,
-        }
-    ]
+def test_all_tables(expect: Callable[[str, str], None]) -> None:
+    direct = facts.HandledDirectly("where", "arm", "arm", "user", 0, 8, 1.5, 0.25, Outcome.FAILED, "dark")
+    text = io.BytesIO()
+    for story in (stumbling(), locking().say(direct)):
+        for table in TABLES:
+            text.write(f"--- {table.name}\n".encode())
+            write_csv(table, story.fold(), text)
+    expect("tables", text.getvalue().decode().replace("\r\n", "\n"))
 
 
 def odd() -> History:

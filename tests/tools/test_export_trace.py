@@ -2,11 +2,13 @@
 
 import os
 import shutil
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
-from tools.story import GOAL, QUERY, Story, stumbling, walking
+from tools.story import GOAL, QUERY, Story, locking, stumbling, walking
 from tools.trace_reader import Read, Slice, read_trace
 
 from tca_tools.export.trace.lanes import Span, in_lanes, nested
@@ -26,31 +28,33 @@ def trace_of(history: History, folder: Path) -> Read:
     return read_trace(path)
 
 
+def told(read: Read) -> Iterator[str]:
+    """All that is in a trace: tracks with their slices, arrows, counters."""
+    for track, slices in groupby(
+        sorted(read.slices, key=attrgetter("track", "lane", "start")), key=attrgetter("track")
+    ):
+        yield track
+        for one in slices:
+            until = "" if one.end == one.start else " on" if one.end is None else f" to {one.end / SECOND:.3f}"
+            details = ", ".join(f"{key}: {value}" for key, value in one.details.items())
+            yield f"{'  ' * (one.depth + 1)}{one.start / SECOND:.3f}{until} {one.category}: {one.name}; {details}"
+    for number, stations in sorted(read.flows.items()):
+        yield f"arrow {number}: {' -> '.join(f'{one.name} ({one.track})' for one in stations)}"
+    for counter, values in read.counters.items():
+        yield f"{counter}: {', '.join(f'{number} at {time / SECOND}' for time, number in values)}"
+
+
+def test_all_of_a_trace(tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+    traces = [trace_of(story.fold(), tmp_path) for story in (walking(), stumbling(), locking())]
+    expect("trace", "\n".join(line for trace in traces for line in told(trace)) + "\n")
+
+
 def spans(slices: Iterable[Slice], category: str) -> list[tuple[str, float, float | None]]:
     return [
         (one.name, one.start / SECOND, None if one.end is None else one.end / SECOND)
         for one in slices
         if one.category == category
     ]
-
-
-def test_a_resource_is_a_track_with_its_handlings_and_their_waits(tmp_path: Path) -> None:
-    read = trace_of(walking().fold(), tmp_path)
-    planner = read.on("gait planner > gait planner")
-    assert spans(planner, "handling") == [
-        ("traverse arc", 0.5, 0.7),
-        ("take steps", 0.7, 1.4),
-        ("take steps", 1.4, 2.2),
-    ]
-    waits = [one for one in planner if one.category == "waiting"]
-    assert spans(waits, "waiting") == [("waits for elevation map", 0.8, 1.22), ("waits for elevation map", 1.5, 1.98)]
-    assert [(one.parent.name, one.parent.start) for one in waits if one.parent] == [
-        ("take steps", 0.7 * SECOND),
-        ("take steps", 1.4 * SECOND),
-    ]
-    assert spans(read.on("controller > controller"), "handling") == [("move leg", 1.4, 3.4), ("move body", 3.4, None)]
-    assert spans(read.on("user interface > outside of handlers"), "waiting") == [("waits for traverse arc", 0.5, None)]
-    assert spans(read.on("controller"), "module") == [("connected", 0.2, None)]
 
 
 def test_resources_stand_in_the_order_in_which_they_came_as_in_charts(tmp_path: Path) -> None:
@@ -60,76 +64,6 @@ def test_resources_stand_in_the_order_in_which_they_came_as_in_charts(tmp_path: 
     tracks = [track for track in trace_of(story.at(2.0).fold(), tmp_path).tracks.values() if track.parent_uuid]
     in_order = sorted(tracks, key=lambda track: track.sibling_order_rank)
     assert [track.name for track in in_order if track.name in ("meter", "chamber")] == ["meter", "chamber"]
-
-
-def test_a_message_is_an_arrow_from_its_sender_through_the_queue_to_its_handler(tmp_path: Path) -> None:
-    read = trace_of(walking().fold(), tmp_path)
-    stations = [(one.track, one.category, one.name) for one in read.flows[2]]
-    assert stations == [
-        ("gait planner > gait planner", "sent", "sends 3 messages"),
-        ("gait planner > queue of gait planner", "queued", "take steps"),
-        ("gait planner > gait planner", "handling", "take steps"),
-    ]
-    assert [(one.track, one.name) for one in read.flows[6]] == [
-        ("gait planner > gait planner", "sends 2 messages"),
-        ("controller > controller", "move leg"),
-    ]
-    sent = read.flows[6][0].parent
-    assert sent is not None
-    assert (sent.name, sent.details["id"]) == ("take steps", 2)
-    assert 4 not in read.flows  # held, so it arrived nowhere
-
-
-def test_a_query_leads_to_who_answers(tmp_path: Path) -> None:
-    read = trace_of(walking().fold(), tmp_path)
-    asked, answering = read.flows[5]
-    assert (asked.name, answering.track) == ("sends elevation map", "perception > perception")
-    assert answering.details["result"] == {"ok": 1}
-
-
-def test_the_details_of_a_handling(tmp_path: Path) -> None:
-    read = trace_of(walking().fold(), tmp_path)
-    leg = read.on("controller > controller")[0]
-    assert leg.details == {
-        "id": 6,
-        "class": "command",
-        "sender": "gait planner",
-        "parent": "take steps {2}",
-        "data": {"leg": 2, "height": 0.3},
-        "outcome": "done",
-        "result": {"contact": [1.0, 2.0, -0.25]},
-    }
-
-
-def test_queue_lengths_are_counters(tmp_path: Path) -> None:
-    read = trace_of(walking().fold(), tmp_path)
-    length = read.counters["gait planner > queue length of gait planner"]
-    assert [(time / SECOND, number) for time, number in length] == [(0.6, 2), (0.7, 1), (1.4, 0)]
-
-
-def test_the_task_tree_has_a_track_for_each_depth(tmp_path: Path) -> None:
-    read = trace_of(walking().fold(), tmp_path)
-    assert spans(read.on("task tree > depth 1"), "task") == [("traverse arc", 0.5, None)]
-    assert spans(read.on("task tree > depth 2"), "task") == [("take steps", 0.6, None)] * 3
-    second = next(one for one in read.on("task tree > depth 2") if one.details.get("id") == 3)
-    states = [one for one in read.slices if one.parent is second]
-    assert spans(states, "state") == [("queued", 0.6, 1.4), ("planning", 1.4, 2.2), ("planned", 2.2, None)]
-    assert spans(read.on("task tree > depth 3"), "task")[0] == ("move leg", 1.4, 3.4)
-
-
-def test_failures_and_kills_are_instants(tmp_path: Path) -> None:
-    read = trace_of(stumbling().fold(), tmp_path)
-    failed = [one for one in read.slices if one.name == "failed"]
-    assert {(one.track, one.start / SECOND, one.end == one.start) for one in failed} == {
-        ("controller > controller", 4.5, True),
-        ("task tree > depth 3", 4.5, True),
-    }
-    assert {one.details["failure"] for one in failed} == {"terrain collision: leg 4 met\x1b[31m rock"}
-    assert all(one.parent for one in failed)
-    assert [one.details["handled"] for one in failed] == [False, False]
-    killed = [one for one in read.slices if one.name == "killed"]
-    assert len(killed) == 6
-    assert {one.details["why"] for one in killed} == {"failure 'terrain collision' of move body {7} was not handled"}
 
 
 def test_handlings_that_overlap_have_lanes_that_are_shown_as_one_track(tmp_path: Path) -> None:
@@ -230,14 +164,6 @@ def test_a_resource_that_is_named_like_another_track(tmp_path: Path) -> None:
         "arm > queue of arm",
         "arm > queue of arm (another)",
     }
-
-
-def test_locks_have_a_track(tmp_path: Path) -> None:
-    story = Story().module("arm", "reach").at(1.0).say(facts.Claimed(7, "arm", "arm", False, "user", 0))
-    story.at(2.0).say(facts.Granted(7)).at(3.0).say(facts.ClaimEnded(7, "released"))
-    read = trace_of(story.fold(), tmp_path)
-    assert spans(read.on("arm > locks of arm"), "lock") == [("locked by user", 2.0, 3.0)]
-    assert spans(read.on("user > outside of handlers"), "waiting") == [("waits for a lock", 1.0, 2.0)]
 
 
 def test_direct_messages_have_slices_without_arrows(tmp_path: Path) -> None:
