@@ -109,14 +109,16 @@ def _cases(run: Run, message: Message) -> Iterator[Case]:
     had = values(message, "failure")
     in_vain = {handling.end: handling for handling in message.handlings if handling.outcome is Outcome.FAILED}
     called = [run.tasks[one] for one in message.caught_by if one in run.tasks] if isinstance(message, Task) else []
-    for number, (time, text) in enumerate(had):
-        if not text:
+    for number, (time, failure) in enumerate(had):
+        if not failure:
             continue
-        name, _, words = text.partition(": ")
+        name = failure.name
         failed = in_vain.get(time)
         by = "central" if name in _OF_CENTRAL and not failed else _raised_by(run, message, failed, time)
         why = told_to(run, message, time)
-        case = Case(message.id, str(message), name, words, time, by, [], fate(run, message, time), why, 0.0, 0.0)
+        case = Case(
+            message.id, str(message), name, failure.words, time, by, [], fate(run, message, time), why, 0.0, 0.0
+        )
         case.lost = _lost(message, case, failed)
         if isinstance(message, Task):
             _follow(run, message, case, called, had[number + 1] if number + 1 < len(had) else None)
@@ -198,7 +200,7 @@ def _described(run: Run, handler: Task) -> str:
         f" in {place(handling.module, handling.resource)}" if handling else ", which nobody handled"
     )
     if handler.failure:
-        words += f", which failed itself ({handler.failure.partition(':')[0]})"
+        words += f", which failed itself ({handler.failure.name})"
     if handler.id in run.reissued:
         words += ", which passed the failure on"
     return words

@@ -150,7 +150,7 @@ def _states(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
         record = run.tasks[number]
         task = TaskAt(run, record, time)
         content = {"id": number, "name": task.name, "parent": task.parent, "sender": task.sender}
-        content |= {"state": str(task.state), "failure": task.failure}
+        content |= {"state": str(task.state), "failure": str(task.failure)}
         if task.failure:
             content["handled"] = went_on(run, record, record.written("failure", time))
         yield Said(nanoseconds(time), "/tca/tasks", "", content)

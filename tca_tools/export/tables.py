@@ -10,7 +10,7 @@ from itertools import chain, pairwise
 from operator import itemgetter
 from typing import Any, NamedTuple
 
-from tca_tools.run.records import HandlerWait, Message
+from tca_tools.run.records import Failure, HandlerWait, Message
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import fate, has_coped, went_on
 from tca_wire.points import MOMENTS, describe_moments
@@ -62,25 +62,26 @@ def _went_on(run: Run, message: Message) -> bool | None:
 
 def _failures(run: Run) -> Iterator[Row]:
     found = [
-        (time, message, text)
+        (time, message, failure)
         for message in run.messages.values()
         if message.failure or message.changes
-        for time, text in message.became("failure")
-        if text
+        for time, failure in message.became("failure")
+        if failure
     ]
-    for time, message, text in sorted(found, key=itemgetter(0)):
-        name, _, words = text.partition(": ")
-        became = fate(run, message, time)
-        by = _raised_by(run, message, time, text)
-        yield message.id, message.name, time, name, words or None, by, str(became), went_on(run, message, time)
+    for time, message, failure in sorted(found, key=itemgetter(0)):
+        became, by = fate(run, message, time), _raised_by(run, message, time, failure)
+        yield (
+            message.id, message.name, time, failure.name, failure.words or None, by, str(became),
+            went_on(run, message, time),
+        )  # fmt: skip
 
 
-def _raised_by(run: Run, message: Message, time: float, text: str) -> str | None:
+def _raised_by(run: Run, message: Message, time: float, failure: Failure) -> str | None:
     """The module that raised a failure: that of the handler which failed with it, or who did it beside that; or
     "central". None: the journal does not tell.
     """
     for one in run.raised.get(message.id, ()):
-        if (one.time, one.text) == (time, text):
+        if (one.time, one.failure) == (time, failure):
             return one.by or None
     failed = next(
         (handling for handling in message.handlings if handling.end == time and handling.outcome is Outcome.FAILED),

@@ -9,9 +9,8 @@ from tca_tools.why.stretches import Stretch
 from tca_tools.why.whereabouts import for_whom
 from tca_wire.text.facts_in_words import by_whom, place, raised_by
 from tca_wire.text.measures import duration, from_to, run_time
+from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import Outcome
-
-NEWLINE = "\n"
 
 
 def handled(run: Run, handling: Handling) -> str:
@@ -29,7 +28,7 @@ def handled(run: Run, handling: Handling) -> str:
 def raised(run: Run, task: Task, failure: Raised) -> str:
     """``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
     told = told_to(run, task, failure.time)
-    title = f"{task} failed at {run_time(failure.time)}: {failure.text.partition(NEWLINE)[0]}{raised_by(failure.by)}"
+    title = f"{task} failed at {run_time(failure.time)}: {first_line(failure.failure)}{raised_by(failure.by)}"
     return title + (f", {told}" if told else "")
 
 

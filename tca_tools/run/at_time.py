@@ -15,6 +15,7 @@ from tca_tools.run.records import (
     OVER,
     Ahead,
     Claim,
+    Failure,
     HandlerWait,
     Handling,
     Hold,
@@ -105,9 +106,10 @@ class TaskAt:
         return states[max(bisect_right(states, self._time, key=_SINCE) - 1, 0)]
 
     @property
-    def failure(self) -> str:
+    def failure(self) -> Failure:
         """The failure raised on it."""
-        return str(self._record.was("failure", self._time))
+        failure: Failure = self._record.was("failure", self._time)
+        return failure
 
     @property
     def why_killed(self) -> str | None:

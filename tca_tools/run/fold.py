@@ -9,7 +9,19 @@ from typing import Any
 
 from tca_tools.run.fold_reactions import ReactionFold
 from tca_tools.run.garbage import no_garbage
-from tca_tools.run.records import Claim, CopyEnd, HandlerWait, Handling, Hold, Message, Offer, Queueing, Raised, Task
+from tca_tools.run.records import (
+    Claim,
+    CopyEnd,
+    Failure,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    Offer,
+    Queueing,
+    Raised,
+    Task,
+)
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
 from tca_wire.points import MOMENTS, Moment
@@ -263,13 +275,13 @@ class History(ReactionFold):
         lost = None if fact.is_beside else self._finish(fact.id)  # of a module that was lost no handler returns
         if lost:
             lost.outcome, lost.is_lost = Outcome.FAILED, True
-        text = f"{fact.failure}: {fact.text}" if fact.text else fact.failure
+        failure = Failure(fact.failure, fact.text)
         if fact.is_beside:
-            self.raised.setdefault(fact.id, []).append(Raised(self.time, text, fact.by, self.asker))
+            self.raised.setdefault(fact.id, []).append(Raised(self.time, failure, fact.by, self.asker))
         if fact.copy_of:
-            self._lose_copy(fact.id, fact.copy_of, text, is_failure=True)
+            self._lose_copy(fact.id, fact.copy_of, failure, is_failure=True)
         if message := self.messages.get(lost.message_id if lost else fact.id):
-            self._change(message, "failure", text)
+            self._change(message, "failure", failure)
             self._seen_to.pop(message.id, None)
             if fact.body:
                 self._change(message, "failure_data", fact.body)

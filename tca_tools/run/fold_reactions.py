@@ -4,7 +4,7 @@ history.py says which fact writes what.
 """
 
 from tca_tools.run.fold_records import RecordFold
-from tca_tools.run.records import Ahead, Exhausted, Farewell, Hold, Retry, Task
+from tca_tools.run.records import Ahead, Exhausted, Failure, Farewell, Hold, Retry, Task
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point, TaskId
@@ -19,9 +19,9 @@ class ReactionFold(RecordFold):
         super().__init__()
         self._called: dict[TaskId, dict[int, int]] = {}
         """For each task whose exception handlers were called, by attachment, how often."""
-        self._called_for: dict[int, tuple[int, str]] = {}
+        self._called_for: dict[int, tuple[int, Failure]] = {}
         """By exception handler, the task that had failed, and how."""
-        self._seen_to: dict[int, str] = {}
+        self._seen_to: dict[int, Failure] = {}
         """By task, the failure whose handler could not decide: the search for the next one goes on, whatever else has
         been raised on the task meanwhile.
         """
@@ -45,7 +45,7 @@ class ReactionFold(RecordFold):
             self._exhaust(fact.task)
 
     def _search_on(self, task: Task) -> None:
-        if failure := self._seen_to.pop(task.id, ""):
+        if failure := self._seen_to.pop(task.id, None):
             self._change(task, "failure", failure)
 
     def _could_not_decide(self, handler: int) -> None:
@@ -108,16 +108,16 @@ class ReactionFold(RecordFold):
         failing = at = self._task(task)
         while True:
             for attachment, calls in self._called.get(TaskId(at.id), {}).items():
-                self._note_exhausted(failing.id, failing.failure, attachment, calls)
+                self._note_exhausted(failing.id, failing.failure.name, attachment, calls)
             if at.parent == ROOT:
                 break
             at = self.tasks[at.parent]
         for attachment, calls in self._called.get(ROOT, {}).items():
-            self._note_exhausted(failing.id, failing.failure, attachment, calls)
+            self._note_exhausted(failing.id, failing.failure.name, attachment, calls)
 
     def _note_exhausted(self, task: int, failure: str, attachment: int, calls: int) -> None:
         known = self.attached.get(attachment)
-        if known is not None and 0 < known.maximum <= calls and known.failure in ("", failure.partition(":")[0]):
+        if known is not None and 0 < known.maximum <= calls and known.failure in ("", failure):
             self.exhausted.setdefault(task, []).append(Exhausted(self.time, known.handler, calls))
 
     def _tap_added(self, fact: facts.TapAdded) -> None:

@@ -5,7 +5,18 @@ history.py says which fact writes what.
 
 from collections.abc import Iterator
 
-from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, ModuleRecord, Queueing, Suspension, Task
+from tca_tools.run.records import (
+    NO_FAILURE,
+    Claim,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    ModuleRecord,
+    Queueing,
+    Suspension,
+    Task,
+)
 from tca_tools.run.whole_run import UNKNOWN, Run
 from tca_wire.points import END_ACHIEVING, END_PLANNING, ROOT, START_ACHIEVING, START_PLANNING, Moment, TaskId
 from tca_wire.vocabulary import MessageClass
@@ -77,7 +88,7 @@ class RecordFold(Run):
 
     def _forget_outcome(self, message: Message) -> None:
         """It is handled anew: what came of that before is void. A message to many keeps what the others answered."""
-        self._change(message, "failure", "")
+        self._change(message, "failure", NO_FAILURE)
         self._change(message, "failure_data", b"")
         if message.message_class.is_task:
             self._change(message, "result", b"")

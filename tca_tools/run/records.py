@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
@@ -129,13 +129,29 @@ class Offer:
     """When it took that back, or left."""
 
 
+class Failure(str):
+    """A failure as text: its *name*, and the *words* that were said of it; empty where there is none."""
+
+    __slots__ = ("name", "words")
+    name: str
+    words: str
+
+    def __new__(cls, name: str = "", words: str = "") -> Self:
+        """The two of them as one text."""
+        self = super().__new__(cls, f"{name}: {words}" if words else name)
+        self.name, self.words = name, words
+        return self
+
+
+NO_FAILURE = Failure()
+
+
 @dataclass(frozen=True, slots=True)
 class Raised:
     """A failure was raised on a task beside its handler, which goes on."""
 
     time: float
-    text: str
-    """Its name, with what was said of it."""
+    failure: Failure
     by: str
     """The module that raised it, or "central"."""
     asker: Handling | None = field(default=None, repr=False, compare=False)
@@ -271,8 +287,8 @@ class Message:
     handlings: list[Handling] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
     """What was written over: when, which of the fields (``body`` or one below), and what it was before."""
-    failure: str = ""
-    """The failure raised on it, with its text; "" again when it is handled anew."""
+    failure: Failure = NO_FAILURE
+    """The failure raised on it; none again when it is handled anew."""
     dropped: str = ""
     result: bytes = b""
     failure_data: bytes = b""

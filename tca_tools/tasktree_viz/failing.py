@@ -7,7 +7,7 @@ from math import inf
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import OVER, Message, State, Task
+from tca_tools.run.records import OVER, Failure, Message, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
 from tca_tools.why.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
@@ -86,24 +86,18 @@ def _killed(task: Task) -> float:
     return inf if task.killed is None else task.written("killed")
 
 
-def _raised(message: Message) -> list[tuple[float, str]]:
+def _raised(message: Message) -> list[tuple[float, Failure]]:
     """The failures that were raised on it: when, and which."""
-    found: list[tuple[float, str]] = []
-    changes = [change for change in message.changes if change[1] == "failure"]
-    for place, (time, _, _) in enumerate(changes):
-        new = changes[place + 1][2] if place + 1 < len(changes) else message.failure
-        if new:
-            found.append((time, str(new)))
-    return found
+    return [(time, failure) for time, failure in message.became("failure") if failure]
 
 
 def _steps_of(run: Run, cause: _Cause) -> Iterator[tuple[_Place, Link]]:
     message, place, until, known = cause
     depth = len(place) // 2
-    for time, text in [one for one in _raised(message) if one[0] <= until]:
-        for since, is_others, led_to_it in out_of_time(run, message, time, text):
+    for time, failure in [one for one in _raised(message) if one[0] <= until]:
+        for since, is_others, led_to_it in out_of_time(run, message, time, failure):
             yield (_ITSELF, 0), Link(since, depth + is_others, led_to_it)
-        yield (_ITSELF, 0), Link(time, depth, f"{message} failed: {text}")
+        yield (_ITSELF, 0), Link(time, depth, f"{message} failed: {failure}")
     if isinstance(message, Task):
         yield from (((_CALLS, one), link) for one, link in _recoveries(RunAt(run, known), message, depth))
         yield from (((_AGAIN, 0), link) for link in _retries(run, message, depth))
@@ -210,7 +204,7 @@ def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
     """Whether the failure of one, of which its asker was told by then, is that of the other."""
     told = [one for one in _raised(cause) if one[0] <= until]
     told = [one for one in told if isinstance(cause, Task) or is_told(run, cause, one[0])]
-    names = {text.partition(":")[0] for _, text in told}
+    names = {failure.name for _, failure in told}
     return any(name in text for _, text in _raised(failed) for name in names)
 
 

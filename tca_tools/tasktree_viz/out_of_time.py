@@ -5,7 +5,7 @@ from math import nextafter
 
 from tca_tools.analysis.words import seconds
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import Message
+from tca_tools.run.records import Failure, Message
 from tca_tools.run.whole_run import Run
 from tca_tools.why.ages import age
 from tca_tools.why.last import Ends, last_of
@@ -20,14 +20,14 @@ _FAR = 500
 """Waits: what a task that ran out of time waited for beyond so many is not looked for."""
 
 
-def out_of_time(run: Run, message: Message, failed: float, text: str) -> Iterator[tuple[float, bool, str]]:
+def out_of_time(run: Run, message: Message, failed: float, failure: Failure) -> Iterator[tuple[float, bool, str]]:
     """What led to the failure of a task whose deadline ran out: since when, whether that is of something else, and
     what; nothing if nothing is known, or it failed of something else.
     """
     deadlines = [one.set_at for one in run.ahead.get(message.id, ()) if one.moment is not None]
     at = RunAt(run, nextafter(failed, 0.0))
     task = at.tasks.get(TaskId(message.id))
-    if not deadlines or text.partition(":")[0] != TIMEOUT or task is None or task.watches:
+    if not deadlines or failure.name != TIMEOUT or task is None or task.watches:
         return
     for one in run.tasks[task.id].suspensions[-NAMED:]:
         if one.start >= deadlines[0] and one.end is not None and one.end < failed:

@@ -245,7 +245,7 @@ def awaited(run: Run, wait: HandlerWait) -> str:
 
 def _changes(run: Run, message: Message) -> Iterator[Sentence]:
     changed = {name for _, name, _ in message.changes}
-    raised = {(one.time, one.text): raised_by(one.by) for one in run.raised.get(message.id, ())}
+    raised = {(one.time, one.failure): raised_by(one.by) for one in run.raised.get(message.id, ())}
     for name, say in _SAY.items():
         for time, new in message.became(name) if name in changed else ():
             if new and (said := say(new)):
