@@ -1,13 +1,13 @@
 """The client: what a script that handles nothing sends with."""
 
-from types import TracebackType
 from typing import Any, Literal, Self
 
 import msgspec
 
 from tca_module import checks
 from tca_module.checks import check, one_of
-from tca_module.errors import CentralLost, MisuseError, NoCentral, Timeout
+from tca_module.errors import CentralLost, MisuseError, NoCentral
+from tca_module.link.asking import ask
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
 from tca_module.link.opening import CentralAddress, hello, new_incarnation, open_connection
 from tca_module.sending.sender import Sender
@@ -17,12 +17,12 @@ Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "a
 
 
 class Client(Sender):
-    """A connection of a program that handles nothing; what it sends hangs under the root. For one thread."""
+    """A connection of a program that handles nothing; it sends under the root. For one thread."""
 
     def __init__(self, connection: Connection) -> None:
         super().__init__()
         self._link: Connection | None = connection
-        connection.outside = self
+        connection.root_sender = self
 
     @property
     def name(self) -> str:
@@ -35,21 +35,13 @@ class Client(Sender):
         return self._connection().address
 
     def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
-        """What central knows of a topic, as plain values: "status", "modules", "messages", "tree", "variables",
-        "load" (how busy everything is, and who waits longest) or "attached" (exception handlers, wiretaps
-        and monitors; at most 10 000 of each, with how many there are).
-
-        Raises Timeout if it does not say so within *timeout* seconds (None: waits for ever).
+        """What central knows of a topic, as plain values: "status", "modules", "messages", "tree", "variables", "load"
+        (how busy everything is, and the longest waits) or "attached" (exception handlers, wiretaps and monitors, at
+        most 10,000 of each). Raises Timeout.
         """
         check("status()", one_of(Topic), topic=topic)
-        connection = self._connection()
-        request = connection.request(Ask(0, topic), wants_answer=True, is_awaited=True)
-        if not connection.wait(request, timeout, f"the question for {topic}"):
-            connection.abandon(request)
-            where = f"central at {connection.address}"
-            msg = f"{where} did not answer the question for {topic} within {timeout:g} s: it is overloaded, ask later"
-            raise Timeout(msg)
-        return msgspec.msgpack.decode(request.answers[-1][1])
+        answer = ask(self._connection(), Ask(0, topic), f"the question for {topic}", within=timeout)
+        return msgspec.msgpack.decode(answer)
 
     def close(self) -> None:
         """Say goodbye to central; twice does no harm."""
@@ -60,9 +52,7 @@ class Client(Sender):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _connection(self) -> Connection:
@@ -74,8 +64,8 @@ class Client(Sender):
 def connect(name: str = "script", central: CentralAddress = None, patience: float = PATIENCE / 2) -> Client:
     """Connect to central from a program that is no module.
 
-    Raises CentralLost if none answers in *patience* seconds: in a script that nobody catches it ends the program with
-    one line and exit code 1.
+    Raises CentralLost if no central answers within *patience* seconds; uncaught it ends the program with one line and
+    exit code 1.
     """
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience)

@@ -1,32 +1,32 @@
 """Errors of the module library, by whose fault they are.
 
-TcaError             do not raise this one; it groups the others
+TcaError             the base of the others
 ├── MisuseError      the caller: a call that can't be right, whatever the robot does
 ├── Refused          central refused a request; nothing of it remains
 │   ├── FormatRefused    others use a message of that name with another format or class
-│   └── Deadlock         whoever asked would wait for ever: what he waits for waits for him
-├── CentralLost      central does not answer, or was restarted and has forgotten what was asked
-├── LockLost         a lock or reservation was taken away while somebody counted on it
-├── Stopped          the module ends: what was waited for is not waited for any more
+│   └── Deadlock         the wait would never end
+├── CentralLost      central does not answer, or was restarted and has forgotten the request
+├── LockLost         a lock or reservation was taken away before its release
+├── Stopped          the module ends: the wait is over
 ├── NotDeclared      nobody has declared a message of that name (also a LookupError)
 ├── VariableNotSet   a variable has no value yet (also a LookupError)
-├── Timeout          the answer did not come in time (also a TimeoutError)
+├── Timeout          no answer in time (also a TimeoutError)
 ├── QueryFailed      the handler of a query failed
 ├── TaskFailed       a goal or command failed
-└── TaskKilled       a goal or command was killed: one that was waited for, or the handler's own
+└── TaskKilled       a goal or command was killed: one waited for, or the handler's own
 BadData              data does not fit the format of its message (from tca_wire)
 """
 
 from typing import Any
 
-from tca_wire.errors import BadData
+from tca_wire.errors import BadData as BadData  # noqa: PLC0414 - it belongs to them
 from tca_wire.messages.declarations import D, Failure
 from tca_wire.messages.formats import decode_untyped
 from tca_wire.vocabulary import Refusal
 
 
 class TcaError(Exception):
-    """Base of all errors of this package."""
+    """The base of all errors of this package."""
 
 
 class MisuseError(TcaError):
@@ -34,7 +34,7 @@ class MisuseError(TcaError):
 
 
 class Refused(TcaError):
-    """Central refused a request: *refusal* is the kind, *text* what central says."""
+    """Central refused a request: *refusal* is the kind, *text* is central's explanation."""
 
     def __init__(self, what: str, refusal: Refusal, text: str) -> None:
         super().__init__(f"{what} was refused: {text}")
@@ -43,25 +43,26 @@ class Refused(TcaError):
 
 
 class FormatRefused(Refused):
-    """A message is declared with another format, or class, than others use."""
+    """A message is declared with another format or class than others use."""
 
 
 class Deadlock(Refused):
-    """A wait that would never end: what is waited for waits, in the end, for the one who waits. The text names the
-    circle. If a handler lets it pass, it is the failure "deadlock" of its task.
+    """The wait would never end: what is waited for waits for the waiting task. The text names the circle. A handler
+    that does not catch it fails with "deadlock".
     """
 
 
 class CentralLost(TcaError):
-    """Central does not answer, or was restarted. It may have heard what was asked of it, and goes on with that when it
-    goes on itself: a goal, command or monitor is killed then, as soon as this program is heard again; all else is done.
-    Also raised of each call that names a task of a central before it was restarted.
+    """Central does not answer, or was restarted. It may have got the request: a goal, command or monitor is then killed
+    as soon as central hears this program again, anything else is done.
+
+    Calls that name a task from before a restart raise it too.
     """
 
 
 class NoCentral(CentralLost, SystemExit):
-    """Central can't be reached: what ``run``, ``running`` and ``connect`` raise. Caught by nobody, it ends the program
-    with one line, not a traceback: whoever starts a robot wants to read what to do.
+    """Central can't be reached: raised by ``run``, ``running`` and ``connect``. Uncaught, it ends the program with one
+    line instead of a traceback.
     """
 
     def __init__(self, text: str) -> None:
@@ -70,16 +71,14 @@ class NoCentral(CentralLost, SystemExit):
 
 
 class Stopped(TcaError):
-    """The module was told to end: before central had welcomed it, or while a handler waited for others. Such a handler
-    may clean up, and wait for that. If it lets this pass, it is the failure "module lost" of its task, unless that was
-    killed.
+    """The module was told to end: before central had welcomed it, or while a handler waited. The handler may clean up,
+    and wait for that. If it does not catch this, it fails with "module lost", unless its task was killed.
     """
 
 
 class LockLost(TcaError):
-    """A lock or reservation is one no longer: it was taken away, or central was restarted, before it was released. The
-    text says by whom, or why; others may have been let in meanwhile. If a handler lets it pass, it is the failure
-    "lock lost" of its task.
+    """A lock or reservation was taken away, or central was restarted, before its release; others may have been let in.
+    A handler that does not catch it fails with "lock lost".
     """
 
 
@@ -95,8 +94,8 @@ class Timeout(TcaError, TimeoutError):
     """An answer did not come in time."""
 
 
-class _Failed(TcaError):
-    """What failed, with which failure; the failure's data in two forms."""
+class RequestFailed(TcaError):
+    """A request, the failure it ended with, and the failure's data."""
 
     def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
         summary = text.partition("\n")[0]  # of a traceback
@@ -122,47 +121,19 @@ NIL = b"\xc0"
 """None as MessagePack."""
 
 
-class QueryFailed(_Failed):
+class QueryFailed(RequestFailed):
     """The handler of a query failed: ``failure`` is the failure's name."""
 
-    def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
-        super().__init__(what, failure, text, body)
 
-
-class TaskFailed(_Failed):
+class TaskFailed(RequestFailed):
     """A goal or command failed: ``failure`` is the failure's name."""
-
-    def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
-        super().__init__(what, failure, text, body)
 
 
 class TaskKilled(TcaError):
-    """A goal or command was killed: ``why`` says why and by whom. If it is the handler's own, or is to be handled
-    again, what the handler waited for is not waited for any more, as ``why`` says; it may clean up, and wait for that.
-    If it then lets this pass, that is no failure.
+    """A goal or command was killed: ``why`` says why and by whom. If it is the handler's own task, or is to be handled
+    again, the wait is over; the handler may clean up, and wait for that. Not catching it is no failure.
     """
 
     def __init__(self, what: str, why: str) -> None:
         super().__init__(f"{what} was killed: {why}")
         self.why = why
-
-
-__all__ = [
-    "NIL",
-    "BadData",
-    "CentralLost",
-    "Deadlock",
-    "FormatRefused",
-    "LockLost",
-    "MisuseError",
-    "NoCentral",
-    "NotDeclared",
-    "QueryFailed",
-    "Refused",
-    "Stopped",
-    "TaskFailed",
-    "TaskKilled",
-    "TcaError",
-    "Timeout",
-    "VariableNotSet",
-]

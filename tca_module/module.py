@@ -1,4 +1,4 @@
-"""Module: a program's handlers, and their threads. One resource is one thread with its own connection."""
+"""Module: a program's handlers and their threads. One resource is one thread with its own connection."""
 
 import contextlib
 import logging
@@ -42,12 +42,10 @@ class Module(Sender):
 
         planner.run()
 
-    With *requires*, it begins to serve only when other modules (or its own handlers) handle all of these messages; so
-    it does when central was restarted. Two modules that require each other's messages wait for ever: 'tca status' shows
-    who waits for what.
+    With *requires*, it serves only when all of these messages are handled, by itself or others; so too after a restart
+    of central. Two modules that require each other's messages wait for ever: see 'tca status'.
 
-    While it runs, what the module itself sends (``planner.goal(...)``) comes from outside of handlers: it hangs under
-    the root, and is for the thread that started it.
+    A running module is also a Sender: ``planner.goal(...)`` sends under the root, from the thread that started it.
     """
 
     def __init__(
@@ -79,8 +77,7 @@ class Module(Sender):
 
     def resource(self, name: str, capacity: int = 1) -> str:
         """Declare a part of the module that handles at most *capacity* messages at a time, each in its own thread.
-
-        A handler names it with ``resource=``; the others belong to the module's own resource, with its capacity.
+        Handlers choose it with ``resource=``; the others use the module's own resource.
         """
         self._check_not_running("resource()")
         check("resource()", checks.NAME, name=name)
@@ -104,12 +101,12 @@ class Module(Sender):
     ) -> Any:  # fmt: skip
         """Declare the decorated function, plain or ``async def``, as this module's handler of *message*.
 
-        The newest module to declare a handler gets the messages; modules that name the same *pool* share them. With
-        *pending*, at most so many of them wait for this handler; when one more comes, the one that has waited longest
-        gives way: an inform or broadcast is dropped, a query fails with "overload", a goal or command is killed.
+        The newest module that declares a handler gets the messages; modules that name the same *pool* share them. With
+        *pending*, at most that many wait for this handler; one more displaces the oldest: an inform or broadcast is
+        dropped, a query fails with "overload", a goal or command is killed.
 
-        With *direct*, senders of this inform or query may send it without central: faster, with no priority, and in
-        the journal as a note without data. It goes through central while a wiretap or another handler wants to see it.
+        With *direct*, this inform or query may come straight from its senders: faster, but without priority, and in the
+        journal without data. It goes through central while a wiretap or another handler wants it.
         """
         self._check_not_running("handles()")
         check("handles()", checks.NAME_OR_NONE, resource=resource, pool=pool)
@@ -126,11 +123,11 @@ class Module(Sender):
         return declare
 
     def at_start(self, function: Start) -> Start:
-        """Have the decorated function called with the module once it has joined, before anybody can send it anything:
-        to attach exception handlers and wiretaps. Who sees that the module handles a message may rely on them.
+        """Have the decorated function called with the module once it has joined, before it gets any message: to attach
+        exception handlers and wiretaps.
 
-        An error in it ends the module. It is not called again when central was restarted: what was attached to messages
-        and to the root is attached anew by itself, before the module's handlers count as there again.
+        An error in it ends the module. It is not called again after a restart of central: what it attached to messages
+        and to the root is attached anew by itself.
         """
         self._check_not_running("at_start()")
         check_function("at_start()", function, "(module)")
@@ -140,11 +137,11 @@ class Module(Sender):
     # --- callbacks -------------------------------------------------------------------------------------------------
 
     def every(self, period: float, *, resource: str | None = None) -> Callable[[F], F]:
-        """Have the decorated function called every *period* seconds, first one period after the module began.
+        """Have the decorated function called every *period* seconds while the module runs, first after one period.
 
-        Calls come at multiples of the period, without drift; those that are missed because the thread was busy are left
-        out. The function may take the Callback, to send with and to ``cancel()``, or nothing. The thread of *resource*
-        calls it between messages; by default one that only calls callbacks. Errors in it are logged.
+        Calls come at multiples of the period, without drift; missed ones are skipped. The function takes the Callback,
+        to send with and to ``cancel()``, or nothing. The thread of *resource* calls it between messages; by default a
+        thread for callbacks alone. Errors in it are logged.
         """
         check("every()", checks.NAME_OR_NONE, resource=resource)
 
@@ -161,8 +158,7 @@ class Module(Sender):
         *,
         resource: str | None = None,
     ) -> Callback:
-        """Have a function called once, *delay* seconds from now or from when the module begins; see ``every``.
-
+        """Have a function called once, *delay* seconds from now or from the module's start; otherwise like ``every``.
         May be called at any time, from any thread.
         """
         return self._called_by("after()", resource).after(delay, function)
@@ -174,10 +170,11 @@ class Module(Sender):
         *,
         resource: str | None = None,
     ) -> Callback:
-        """Have a function called whenever a socket, pipe or other file (or its number) has something to read.
+        """Have a function called whenever a socket, pipe or other file (or its number) has something to read; otherwise
+        like ``every``. May be called at any time, from any thread.
 
-        The function reads it, or is called again at once. At the end of the file it should ``cancel()``, and so should
-        whoever closes the file. See ``every``; may be called at any time, from any thread.
+        The function reads it, or is called again at once. At the end of the file, or before closing it, call
+        ``cancel()``.
         """
         return self._called_by("on_readable()", resource).on_readable(source, function)
 
@@ -197,13 +194,11 @@ class Module(Sender):
     def run(self, *, patience: float = PATIENCE, reconnect: bool = True) -> None:
         """Handle messages until Ctrl-C or SIGTERM; a second one leaves at once.
 
-        Handlers that run then are told and waited for: ``task.cancelled`` becomes true, a wait for others raises
-        Stopped, a coroutine gets CancelledError where it awaits. What they were told about has failed, with "module
-        lost"; who asks and waits for nothing just finishes.
+        Running handlers are told and waited for: ``task.cancelled`` is true, waits raise Stopped, coroutines get
+        CancelledError. Handlers that were told fail with "module lost"; those that wait for nothing just finish.
 
-        Raises CentralLost if no central answers within *patience* seconds: in a script that nobody catches it ends the
-        program with one line and exit code 1. If central goes away later, waits for it to come back; with
-        *reconnect* False, raises CentralLost.
+        Raises CentralLost if no central answers within *patience* seconds; uncaught it ends the program with one line
+        and exit code 1. If central goes away later, waits for it; with *reconnect* False, raises CentralLost.
         """
         try:
             self._prepare()
@@ -216,12 +211,12 @@ class Module(Sender):
 
     @contextmanager
     def running(self, *, patience: float = PATIENCE, reconnect: bool = True) -> Iterator["Module"]:
-        """Handle messages in the background for as long as the block lasts. Handlers that run at its end, or when an
-        error leaves it, are told as those of ``run``. Raises what ``run`` does.
+        """Handle messages in the background while the block lasts. Its end tells running handlers as ``run`` does.
+        Raises what ``run`` does.
 
-        The module may end before: by ``stop``, which see, or by what a handler lets pass that is no Exception, such as
-        KeyboardInterrupt or the end of a test. The log says that at once, and the end of the block raises it, also in
-        place of an Exception that leaves the block. (SystemExit and asyncio.CancelledError are handler errors.)
+        The module may end earlier: by ``stop``, or by an error in a handler that is no Exception, such as
+        KeyboardInterrupt. The log says so at once, and the end of the block raises it. (SystemExit and
+        asyncio.CancelledError are handler errors.)
         """
         self._prepare()
         try:
@@ -238,16 +233,14 @@ class Module(Sender):
     def stop(self) -> None:
         """Have the module end: ``run`` returns. May be called from any thread.
 
-        In a ``running`` block, which goes on, the handlers are gone at once: those that run are told as at its end, and
-        messages go to the modules that handled them before. Nothing is called by ``every``, ``after`` or
-        ``on_readable`` any more. The block can still send (``module.goal(...)``), as a program that handles nothing. To
-        begin again it must be left first.
+        A ``running`` block goes on, without handlers and callbacks: messages go to the modules that handled them
+        before. The block can still send. To begin again, leave it first.
         """
         self._stop.set()
 
     @property
     def stopping(self) -> bool:
-        """Whether the module is about to end; long handlers may look at it from time to time."""
+        """Whether the module is about to end; long handlers may check it."""
         return self._stop.is_set()
 
     def _no_central(self, error: CentralLost) -> NoCentral:
@@ -267,7 +260,7 @@ class Module(Sender):
         incarnation = new_incarnation()
         greeting = hello(self.name, incarnation)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
-        link.outside = self
+        link.root_sender = self
         try:
             self._wait_for_required(link)
             for function in self._first:
@@ -314,19 +307,19 @@ class Module(Sender):
         return handles or self._slots.has_callbacks(resource)
 
     def _end(self) -> None:
-        """Leave. Raises what ended the module before its time."""
+        """Leave. Raises the error that ended the module early, if there was one."""
         for error in self._leave():
             raise error
 
     def _end_with(self, error: BaseException) -> None:
-        """Leave, because of an error that will be raised; but what must not go unnoticed is raised instead."""
+        """Leave because of an error that will be raised, unless one that must be noticed came first."""
         for earlier in self._leave(error):
             if isinstance(error, Exception) and not isinstance(earlier, Exception):
                 raise earlier from error
             error.add_note(f"module '{self.name}' had ended before: {type(earlier).__name__}: {earlier}")
 
     def _leave(self, why: BaseException | None = None) -> list[BaseException]:
-        """Take nothing new, finish what runs, say goodbye; what ended the module before its time."""
+        """Take nothing new, finish what runs, say goodbye; the errors that ended the module early."""
         if self._keep_alive is not None:
             self._keep_alive.end()
         self._stop.set()

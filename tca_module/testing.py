@@ -15,7 +15,6 @@ import itertools
 import queue
 import threading
 import time
-from types import TracebackType
 from typing import Self
 
 from tca_central.core import Central
@@ -88,9 +87,7 @@ class LocalCentral:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def take(self, connection: ConnectionId, packet: bytes) -> bool:

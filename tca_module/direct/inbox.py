@@ -1,9 +1,9 @@
-"""A slot's entrance: who sends to it, what has arrived and was not begun with, what was answered.
+"""A slot's entrance for direct messages: its senders, what has arrived, and what was answered.
 
-Theory of operation. Senders greet with the key that central gave them, and number what they send: what comes twice is
-not handled twice, and an answer that may be lost with a line is kept for a while. What arrives waits here in order; the
-slot takes one message when it handles nothing else. When this is full, the rest waits in the socket, and with the
-senders. Bad bytes, unknown messages and strangers are refused; nothing that anybody sends here can end the module.
+Theory of operation. Senders greet with the key that central gave them, and number their messages: duplicates are not
+handled twice, and an answer that may be lost with a line is kept for a while. Messages wait here in order; the slot
+takes one when it handles nothing else. When this is full, the rest waits in the socket and with the senders. Bad bytes,
+unknown messages and strangers are refused; nothing sent here can end the module.
 """
 
 import hmac
@@ -52,7 +52,7 @@ class Socket(Protocol):
 
 
 class _RemoteSender:
-    """One sender's way to here, and what came of it."""
+    """One sender, and what came from it."""
 
     def __init__(self, address: bytes, greet: Greet) -> None:
         self.address = address
@@ -83,7 +83,7 @@ class _Waiting:
 
 
 class Inbox:
-    """The receiver's side of direct messages, for one slot."""
+    """The receiving side of direct messages, for one slot."""
 
     def __init__(
         self, socket: Socket, key: str, messages: Mapping[str, bool], notes: NoteBatch, clock: Callable[[], float],
@@ -243,7 +243,7 @@ class Inbox:
     # --- the end ---------------------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Begin with nothing more. Who has queries here sends them to somebody else; informs are lost, and counted."""
+        """Begin with nothing more. Senders send their queries to somebody else; informs are lost and counted."""
         self.listen()
         while self._waiting:
             for waiting in self._waiting:
@@ -257,5 +257,5 @@ class Inbox:
         self._socket.close()
 
     def drop(self) -> None:
-        """Close without a word: what was begun with has failed."""
+        """Close without a word: what was begun has failed."""
         self._socket.close()

@@ -1,6 +1,5 @@
-"""Direct messages of one connection: what it sends to other modules without central, and what its slot takes so.
-
-Only connections to a central behind a socket have this; with a LocalCentral all messages go through its core.
+"""The direct messages of one connection: those it sends, and those its slot takes. Only for a central behind a socket;
+with a LocalCentral all messages go through its core.
 """
 
 import logging
@@ -32,7 +31,7 @@ class Entry:
 
 
 class DirectMessages:
-    """What a connection sends and takes directly."""
+    """Sends and takes direct messages for one connection."""
 
     def __init__(
         self, session: Session, transport: DealerTransport | None = None, way: str = "", door: Entry | None = None,
@@ -67,8 +66,8 @@ class DirectMessages:
             self._inbox.listen()
 
     def next_delivery(self) -> tuple[Deliver, bytes] | None:
-        """What central has delivered and is to be handled now. It knows nothing of a direct message that is handled:
-        within that, only what the slot's own resource asks it is.
+        """The next delivery of central's to handle. Within a direct message only queries of the slot's own resource are
+        handled.
         """
         deliveries = self._session.deliveries
         if not deliveries or self._inbox is None or not self._inbox.is_busy:
@@ -106,7 +105,7 @@ class DirectMessages:
     # --- notes, ends -----------------------------------------------------------------------------------------------
 
     def patience(self, seconds: float) -> float:
-        """For how long, at most *seconds*, there is nothing to be done."""
+        """The seconds, at most so many, in which there is nothing to do."""
         if self._may_take:
             return 0.0
         return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - self._clock()))
@@ -117,18 +116,18 @@ class DirectMessages:
             self._notes.report(self._session, self._clock())
 
     def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
-        """These could not be sent to central: notes among them are kept."""
+        """Keep the notes among items that could not be sent to central."""
         for header, _ in items:
             if isinstance(header, Noted):
                 self._notes.restore(header, self._clock())
 
     @property
     def is_used(self) -> bool:
-        """Whether something may come, so that nobody should wait for central alone."""
+        """Whether something may come from elsewhere than central."""
         return self._inbox is not None or self._routes.is_used
 
     def shut(self) -> None:
-        """Take nothing more, and say what is yet to be noted. What was not begun with is sent to somebody else."""
+        """Take nothing more, and report the rest. Queries that have not begun go to somebody else."""
         if self._inbox is not None:
             self._inbox.close()
             self._inbox = None
@@ -136,7 +135,7 @@ class DirectMessages:
             self._notes.report(self._session, self._clock(), at_once=True)
 
     def close(self) -> None:
-        """Close everything; without ``shut`` before, what was begun with has failed."""
+        """Close everything; without ``shut`` before, what was begun has failed."""
         self._routes.close()
         if self._inbox is not None:
             self._inbox.drop()

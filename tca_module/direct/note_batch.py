@@ -1,4 +1,4 @@
-"""What a connection has to tell central of direct messages, in batches: what was handled, what was lost."""
+"""Notes for central on direct messages, sent in batches: what was handled, what was lost."""
 
 from collections import Counter
 
@@ -17,7 +17,7 @@ NOTES_LOST = ""
 
 
 class NoteBatch:
-    """Notes that are yet to be sent. They are kept, up to a bound, while central is not there."""
+    """Notes to be sent. They are kept, up to a bound, while central is not there."""
 
     def __init__(self) -> None:
         self.due = FAR  #: when they are to be sent
@@ -28,7 +28,7 @@ class NoteBatch:
         self, ended: float, message: str, sender: str, origin: int, size: int, seconds: float, outcome: Outcome,
         failure: str,
     ) -> None:  # fmt: skip
-        """A direct message was handled."""
+        """Note that a direct message was handled."""
         if len(self._notes) >= MOST_NOTES:
             self.lost(NOTES_LOST, ended)
             return
@@ -36,12 +36,12 @@ class NoteBatch:
         self.due = min(self.due, ended + WITHIN)
 
     def lost(self, message: str, now: float) -> None:
-        """A direct inform came to nothing."""
+        """Note that a direct inform was lost."""
         self._losses[message] += 1
         self.due = min(self.due, now + WITHIN)
 
     def report(self, session: Session, now: float, *, at_once: bool = False) -> None:
-        """Say them if it is time, or if something is sent anyway."""
+        """Send them if it is time, or if something else is sent anyway."""
         if not session.is_welcome or (not at_once and now < self.due and not session.outgoing):
             return
         notes = [
@@ -54,7 +54,7 @@ class NoteBatch:
         self.due = FAR
 
     def restore(self, said: Noted, now: float) -> None:
-        """What was said could not be sent: keep it."""
+        """Keep notes that could not be sent."""
         for note in said.notes:
             self.handled(now - note.ago, *_what(note))
         for loss in said.losses:

@@ -1,9 +1,9 @@
 """A sender's way to one entrance: what was sent, what has come back, what must be said again.
 
-Theory of operation. What is sent is numbered. The slot tells which numbers it has begun with (Taken, an Answer), and so
-the sender knows how much is on its way: more than a bound is refused, not queued. After a break of the line, or a
-silence, the sender greets again; the slot says what has not arrived, and queries of that are sent again under their
-numbers, informs are lost. Closing is a slot's last word: what it has not answered by then it has not begun with.
+Theory of operation. Messages are numbered. The slot reports which it has begun (Taken, an Answer), so the sender knows
+how much is on its way, and refuses more than a bound. After a break or a silence the sender greets again; the slot says
+what has not arrived: queries are sent again under their numbers, informs are lost. Closing is a slot's last word: it
+has not begun what it has not answered by then.
 """
 
 from collections.abc import Callable
@@ -59,7 +59,7 @@ class Socket(Protocol):
 
 
 class DirectPath:
-    """The way to one entrance. *end* is called when a request is over, *hand_over* with those to be sent by central."""
+    """The way to one entrance. *end* is called when a request is over, *hand_over* with those for central."""
 
     def __init__(
         self, entrance: Entrance, socket: Socket, session: str, module: str, *,
@@ -89,7 +89,7 @@ class DirectPath:
     # --- sending ---------------------------------------------------------------------------------------------------
 
     def ask(self, request: Request, now: float) -> bool:
-        """Send a query; False if it must go another way. It is refused here if too much is on its way already."""
+        """Send a query; False if it must go another way. Refused if too much is on its way."""
         if self._is_full(len(request.body)):
             text = (
                 f"{len(self._under_way)} direct messages wait for the handler of '{request.header.message}': try later"
@@ -105,14 +105,14 @@ class DirectPath:
         return True
 
     def tell(self, header: headers.Send, body: bytes) -> bool:
-        """Send an inform; False if it must go another way. It is lost if too much is on its way already."""
+        """Send an inform; False if it must go another way. Lost if too much is on its way."""
         if self._is_full(len(body)):
             self._lose(header.message)
             return True
         return self._send(header, body, inform=header.message)
 
     def abandon(self, request: Request) -> None:
-        """Nobody waits for that answer any more."""
+        """Give a query up: nobody waits for its answer any more."""
         if self.requests.pop(request.number, None) is not None and self._is_open:
             self.socket.send(pack_item(headers.GiveUp(request.number)))
 
@@ -131,7 +131,7 @@ class DirectPath:
     # --- the line --------------------------------------------------------------------------------------------------
 
     def tend(self, now: float) -> None:
-        """Greet where that is due; end the wait for a slot that is gone."""
+        """Greet when that is due; end the wait for a slot that is gone."""
         if self._gives_up is not None and now >= self._gives_up[0]:
             self._fail(self._gives_up[1])
         if self.is_over or now - self._said < REPEAT or not (self.requests or not self._is_open):
@@ -156,7 +156,7 @@ class DirectPath:
             self._end(request)
 
     def lose_all(self, why: str) -> None:
-        """Nobody can say any more what becomes of the queries."""
+        """Fail all queries: nobody knows what becomes of them."""
         self.is_over = True
         for request in self._all_requests():
             request.lost = why

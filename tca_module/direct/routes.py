@@ -1,7 +1,7 @@
-"""Which messages a connection sends directly, as central tells it, and the ways that they go.
+"""Which messages a connection sends directly, as central tells it, and the paths they take.
 
 Central's word is a licence: a message goes through central until an entrance of its route has answered a greeting, and
-whenever none can be reached. Ways are kept as long as a route leads there or a query is open.
+whenever none can be reached. Paths are kept while a route leads there or a query is open.
 """
 
 import itertools
@@ -32,7 +32,7 @@ class Waits(Protocol):
 
 
 class DirectRoutes:
-    """The sender's side of direct messages, for one connection to central."""
+    """The sending side of direct messages, for one connection."""
 
     def __init__(
         self, session: Session, way: str, transport: Waits | None, notes: NoteBatch, open_socket: OpenSocket
@@ -84,7 +84,7 @@ class DirectRoutes:
     # --- what comes ------------------------------------------------------------------------------------------------
 
     def listen(self, clock: Callable[[], float]) -> None:
-        """Take in what has arrived directly, and what central has said of routes; say what is due."""
+        """Take in direct answers and central's routes; send what is due."""
         if not self._paths and not self._session.routing:
             return
         self._now = now = clock()
@@ -113,7 +113,7 @@ class DirectRoutes:
             self._routes[header.message] = deque(found)
 
     def _path_to(self, entrance: Entrance) -> DirectPath | None:
-        """The way to an entrance, new or known; None if there can be none from here."""
+        """The path to an entrance; None if there can be none from here."""
         if self._transport is None:
             return None
         known = self._paths.get(entrance.endpoint)
@@ -140,7 +140,7 @@ class DirectRoutes:
             path.gone(header.text, self._now, lost=header.lost)
 
     def _on_welcome(self, header: Welcome) -> None:
-        """What central has told before may not hold any more, and it will tell anew."""
+        """Forget all routes: central tells them anew."""
         is_another = bool(self._epoch) and header.epoch != self._epoch
         self._epoch = header.epoch
         self._routes.clear()

@@ -1,7 +1,7 @@
-"""A session on a transport: the waits. Used by one thread only; every blocking call of the package ends up here.
+"""One connection to central: its requests and its waits. Every blocking call of the package ends up here.
 
-While a thread waits here and central delivers a message to it, the message is handled within the wait (``attend``):
-a handler may ask its own resource something without waiting for itself for ever.
+For one thread only. Messages that central delivers while it waits are handled within the wait: so a
+handler may ask its own resource something.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ from tca_module.checks import TIMEOUT, check, check_message, name_of
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
-from tca_module.session.epoch_numbers import foreign, numbers_in
+from tca_module.session.epoch_numbers import first_foreign, numbers_in
 from tca_module.session.open_deliveries import KILLED, wake_error, working_on
 from tca_module.session.request import Request, check_addressee, origin_of, waits_for_others
 from tca_module.session.session import Session
@@ -46,10 +46,10 @@ class Connection:
         self.session = session
         self.transport = transport
         self.direct = direct or DirectMessages(session)  #: what goes without central
-        self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
-        self.outside: Any = None  #: the Sender with which callbacks send
+        self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
+        self.root_sender: Any = None  #: the Sender with which callbacks send
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due; one after the other
-        self.hear: Callable[[Request], Generator[Any, None, None]] | None = None  #: awaits news of a request in asyncio
+        self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None  #: in asyncio
         self.patience = patience
         self._clock = clock
         self._is_calling_back = False
@@ -65,9 +65,8 @@ class Connection:
         return self.transport.address
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
-        """Wait until central welcomes this connection.
-
-        Raises CentralLost if nobody answers, Refused if central won't have it, Stopped if *is_stopped* before.
+        """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped* comes
+        true first.
         """
         session = self.session
         self._wait(lambda: session.is_welcome or session.refused is not None or is_stopped(), None)
@@ -77,7 +76,7 @@ class Connection:
             raise Stopped(f"module '{session.module}' was told to end before central at {self.address} had answered")
 
     def leave(self) -> None:
-        """Handle nothing any more; if central does not hear it, it will notice."""
+        """Handle nothing any more. If central does not hear it, it will notice."""
         self.session.withdrawn()
         with contextlib.suppress(CentralLost, Timeout, Refused):
             if self.session.is_welcome:
@@ -92,7 +91,7 @@ class Connection:
             self.drop()
 
     def drop(self) -> None:
-        """Close without goodbye: what was begun and not answered has failed."""
+        """Close without goodbye: deliveries begun and not answered have failed."""
         with self._lock:
             self.direct.close()
             self.transport.close()
@@ -116,7 +115,7 @@ class Connection:
         return self._declared.get(message.name) is not message
 
     def call(self, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
-        """Have central do something; the id of the task or message that came of it. *what* names it in errors."""
+        """Have central do something; the id of the resulting task or message. *what* names it in errors."""
         self.check_thread()
         with self._lock:
             request = self.request(header, body, is_awaited=True)
@@ -130,8 +129,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
     def request(
         self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
     ) -> Request:
-        """Ask central for something. *is_awaited*: ``wait`` follows at once, and its timeout counts for all. Else this
-        waits a little where central takes nothing more for now.
+        """Ask central for something. With *is_awaited*, ``wait`` follows at once and its timeout counts; otherwise this
+        waits a little if central takes nothing now.
         """
         self.check_thread()
         with self._lock:
@@ -143,11 +142,11 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             return request
 
     def _catch_up_for(self, header: ToCentral) -> None:
-        """Hear what central has said. Raises CentralLost if a header is for the one before."""
+        """Take in what central has said. Raises CentralLost if a header is for the central before it."""
         session, epoch = self.session, self.session.epoch
         self.line.catch_up()
         numbers = numbers_in(header)
-        if foreign(numbers, session.epoch) is not None:
+        if first_foreign(numbers, session.epoch) is not None:
             with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
                 self.call(Register(0, []), "a word of central's")
         check_addressee(header, numbers, epoch, session.epoch)
@@ -155,10 +154,10 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
     def wait(
         self, request: Request, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
     ) -> bool:
-        """Wait until a request is over, or *is_over* says that enough has come of it; whether it is.
+        """Wait until a request is over, or *is_over* says that enough has come; whether it did in time.
 
-        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; and if the
-        answer has not come, once for each handler: TaskKilled if its task was killed, Stopped if the module ends.
+        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long, and once for
+        each handler TaskKilled if its task was killed, Stopped if the module ends.
         """
         self.check_thread()
         is_done = is_over or (lambda: request.is_over)
@@ -180,8 +179,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
     def _wait_for(
         self, is_over: Callable[[], bool], timeout: float | None, what: str, request: Request | None = None
     ) -> bool:
-        """Wait until *is_over*, or the handler that waits is to be woken. An answer that has come is given to it, if it
-        is not the same kill that has ended what it waits for.
+        """Wait until *is_over*, or the waiting handler is to be woken. An answer that has come wins, unless the same
+        kill ended both.
         """
         open_deliveries, one = self.session.open_deliveries, self.session.open_deliveries.waiting_handler()
         wakes = request is None or waits_for_others(request)
@@ -193,25 +192,25 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         return came
 
     def mark_told(self) -> None:
-        """The handler that waited is about to get an error, and so knows that its work is void, if it is."""
+        """The waiting handler is about to get an error, and so has been told of a kill."""
         self.session.open_deliveries.mark_told(self.session.open_deliveries.waiting_handler())
 
     def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
-        """The form of ``wait`` that does not block: to be awaited in an async handler. Raises what ``wait`` does."""
-        if self.hear is None:
+        """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait`` does."""
+        if self.await_news is None:
             msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
             raise MisuseError(msg)
         self.announce(request, blocking=False)
         try:
             while not request.is_over:
-                yield from self.hear(request)
+                yield from self.await_news(request)
         except BaseException:
             self.abandon(request)
             raise
         request.check(what)
 
     def announce(self, request: Request, *, blocking: bool = True) -> None:
-        """Tell central, where it does not know, that the answer to a question is waited for from now on."""
+        """Tell central, if it does not know, that the answer to a question is waited for from now on."""
         with self._lock:
             if request.is_unannounced:
                 self.line.catch_up()
@@ -222,14 +221,14 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 self.line.flush()
 
     def abandon(self, request: Request) -> None:
-        """Nobody waits for that answer any more."""
+        """Give a request up: nobody waits for its answer any more."""
         self.check_thread()
         with self._lock:
             self.session.abandon(request)
             self.line.flush(0.0, is_patient=True)
 
     def give_up(self, request: Request) -> str:
-        """Abandon a request that took too long; why it did, if that can be said at once ("": it can't)."""
+        """Give up a request that took too long; the reason of the delay ("": unknown)."""
         with self._lock:
             if silence := self.silence:
                 self.abandon(request)
@@ -243,8 +242,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             return asked.answers[-1][0].text if asked.answers else ""
 
     def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
-        """Want no longer the lock that a request has got; whether it was had until now. *at_once*: central is told, and
-        not waited for. Else raises CentralLost if it does not answer; it is told as soon as it does.
+        """Release the lock of a request; whether it was still held. With *at_once*, tell central without waiting.
+        Raises CentralLost if central does not answer; it is told as soon as it does.
         """
         header = Release(0, request.header.number, origin_of(request.header))
         if self.is_taken(request) or at_once:
@@ -259,14 +258,14 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             return False
 
     def is_taken(self, request: Request) -> bool:
-        """Whether the lock that a request has got was taken away, as far as is known here. Never waits."""
+        """Whether the lock of a request was taken away, as far as is known here. Never waits."""
         self.check_thread()
         with self._lock:
             self.line.catch_up()
             return bool(request.taken)
 
     def post(self, header: ToCentral, body: bytes) -> None:
-        """Say something that has no answer. It is lost, counted and logged if central is not there."""
+        """Send something that has no answer. If central is not there, it is lost, counted and logged."""
         self.check_thread()
         with self._lock:
             self._catch_up_for(header)
@@ -288,7 +287,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 self.line.flush()
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether a delivery's handler is to clean up and return; it knows then."""
+        """Whether a delivery's handler is to clean up and return; it has been told then."""
         self.check_thread()
         with self._lock:
             self.line.catch_up()
@@ -298,7 +297,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
-        """Whether the task of a delivery that is being handled is suspended."""
+        """Whether the task of an open delivery is suspended."""
         self.check_thread()
         with self._lock:
             self.line.catch_up()
@@ -307,17 +306,15 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
     # --- waiting ---------------------------------------------------------------------------------------------------
 
     def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None) -> None:
-        """Handle what is delivered until *is_over*, however long central is silent.
-
-        *idle* is called in between: it may do one thing, or wait for anything, for at most so many seconds; False if it
-        did neither.
+        """Handle what is delivered until *is_over*, however long central is silent. *idle* is called in between, with
+        the seconds that it may take; False if it did nothing.
         """
         self.check_thread()
         with self._lock:
             self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
 
     def tend(self, since: float, within: float = STEP) -> float:
-        """Keep the connection alive while its own thread does something else; for how long central has been silent."""
+        """Keep the connection alive while its own thread is busy; the seconds of central's silence."""
         with self._lock:
             return self.line.tend(since, within)
 
@@ -326,7 +323,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         return self._clock()
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait for callbacks, which are called meanwhile; whether *is_over*. Raises what ``wait`` does, but Refused."""
+        """Wait until *is_over*, calling callbacks meanwhile; whether it is. Raises what ``wait`` does."""
         self.check_thread()
         check("the wait for a callback", TIMEOUT, timeout=timeout)
         with self._lock:
@@ -334,8 +331,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 raise MisuseError("a callback waits for another one: they are called one after the other")
             return is_over() or self._wait_for(is_over, timeout, "a callback")
 
-    def soon(self, function: Callable[[], None]) -> None:
-        """Have the thread that owns this connection call a function, in its present or next wait; from any thread."""
+    def call_soon(self, function: Callable[[], None]) -> None:
+        """Have the thread of this connection call a function in its present or next wait; from any thread."""
         self.session.news.append(function)
         self.transport.wake()
 
@@ -345,7 +342,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         return bool(self.session.news or (self.callbacks and not self._is_calling_back))
 
     def take_news(self) -> None:
-        """Do one thing that has come up: of the library, else call one callback (never within another one)."""
+        """Do one thing that has come up: the library's own first, else one callback (never inside another)."""
         if self.session.news:
             self.session.news.popleft()()
         elif self.callbacks and not self._is_calling_back:
@@ -367,8 +364,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             if self.has_news:
                 self.take_news()
                 continue
-            if self.attend is not None and (delivery := self.direct.next_delivery()) is not None:
-                self.attend(*delivery)
+            if self.handle_delivery is not None and (delivery := self.direct.next_delivery()) is not None:
+                self.handle_delivery(*delivery)
                 continue
             session.tend(now, since)
             left = max(0.0, deadline - now)
@@ -376,8 +373,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             self.line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
             step = self.direct.patience(min(STEP, max(0.0, deadline - self._clock())))
             self.line.listen(0.0 if idle is not None and idle(step) else step)
-            if idle is not None and self.attend is not None and (message := self.direct.take()) is not None:
-                self.attend(*message)  # one at a time, and central is heard in between
+            if idle is not None and self.handle_delivery is not None and (message := self.direct.take()) is not None:
+                self.handle_delivery(*message)  # one at a time, and central is heard in between
             before, now = now, self._clock()
             if now - before > STALL:
                 since = now  # this process stood still, and central's words have yet to be read: blame nobody
@@ -389,11 +386,11 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
 
     @property
     def silence(self) -> str:
-        """That central is silent, for errors; "" if all is well."""
+        """Why central counts as silent, for errors; "" if all is well."""
         return self.line.silence
 
     def check_thread(self) -> None:
-        """Raise MisuseError in another thread; before the lock is taken: a thread that serves keeps it for ever."""
+        """Raise MisuseError in another thread; before taking the lock, which a serving thread keeps for ever."""
         if threading.get_ident() != self._owner:
             msg = f"a connection of module '{self.session.module}' is used from thread \
 '{threading.current_thread().name}', but belongs to the one that \

@@ -1,7 +1,6 @@
-"""The thread that keeps a module's first connection alive: the module's own thread may be busy elsewhere.
+"""The thread that keeps a module's first connection alive, while the module's own thread may be busy.
 
-Where the module has stopped and its block goes on, this thread tells central that it handles nothing any more, and
-keeps the connection for what is sent in the block.
+When the module has stopped and its block goes on, this thread also tells central that nothing is handled any more.
 """
 
 import logging
@@ -17,7 +16,7 @@ TEND_PERIOD = 0.5
 
 
 class KeepAlive:
-    """Begins at once, and ends with ``end``."""
+    """The thread; runs from its creation to ``end``."""
 
     def __init__(self, link: Connection, patience: float, stop: threading.Event, *, reconnect: bool) -> None:
         self.error: TcaError | None = None  #: what ended the module before its time
@@ -33,7 +32,7 @@ class KeepAlive:
         self._thread.start()
 
     def end(self) -> None:
-        """The module's thread leaves, and tells central itself. Sets *stop*."""
+        """End it, because the module's thread leaves and tells central itself. Sets *stop*."""
         self._is_left.set()
         self._stop.set()
         self._thread.join()

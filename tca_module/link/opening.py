@@ -35,9 +35,8 @@ def open_connection(
     central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False,
     direct: Iterable[Message[Any, Any]] = (), attachments: LastingAttachments | None = None,
 ) -> Connection:  # fmt: skip
-    """A connection that central has welcomed. Raises CentralLost if nobody answers for *patience* seconds.
-
-    It takes the messages *direct* from their senders, too, without central. *attachments* are those of its module.
+    """A connection that central has welcomed. It takes the messages *direct* straight from their senders, too. Raises
+    CentralLost if nobody answers for *patience* seconds.
     """
     check(f"'{hello.module}'", CENTRAL, central=central)
     if central is None or isinstance(central, str):
@@ -71,11 +70,11 @@ def _connection_by_socket(
 
 
 def hello(module: str, incarnation: str, connection: int = 0, resource: str = "") -> Hello:
-    """How a connection introduces itself."""
+    """The introduction of a connection."""
     process = f"{socket.gethostname()}:{os.getpid()}"
     return Hello(0, PROTOCOL_VERSION, module, incarnation, connection, resource, process)
 
 
 def new_incarnation() -> str:
-    """A name for one run of a module, and no other."""
+    """A name for one run of a module."""
     return token_hex(8)

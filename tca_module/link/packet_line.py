@@ -1,4 +1,4 @@
-"""What a session says and hears: packets to and from one central. Never waits but as long as it is told to."""
+"""Packets to and from one central, and direct ones. Never waits longer than it is told to."""
 
 import logging
 from collections.abc import Callable
@@ -22,7 +22,7 @@ STALL = 2.0
 
 
 class PacketLine:
-    """The way of one connection's packets, through central and direct."""
+    """Sends and receives the packets of one connection."""
 
     def __init__(
         self, session: Session, transport: Transport, direct: DirectMessages, clock: Callable[[], float]
@@ -35,7 +35,7 @@ class PacketLine:
 
     @property
     def silence(self) -> str:
-        """That central has said nothing for longer than it ever does, or takes nothing; "" if all is well."""
+        """Why central counts as silent: it has said nothing for too long, or takes nothing. "" if all is well."""
         session, silent = self._session, self._clock() - self._session.heard
         if session.is_welcome and not session.outgoing and silent < QUIET:
             return ""
@@ -43,11 +43,11 @@ class PacketLine:
         return f"{where} has said nothing for {silent:.1f} s; see with 'tca status' whether it runs"
 
     def lost(self) -> CentralLost:
-        """The error that says that central does not answer."""
+        """The CentralLost for a central that does not answer."""
         return CentralLost(f"central at {self._transport.address} does not answer: {self.what_to_do()}")
 
     def what_to_do(self) -> str:
-        """What to do about a central that does not answer. Takes a moment."""
+        """Advice for when central does not answer. Takes a moment."""
         if is_anybody_there(self._transport.address):
             return (
                 "it is there, but its process stands still (SIGSTOP, a paused container: let it go on) or is busy for \
@@ -56,7 +56,7 @@ very long; or no central listens there, but another program"
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
 
     def catch_up(self) -> None:
-        """Take in what has arrived already; a caller that never waits learns that it was cut off, and comes back."""
+        """Take in what has arrived. So a caller that never waits notices a cut, and comes back."""
         while self.listen(0.0):
             pass
         now = self._clock()
@@ -65,8 +65,8 @@ very long; or no central listens there, but another program"
             self.flush(wait_seconds=0)
 
     def tend(self, since: float, within: float) -> float:
-        """Keep the line alive; for how long central has been silent, at most since then. *within*: seconds that a
-        central which does not know us, or all of us, yet is waited for.
+        """Keep the line alive; the seconds of central's silence, at most since then. *within*: seconds to wait for a
+        central that does not know all of this connection yet.
         """
         self.catch_up()
         self._session.tend(self._clock(), since)
@@ -98,8 +98,8 @@ very long; or no central listens there, but another program"
         self._session.complaints.clear()
 
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> None:
-        """Send what the session has to say. What has left has left, also if the rest of it can't: then the connection
-        is broken, unless the caller *is_patient*, who will try the rest again.
+        """Send what the session has to say. If part of it can't leave, the connection counts as broken, unless the
+        caller *is_patient* and tries again.
         """
         if self._session.outgoing:
             outgoing, self._session.outgoing = self._session.outgoing, []

@@ -1,4 +1,4 @@
-"""What central keeps for all, and who is there: variables, the modules, the handlers of a message."""
+"""What central itself answers: variables, locks, and who is there."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -9,12 +9,13 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import check, is_brief
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
+from tca_module.link.asking import ask
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.sending.claim import Claim
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
-from tca_wire.packets.headers import Ask, GetVariable, Lock, Remove, SetVariable, ToCentral, Unlock, WaitUntilHandled
+from tca_wire.packets.headers import Ask, GetVariable, Lock, Remove, SetVariable, Unlock, WaitUntilHandled
 from tca_wire.text.plain_data import PlainFormat
 
 X = TypeVar("X")
@@ -25,7 +26,7 @@ _WHY_WITHIN = 0.2  # seconds that central may take to say who is missing, when t
 
 
 class CentralServices:
-    """The part of a sender that asks central itself and no module."""
+    """The part of a Sender that asks central and no module."""
 
     _origin: int
 
@@ -34,13 +35,13 @@ class CentralServices:
         raise NotImplementedError
 
     def _declare(self, *messages: Message[Any, Any], within: float = ACKNOWLEDGED_WITHIN) -> Connection:
-        """The connection, on which central knows the messages, and what monitors among them ask and send."""
+        """The connection, with the messages and the parts of monitors among them declared on it."""
         parts = [part for one in messages if isinstance(one, Monitor) for part in one.parts if part is not None]
         self._connection().declare(*parts, *messages, within=within)
         return self._connection()  # which may have lost its central meanwhile
 
     def _declare_within(self, timeout: float | None, *messages: Message[Any, Any]) -> float | None:
-        """The same within the *timeout* of the wait that follows; what is left of that. Raises Timeout."""
+        """Declare messages within the *timeout* of the wait that follows; the seconds left of it. Raises Timeout."""
         if timeout is None or timeout >= ACKNOWLEDGED_WITHIN:
             return timeout
         began = self._connection().now()
@@ -50,11 +51,11 @@ class CentralServices:
     # --- variables -------------------------------------------------------------------------------------------------
 
     def set_variable(self, variable: Variable[D], value: D, *, wait: bool = True) -> None:
-        """Give a variable a new value, for all who get or watch it (TCA 7.7: SetVar).
+        """Give a variable a new value (TCA 7.7: SetVar). Returns when central has it: later gets see this value or a
+        newer one.
 
-        Returns when central has it: whoever gets the variable from then on gets this value or a newer one. With *wait*
-        False returns at once: for values that come many times a second; one may be lost when central is away.
-        Raises BadData if *value* does not fit, Refused if the values of all variables would be too large.
+        With *wait* False returns at once, for values that come many times a second; one may be lost while central is
+        away. Raises BadData if *value* does not fit, Refused if all values together would be too large.
         """
         check("set_variable()", checks.VARIABLE, variable=variable)
         check("set_variable()", checks.FLAG, wait=wait)
@@ -71,13 +72,12 @@ class CentralServices:
     @overload
     def get_variable(self, variable: Variable[D], default: X) -> D | X: ...
     def get_variable(self, variable: Variable[D], default: Any = _NO_DEFAULT) -> Any:
-        """The newest value of a variable, whether or not who set it is still there (TCA 7.7: GetVar).
-
-        Of one that was never set: *default*; without a default raises VariableNotSet.
+        """The newest value of a variable (TCA 7.7: GetVar). One that was never set gives *default*, or raises
+        VariableNotSet.
         """
         check("get_variable()", checks.VARIABLE, variable=variable)
         connection = self._declare(variable)
-        body = _ask(connection, GetVariable(0, variable.name), f"variable '{variable.name}'")
+        body = ask(connection, GetVariable(0, variable.name), f"variable '{variable.name}'")
         if body:
             return variable.decode_data(body)
         if default is _NO_DEFAULT:
@@ -89,15 +89,12 @@ class CentralServices:
     @overload
     def swap_variable(self, variable: Variable[D], value: D, default: X) -> D | X: ...
     def swap_variable(self, variable: Variable[D], value: D, default: Any = None) -> Any:
-        """Give a variable a new value and return the one before, in one step (TCA 7.7: GetSetVar).
-
-        Of those who swap at the same time each gets what another has set. *default* if it was never set before.
-        """
+        """Set a variable and return its value before, in one step (TCA 7.7: GetSetVar); *default* if it had none."""
         check("swap_variable()", checks.VARIABLE, variable=variable)
         body = variable.encode_data(value)
         connection = self._declare(variable)
         header = SetVariable(0, variable.name, self._origin, swap=True)
-        before = _ask(connection, header, f"exchanging variable '{variable.name}'", body)
+        before = ask(connection, header, f"exchanging variable '{variable.name}'", body)
         return variable.decode_data(before) if before else default
 
     # --- resources -------------------------------------------------------------------------------------------------
@@ -112,26 +109,28 @@ class CentralServices:
             with task.lock("sensors"):
                 ...
 
-        It is released by ``release()`` or at the end of a ``with`` block, which raise LockLost if it was taken away
-        before; ``held`` of what this returns says whether one has it still. Else it is released when the task being
-        handled has ended with all under it, and in any case when this module is gone. *module* is needed where several
-        have a resource of that name. It waits in the queue of the resource's messages, where *priority* counts. Raises
-        Timeout if it takes longer than *timeout* seconds (0: unless it is free now), Deadlock if it would wait for
-        itself, Refused if there is no such resource.
+        ``release()`` or the end of a ``with`` block releases it, and raises LockLost if it was taken away before;
+        ``held`` says whether it still holds. Otherwise it ends with the task being handled, or with this module.
+        *module* is needed where several modules have a resource of that name. It waits among the resource's messages by
+        *priority*.
+
+        Raises Timeout after *timeout* seconds (0: unless it is free now), Deadlock if it would wait for itself, Refused
+        if there is no such resource.
         """
         return self._claim(resource, module, timeout, priority, reserve=False)
 
     def reserve(
         self, resource: str, module: str | None = None, *, timeout: float | None = None, priority: int = 0
     ) -> Claim:
-        """Let nothing into a resource but what this module sends (TCA 8.5: ReserveResource); else as ``lock``."""
+        """Let nothing into a resource except what this module sends (TCA 8.5: ReserveResource); otherwise like
+        ``lock``.
+        """
         return self._claim(resource, module, timeout, priority, reserve=True)
 
     def unlock(self, resource: str, module: str | None = None) -> bool:
-        """Take a lock or reservation of a resource from whoever has it; whether anybody had it.
+        """Take a lock or reservation away from its holder; whether there was one (TCA 8.5: ``unlock``). For operators.
 
-        For operators: a handler releases what it has itself. Who had it is told: LockLost where a handler or client
-        counts on it, else the failure "lock lost" of the task that keeps it (TCA 8.5: ``unlock``).
+        The holder is told: its handler or client with LockLost, else its task with the failure "lock lost".
         """
         check("unlock()", checks.NAME, resource=resource)
         check("unlock()", checks.NAME_OR_NONE, module=module)
@@ -141,12 +140,11 @@ class CentralServices:
     # --- what is attached ------------------------------------------------------------------------------------------
 
     def detach(self, number: int) -> bool:
-        """Take away the exception handler or wiretap of that *number* (``tca attached``), whoever wants it, or end that
-        monitor; whether it was there still. What it has sent comes to its own end.
+        """Take away the exception handler or wiretap of that *number* (``tca attached``) whoever wants it, or end that
+        monitor; whether it was still there. For operators.
 
-        For operators, where the module that attached it has left: a module removes its own with
-        ``AttachmentRef.remove``, and ends its monitors with ``MonitorRef.end``. Raises Refused if there has never been
-        that number, or it is a task.
+        A module removes its own with ``AttachmentRef.remove`` and ``MonitorRef.end``. Raises Refused if there has never
+        been that number, or it is a task.
         """
         check("detach()", checks.NUMBER, number=number)
         header = Remove(0, number, for_all=True, origin=self._origin)
@@ -171,21 +169,21 @@ class CentralServices:
 
     def modules(self) -> list[ModuleInfo]:
         """The modules that are connected, this one too."""
-        return modules_of(_ask(self._connection(), Ask(0, "modules"), "the question for modules"))
+        return modules_of(ask(self._connection(), Ask(0, "modules"), "the question for modules"))
 
     def handlers(self, message: Message[Any, Any]) -> list[HandlerInfo]:
-        """Who handles a message, the newest handler first: of several that share no pool it gets all."""
+        """The handlers of a message, newest first. The newest gets all messages, unless several share a pool."""
         connection = self._declare(message)
-        return handlers_of(_ask(connection, Ask(0, "messages"), "the question for messages"))[message.name]
+        return handlers_of(ask(connection, Ask(0, "messages"), "the question for messages"))[message.name]
 
     def declared(self, name: str) -> Message[Any, Any]:
-        """A message, or variable, that some module has declared, by its name: for programs that send what they are
-        told to. Its data and replies are plain values: dicts, lists, texts, numbers, None.
+        """The message or variable of that name, as some module has declared it: for programs that send what they are
+        told to. Its data and replies are plain values.
 
-        Raises NotDeclared if there is none, MisuseError for a monitor, which has more to it than its name.
+        Raises NotDeclared if there is none, MisuseError for a monitor, which is more than its name.
         """
         check("declared()", checks.TEXT, name=name)
-        known = msgspec.msgpack.decode(_ask(self._connection(), Ask(0, "messages"), "the question for messages"))
+        known = msgspec.msgpack.decode(ask(self._connection(), Ask(0, "messages"), "the question for messages"))
         found = next((message for message in known if message["message"] == name), None)
         if found is None:
             nearest = get_close_matches(name, [message["message"] for message in known], n=1)
@@ -200,10 +198,9 @@ class CentralServices:
         return message
 
     def wait_until_handled(self, *messages: Message[Any, Any], timeout: float | None = None) -> None:
-        """Wait until somebody handles each of the messages, all at the same time; *timeout* in seconds.
+        """Wait until somebody handles each of the messages, all at the same time.
 
-        Raises Timeout, naming those that nobody handles. A handler may leave again at any time; a goal, command or
-        query then waits for the next.
+        Raises Timeout, naming those that nobody handles. A handler may leave again at any time.
         """
         check("wait_until_handled()", checks.TIMEOUT, timeout=timeout)
         try:
@@ -222,7 +219,7 @@ class CentralServices:
     def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
         named = {message.name: f"{message.message_class} '{message.name}'" for message in messages}
         try:
-            answer = _ask(self._connection(), Ask(0, "messages"), "the question for messages", within=_WHY_WITHIN)
+            answer = ask(self._connection(), Ask(0, "messages"), "the question for messages", within=_WHY_WITHIN)
         except Timeout:
             return (
                 f"not all handled within {timeout:g} s: {', '.join(named.values())}; central did not say at once which"
@@ -239,18 +236,7 @@ _KINDS: dict[str, Any] = {
 
 
 def wait_until_handled(messages: Iterable[Message[Any, Any]], promised: Iterable[str] = ()) -> WaitUntilHandled:
-    """The request that is answered when each of the messages is handled; central must know them. *promised*: what the
-    sender handles from then on.
+    """The request that is answered when each of the messages is handled. *promised*: what the sender will handle from
+    then on.
     """
     return WaitUntilHandled(0, [message.name for message in messages], list(promised))
-
-
-def _ask(
-    connection: Connection, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN
-) -> bytes:
-    """The body of central's answer, which waits for nobody else."""
-    request = connection.request(header, body, wants_answer=True, is_awaited=True)
-    if not connection.wait(request, within, what):
-        connection.abandon(request)
-        raise Timeout(f"{what} was not answered within {within:g} s, though central is alive: it is overloaded")
-    return request.answers[-1][1]

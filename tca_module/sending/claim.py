@@ -1,6 +1,5 @@
-"""What one has of a resource that was locked or reserved."""
+"""A lock or reservation of a resource."""
 
-from types import TracebackType
 from typing import Self
 
 from tca_module.errors import LockLost, Timeout
@@ -10,8 +9,8 @@ from tca_wire.vocabulary import Outcome
 
 
 class Claim:
-    """A lock or reservation of a resource. A ``with`` block releases it at its end, and raises LockLost there if it had
-    been taken away, unless another error leaves the block.
+    """A lock or reservation. The end of a ``with`` block releases it, and raises LockLost if it had been taken away,
+    unless another error leaves the block.
     """
 
     def __init__(self, connection: Connection, header: Lock) -> None:
@@ -25,7 +24,7 @@ class Claim:
         return self._what
 
     def wait(self, timeout: float | None) -> None:
-        """Wait until it is granted; central knows the timeout and says when it is over."""
+        """Wait until it is granted. Central knows the timeout, and says when it is over."""
         connection, request = self._connection, self._request
         is_over = connection.wait(request, timeout, self._what)
         if not is_over and not connection.silence:  # central, which knows when the time is over, is about to say so
@@ -41,21 +40,17 @@ class Claim:
 
     @property
     def held(self) -> bool:
-        """Whether one has it still, as far as is known here: not after ``release()``, nor once it was taken away or
-        central was restarted. Never waits: long work looks at it before each step that counts on the lock.
+        """Whether it still holds, as far as is known here. Never waits: long work checks it before each step that needs
+        the lock.
         """
         return not (self._is_over or self._connection.is_taken(self._request))
 
     def release(self) -> None:
-        """Let others in again. Does nothing if it was released, or has ended with its task. Raises LockLost if it had
-        been taken away, CentralLost if central, who would know, does not answer; it is released when it does.
+        """Let others in again; twice does no harm. Raises LockLost if it had been taken away, CentralLost if central
+        does not answer; central is then told later.
         """
-        if not self._is_over:
-            self._connection.check_thread()  # refused in another thread, it can be released in its own
-            self._is_over = True
-            self._connection.release(self._request, self._what)
-            if self._request.taken:
-                raise self._lost()
+        if not self._end() and self._request.taken:
+            raise self._lost()
 
     def _lost(self) -> LockLost:
         how = self._request.taken or "central does not know it any more: the connection was broken"
@@ -64,12 +59,14 @@ class Claim:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if not self._is_over:
-            self._connection.check_thread()  # refused in another thread, it can be released in its own
-            self._is_over = True
-            has_failed = error is not None
-            if not self._connection.release(self._request, self._what, at_once=has_failed) and not has_failed:
-                raise self._lost()
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if not self._end(at_once=error is not None) and error is None:
+            raise self._lost()
+
+    def _end(self, *, at_once: bool = False) -> bool:
+        """Release it; whether it still held, or had been released."""
+        if self._is_over:
+            return True
+        self._connection.check_thread()  # refused in another thread, it can be released in its own
+        self._is_over = True
+        return self._connection.release(self._request, self._what, at_once=at_once)

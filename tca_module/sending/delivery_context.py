@@ -1,4 +1,4 @@
-"""What a handler is told beyond its data, where central sent the message itself."""
+"""Why central sent a message: for a failure, a wiretap or a monitor."""
 
 from typing import Any, Generic, TypeVar
 
@@ -7,7 +7,7 @@ from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued
 from tca_module.sending.task_ref import TaskRef
-from tca_module.session.epoch_numbers import given
+from tca_module.session.epoch_numbers import with_epoch
 from tca_wire.messages.declarations import NOTHING, D, Message
 from tca_wire.packets import parts
 from tca_wire.packets.headers import Deliver, EndMonitor, Fire
@@ -35,14 +35,14 @@ class Trouble:
         return f"failure '{self.failure}' of {self.failing}"
 
     def reissue(self) -> Exception:
-        """What to raise if the failure can't be dealt with here: ``raise task.trouble.reissue()``. The search for an
-        exception handler goes on above this one (TCA: ByPassException).
+        """The error to raise if this handler can't deal with the failure: ``raise task.trouble.reissue()``. The search
+        goes on above it (TCA: ByPassException).
         """
         return Reissued(f"{self} is reissued")
 
 
 class TapEvent:
-    """What a listener was sent for."""
+    """The event that a wiretap's listener was sent for."""
 
     def __init__(self, condition: Condition, message: str, tapped: TaskRef | None) -> None:
         self.condition = condition
@@ -58,11 +58,10 @@ class MonitorRef(TaskRef, Generic[D]):
         self.action = action
 
     def fire(self, action: Message[A, Any] | None = None, data: A = NOTHING) -> bool:
-        """What a demon monitor watches for has happened: its *action* is sent, with these data. One that is declared
-        without an action is fired without.
+        """Send the *action* of a demon monitor, with these data: what it watches for has happened.
 
-        Whether it counted: a monitor that has ended, or does not watch yet, is not fired (TCM: a warning, no effect);
-        who fires need not know. Raises MisuseError for another message than the monitor's action.
+        Returns False if the monitor has ended or does not watch yet (TCM: a warning). Raises MisuseError for another
+        message than its action.
         """
         self._check_action(action)
         body = b""
@@ -73,9 +72,7 @@ class MonitorRef(TaskRef, Generic[D]):
         return self._steer(Fire(0, self.id, name, self._origin), f"firing {self}", body)
 
     def end(self) -> bool:
-        """Watch no longer, or not at all if it has not begun; what the monitor has sent comes to its own end. False if
-        it had ended already.
-        """
+        """End the monitor; the tasks it has sent go on. Returns False if it had ended."""
         return self._steer(EndMonitor(0, self.id, self._origin), f"ending {self}")
 
     def _check_action(self, action: Any) -> None:
@@ -90,10 +87,10 @@ class MonitorRef(TaskRef, Generic[D]):
 
 
 def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | TapEvent | MonitorRef[Any] | None":
-    """What a delivery is about: tasks of the central that has delivered it."""
+    """The context of a delivery, with references to tasks of its central."""
 
     def known(involved: parts.Involved) -> TaskId:
-        return given(involved.task, connection.session.epoch, numbered(involved.message, involved.task))
+        return with_epoch(involved.task, connection.session.epoch, numbered(involved.message, involved.task))
 
     def handle(involved: parts.Involved) -> TaskRef | None:
         if not involved.task:

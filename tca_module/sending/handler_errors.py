@@ -1,4 +1,4 @@
-"""How a Python error becomes a failure: what central is told when a handler, or whoever answers for it, failed."""
+"""How a Python error that ends a handler becomes a failure."""
 
 import asyncio
 import traceback
@@ -39,20 +39,20 @@ _NAMED = (
 
 
 def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """What central is told of an error that ended a handler. What failed elsewhere keeps its name, and is a kind of
-    "handler error" besides: the handler could have caught it.
+    """The failure for an error that ended a handler. A failure from elsewhere keeps its name, and is also a "handler
+    error": the handler could have caught it.
     """
     header, body = _failed(delivery, _sole(error))
     return msgspec.structs.replace(header, text=_printable(header.text)), body
 
 
 def handler_error(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """The same of one that is an error of the handler whatever its name."""
+    """The failure "handler error" for an error, whatever its name."""
     return Fail(delivery, HANDLER_ERROR, _printable(_describe(error))), b""
 
 
 def module_ended(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """What central is told of each message that was handled when an error ended its module."""
+    """The failure of a message that was handled when an error ended its module."""
     what = "".join(traceback.format_exception_only(error)).partition("\n")[0]
     return Fail(delivery, MODULE_LOST, _printable(f"its module was ended by {what}")), b""
 

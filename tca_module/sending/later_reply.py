@@ -1,4 +1,4 @@
-"""Replies that come after the handler has returned (TCA: distributed responses; TDL: POSTPONE and RESUME)."""
+"""A reply that comes after the handler has returned (TCA: distributed responses; TDL: POSTPONE and RESUME)."""
 
 import threading
 from typing import Any, Generic
@@ -14,10 +14,10 @@ from tca_wire.text.measures import numbered
 
 
 class LaterReply(Generic[R]):
-    """The answer that a handler owes: it returns this instead of a reply, and somebody answers when it is time.
+    """The reply that a handler owes: it returns this, and somebody replies later.
 
-    Until then the message is being handled: its task goes on, and its place in the resource is taken. ``reply`` and
-    ``fail`` may be called from any thread; one of them, once.
+    Until then the message counts as being handled, and its slot is taken. ``reply`` or ``fail`` may be called once,
+    from any thread.
     """
 
     def __init__(self, connection: Connection, message: Message[Any, R], delivery: Deliver) -> None:
@@ -35,26 +35,23 @@ class LaterReply(Generic[R]):
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed and still waits for its answer: stop when that is safe, then answer."""
+        """Whether the task has been killed and its reply is still owed: stop when that is safe, then reply."""
         with working_on(self._open_delivery):  # a restarted central may have given another delivery the same number
             return self.is_open and self._connection.session.open_deliveries.is_cancelled(self._delivery.delivery)
 
     @property
     def is_open(self) -> bool:
-        """Whether it has yet to be answered."""
+        """Whether the reply is still owed."""
         return self._answer is None and not self._ended
 
     def reply(self, value: R = NOTHING) -> None:
-        """Complete the message with its reply or result.
-
-        Raises BadData if *value* does not fit the declaration (the answer is then still owed), MisuseError if it was
-        answered before, Stopped if the module has ended meanwhile.
+        """Complete the message with its reply or result. Raises BadData if *value* does not fit (the reply is then
+        still owed), MisuseError if it was given before, Stopped if the module has ended.
         """
         self._take(Reply(self._delivery.delivery), self._message.encode_reply(value))
 
     def fail(self, error: BaseException) -> None:
-        """Complete the message with a failure: ``later.fail(COLLISION(contact))``; other errors are handler errors.
-
+        """Complete the message with a failure: ``later.fail(COLLISION(contact))``. Other exceptions are handler errors.
         Raises what ``reply`` does.
         """
         if not isinstance(error, BaseException):
@@ -70,22 +67,22 @@ class LaterReply(Generic[R]):
                 raise MisuseError(f"{self} has been answered already: reply() or fail() it once")
             self._answer = header, body
             if self._has_returned:
-                self._connection.soon(self._send)
+                self._connection.call_soon(self._send)
 
     def returned(self) -> None:
-        """The handler has returned this: from now on answers leave."""
+        """The handler has returned: replies may leave from now on."""
         with self._lock:
             self._has_returned = True
             if self._answer is not None:
                 self._send()
 
     def end(self, why: str) -> None:
-        """Take no answer any more; whoever calls this answers for it."""
+        """Refuse replies from now on; the caller answers instead."""
         with self._lock:
             self._ended = self._ended or why
 
     def module_ends(self) -> None:
-        """The thread of its handler ends: what was not answered has failed."""
+        """The handler's thread ends: a reply still owed has failed."""
         self.end("its module has ended")
         failure = Fail(self._delivery.delivery, MODULE_LOST, "its module ended before it was answered"), b""
         with working_on(self._open_delivery):

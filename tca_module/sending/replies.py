@@ -1,4 +1,4 @@
-"""Replies that are fetched later, replies that are fetched one by one, and replies that call a function."""
+"""The three ways to get replies later: fetch one, iterate over many, or have a function called."""
 
 import asyncio
 import logging
@@ -19,13 +19,13 @@ QUERY_TIMEOUT = 30.0
 
 
 def not_answered(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:
-    """The error that says that a query's reply did not come in time, and where it was (*why*; "": nobody knows)."""
+    """The Timeout of a query without a reply in time; *why* says where it was ("": unknown)."""
     where = f": {why}" if why else ""
     return Timeout(f"{name_of(message)} was not answered within {timeout:g} s{where}; to wait longer give timeout=")
 
 
 class PendingReply(Generic[R]):
-    """A query that was sent; its reply may be there already. In an async handler ``await`` gives the reply."""
+    """A query that was sent. In an async handler ``await`` gives its reply."""
 
     def __init__(self, connection: Connection, request: Request, message: Query[Any, R]) -> None:
         self.connection = connection
@@ -34,15 +34,15 @@ class PendingReply(Generic[R]):
         self._is_cancelled = False
 
     def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
-        """The reply; waits for it *timeout* seconds (None: for ever).
+        """The reply; waits at most *timeout* seconds (None: for ever).
 
-        Raises QueryFailed if the handler failed, Timeout if the reply is not there in time. The query is then given up,
-        as it is when the handler that waits is to end (TaskKilled, Stopped).
+        Raises QueryFailed if the handler failed, Timeout if no reply came in time. The query is given up then, and also
+        when the waiting handler is woken (TaskKilled, Stopped).
         """
         return self.receive_within(timeout, timeout)
 
     def receive_within(self, left: float | None, timeout: float | None) -> R:
-        """The same, where only so much is *left* of the timeout."""
+        """The reply, where only *left* seconds of the timeout remain."""
         what = self._checked_name()
         try:
             is_there = self.connection.wait(self.request, left, what)
@@ -74,17 +74,17 @@ class PendingReply(Generic[R]):
         return self._message.decode_reply(body)
 
     def cancel(self) -> None:
-        """Give the query up: a handler that has not begun with it never will."""
+        """Give the query up: a handler that has not begun it never will."""
         if not self._is_cancelled:
             self._is_cancelled = True
             self.connection.abandon(self.request)
 
 
 class PendingReplies(Iterator[R], Generic[R]):
-    """The replies to a multi-query, in the order in which they come; each is waited for when it is asked for.
+    """The replies to a multi-query, in the order they come; each step waits for the next.
 
-    Ends with as many as were wanted, when nobody is left who could reply, or when the time is over. If nobody has
-    replied by then, and somebody has failed, it ends with QueryFailed: the first failure; its text tells of all.
+    Ends with the maximum, when nobody is left who could reply, or when the time is over. If nobody replied and somebody
+    failed, it ends with QueryFailed: the first failure, with a text that names all.
     """
 
     def __init__(
@@ -127,14 +127,14 @@ class PendingReplies(Iterator[R], Generic[R]):
         return bool(self._request.answers)
 
     def cancel(self) -> None:
-        """Want no more of them: a handler that has not begun to answer never will."""
+        """Want no more replies: a handler that has not begun to answer never will."""
         if not self._is_cancelled:
             self._is_cancelled = True
             self._connection.abandon(self._request)
 
 
 class Notification(Generic[R]):
-    """A query that was sent; its reply calls a function, once."""
+    """A query whose reply calls a function, once."""
 
     def __init__(
         self, pending: PendingReply[R], callback: Callable[[Any, R], object],
@@ -149,10 +149,8 @@ class Notification(Generic[R]):
         pending.request.notify = lambda: connection.callbacks.append(self._call)
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the function has been called; False if it has not within *timeout* seconds.
-
-        Raises CentralLost if central is silent for too long, and if the handler that waits is to end TaskKilled or
-        Stopped; the query is given up then, as with ``receive``, and the function not called.
+        """Wait until the function has been called; False if it was not within *timeout* seconds. Raises CentralLost,
+        TaskKilled or Stopped as ``receive`` does; the query is given up then.
         """
         if timeout != 0:
             self._connection.announce(self._pending.request)
@@ -163,7 +161,7 @@ class Notification(Generic[R]):
             raise
 
     def cancel(self) -> None:
-        """Don't call the function: a handler that has not begun with the query never will."""
+        """Don't call the function: a handler that has not begun the query never will."""
         if not self.is_over:
             self.is_over = True
             self._pending.cancel()
@@ -179,7 +177,7 @@ class Notification(Generic[R]):
             self.is_over = True
 
     def _tell(self) -> None:
-        sender = self._connection.outside
+        sender = self._connection.root_sender
         try:
             reply = self._pending.receive(0)
         except (TcaError, BadData) as error:

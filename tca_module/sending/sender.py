@@ -1,4 +1,4 @@
-"""What can be sent, the same calls for a handler's Task, a Module and a Client: one place where messages leave."""
+"""What can be sent: the same calls for a handler's Task, a Module and a Client."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -35,7 +35,7 @@ _TASK = checks.Kind("a task that was sent or found, such as tasks(WALK)[0]", lam
 
 
 class Sender(Watching):
-    """Something that sends messages."""
+    """Sends messages. Task, Module, Client and Callback are Senders."""
 
     def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
         self._parent = parent
@@ -54,9 +54,8 @@ class Sender(Watching):
         return self._task(message, data, options)
 
     def command(self, message: Command[D, R], data: D = NOTHING, **options: Unpack[TaskOptions]) -> SentTask[R]:
-        """Make a subtask that acts. Returns when central has taken it; ``result()`` of what it returns waits for it.
-
-        Raises what ``goal`` does.
+        """Make a subtask that acts. Returns when central has taken it; ``result()`` waits for its end. Raises what
+        ``goal`` does.
         """
         check_class(message, Command)
         return self._task(message, data, options)
@@ -67,7 +66,7 @@ class Sender(Watching):
         return task
 
     def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> SentTask[R] | None:
-        """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
+        """The new task; None if *handled* and nobody handles the message."""
         check_options(message, options)
         body = message.encode_data(data)
         pairs = checked_pairs(name_of(message), options.get("on_failure", ()))
@@ -91,40 +90,37 @@ class Sender(Watching):
         return SentTask(connection, message, task_id, self._origin)
 
     def under(self, task: TaskRef) -> "Sender":
-        """Something to send with under *task*, which others may handle: monitors, goals and commands.
+        """A Sender for monitors, goals and commands under *task*, which others may handle.
 
         ::
 
             walking = user.tasks(WALK)[0]
             user.under(walking).monitor(CUP_GONE, cup, period=0.1)
 
-        A monitor without an end of its own ends with that task. A goal or command stands in the sequence of its
-        children, after the last that was sent; with ``sequential=False`` it waits for none, and the next one then waits
-        for it alone, as in TCA. A kill of the task kills them, too. Raises MisuseError for what is no task; to send
-        raises Refused ("too late") when the task has ended.
+        A goal or command joins the sequence of the task's children; with ``sequential=False`` it waits for none of
+        them. A monitor without an end of its own ends with the task, and a kill of the task kills all. Sending raises
+        Refused ("too late") when the task has ended.
         """
         check("under()", _TASK, task=task)
         return _Under(self, self._origin, task)
 
     def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:
-        """A block of subtasks, each achieved after the one before.
+        """A block of subtasks, each achieved after the one before. Blocks nest.
 
-        With *plan_ahead*, at most so many of them are planned beyond the one that is being achieved; 0: each is planned
-        only when its turn to be achieved has come. Blocks nest.
+        With *plan_ahead*, at most that many are planned beyond the one that is being achieved. With 0, each is planned
+        only when it may be achieved.
         """
         return self._ordering.sequence(plan_ahead)
 
     def parallel(self) -> AbstractContextManager[None]:
-        """A block of subtasks without order among them.
-
-        What was sent before is achieved before each of them, and what follows the block waits for all of them.
+        """A block of subtasks in no order among themselves: each comes after what was sent before, and what follows
+        waits for all.
         """
         return self._ordering.parallel()
 
     def constrain(self, *constraints: Constraint) -> None:
-        """Add constraints between tasks that exist: all, or with an error none.
-
-        Raises Refused if one comes too late or would close a circle.
+        """Add constraints between tasks that exist: all of them, or with an error none. Raises Refused if one comes too
+        late or would close a circle.
         """
         for constraint in constraints:
             check("constrain()", checks.CONSTRAINT, each=constraint)
@@ -137,10 +133,10 @@ class Sender(Watching):
     def query(
         self, message: Query[D, R], data: D = NOTHING, *, timeout: float | None = QUERY_TIMEOUT, priority: int = 0
     ) -> R:
-        """Ask, and wait for the reply; *timeout* in seconds, None waits for ever.
+        """Ask, and wait for the reply, at most *timeout* seconds (None: for ever).
 
-        Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that is to end is woken
-        from this, as from all that it waits for, once: TaskKilled if its task was killed, Stopped if its module ends.
+        Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that waits here is woken
+        once with TaskKilled if its task is killed, and with Stopped if its module ends.
         """
         brief = is_brief("query()", timeout)
         check_class(message, Query)
@@ -167,9 +163,8 @@ class Sender(Watching):
     ) -> Notification[R]:
         """Ask, and have *callback* called with the reply, or *on_failure* with the error that ``query`` would raise.
 
-        Both get something to send with first: under the root, for the handler may have returned long since. They are
-        called in this thread, one after the other, while it waits for central (for a reply, a result, a goal to be
-        taken) or for its next message. Errors in them are logged, and so are failures without *on_failure*.
+        Both get a Sender first, which sends under the root. They are called in this thread, one at a time, while it
+        waits for central or for its next message. Errors in them are logged, and so is a failure without *on_failure*.
         """
         check_function("query_notify()", callback, "(sender, reply)")
         if on_failure is not None:
@@ -220,9 +215,8 @@ class Sender(Watching):
         """Ask every module that handles the message; the replies in the order they came.
 
         Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
-        what has come until then. Who fails or is late is left out where anybody replies. Where nobody has, and somebody
-        failed, raises QueryFailed with the first failure; its text names all who failed, with what, and who had not
-        answered. So an empty list says that nobody handles the message, or that all who do are late.
+        the replies so far. Modules that fail or are late are left out. If nobody replied and somebody failed, raises
+        QueryFailed with the first failure and a text that names all.
         """
         return list(self._ask_all(message, data, maximum, timeout, blocking=True))
 
@@ -234,9 +228,8 @@ class Sender(Watching):
         maximum: int | None = None,
         timeout: float | None = QUERY_TIMEOUT,
     ) -> PendingReplies[R]:
-        """Ask every module that handles the message; iterate over what this returns to get the replies as they come.
-
-        They end as those of ``multi_query`` do; *timeout* counts from now.
+        """Ask every module that handles the message; iterate over the result to get the replies as they come. It ends
+        as ``multi_query`` does; *timeout* counts from now.
         """
         return self._ask_all(message, data, maximum, timeout, blocking=False)
 
@@ -285,10 +278,8 @@ class Sender(Watching):
     @overload
     def execute(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
     def execute(self, message: Any, data: Any = NOTHING) -> Any:
-        """Send a message as its class demands, with the usual options: what ``goal``, ``command``, ``query``,
-        ``multi_query``, ``inform`` or ``broadcast`` returns.
-
-        For code that is given messages without knowing their class (TCA 8.5: tcaExecute).
+        """Send a message of any class with the usual options; returns what ``goal``, ``command``, ``query``,
+        ``multi_query``, ``inform`` or ``broadcast`` does (TCA 8.5: tcaExecute).
         """
         check_executable(message)
         if isinstance(message, Goal | Command):
@@ -312,10 +303,11 @@ class Sender(Watching):
     @overload
     def execute_if_handled(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
     def execute_if_handled(self, message: Any, data: Any = NOTHING) -> Any:
-        """Send a message only if somebody handles it now; central decides that and sends it in one step.
+        """Send a message only if somebody handles it now; central decides and sends in one step (TCA 8.5:
+        tcaMaybeExecute).
 
-        Returns what ``execute`` does, or None if nobody handles the message: nothing was sent then. Of an inform or
-        broadcast: whether it was sent (TCA 8.5: tcaMaybeExecute). The handler may still be lost afterwards.
+        Returns what ``execute`` does, or None if nobody handles the message. For an inform or broadcast: whether it was
+        sent. The handler may still be lost afterwards.
         """
         check_executable(message)
         if isinstance(message, Goal | Command):
@@ -339,7 +331,7 @@ class Sender(Watching):
 
 
 class _Under(Sender):
-    """What is sent under a task that others may handle."""
+    """Sends under a task that others may handle."""
 
     def __init__(self, sender: Sender, origin: int, task: TaskRef) -> None:
         super().__init__(task.id, origin)

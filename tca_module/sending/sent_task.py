@@ -1,4 +1,4 @@
-"""The handle on a task that one has made: its points, its end and its result."""
+"""A task that one has sent: its points, its end and its result."""
 
 from collections.abc import Generator
 from typing import Any, Generic
@@ -15,9 +15,9 @@ _DEALT_WITH = "an exception handler dealt with it, so there is no result"
 
 
 class SentTask(TaskRef, Generic[R]):
-    """A task that was sent. ``ref.achieving.end`` and the like are its points, for constraints.
+    """A task that was sent. Its points, such as ``sent.achieving.end``, are for constraints.
 
-    In an async handler ``await ref`` gives what ``ref.result()`` does, without a timeout (asyncio.timeout has one).
+    In an async handler ``await sent`` gives what ``sent.result()`` does; ``asyncio.timeout`` limits the wait.
     """
 
     def __init__(self, connection: Connection, message: Message[Any, R], task_id: TaskId, origin: int) -> None:
@@ -25,9 +25,8 @@ class SentTask(TaskRef, Generic[R]):
         self._message = message
 
     def result(self, timeout: float | None = None) -> R:
-        """What the task's handler returned; waits until the task has been achieved, at most *timeout* seconds.
-
-        Raises TaskFailed or TaskKilled if it ended so, Timeout if it has not ended in time.
+        """The value that the handler returned; waits for the task's end, at most *timeout* seconds. Raises TaskFailed,
+        TaskKilled or Timeout.
         """
         is_new = self._end is None
         answer, body = self._ended(timeout)

@@ -1,7 +1,7 @@
-"""The order of a sender's children: which constraints the next one needs, inside and outside of blocks.
+"""The order of a Sender's children: the constraints that the next one needs, inside and outside of blocks.
 
 A block (``sequence``, ``parallel``) is one element of the block around it. Each element has *first* tasks, with which
-it begins, and *last* tasks, whose ends are its end. Knows task ids only; nothing of messages or connections.
+it begins, and *last* tasks, whose ends are its end. Knows task ids only.
 """
 
 from collections import deque
@@ -62,7 +62,7 @@ class _Parallel(_Block):
 
 
 class SiblingOrder:
-    """The order among the children that one sender makes."""
+    """The order among the children of one Sender."""
 
     def __init__(self, *, is_shared: bool) -> None:
         self._is_shared = is_shared  # others send there, too: central's "last sibling" may be theirs
@@ -75,7 +75,9 @@ class SiblingOrder:
         self._blocks: list[_Sequence | _Parallel] = [_Sequence(None)]
 
     def place(self, epoch: str, *, is_goal: bool, sequential: bool) -> tuple[Flags, list[Constraint]]:
-        """What puts the next child in its place. A central of another *epoch* has forgotten those before."""
+        """The flags and constraints that put the next child in its place. A central of another *epoch* has forgotten
+        those before.
+        """
         if self._epoch and self._epoch != epoch:
             self.forget()
         self._epoch = epoch

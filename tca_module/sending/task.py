@@ -1,4 +1,4 @@
-"""What a handler sees of the message that it handles, and sends from."""
+"""The Task that a handler gets: the message being handled, and a Sender for its subtasks."""
 
 from typing import Any, TypeVar
 
@@ -9,7 +9,7 @@ from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
 from tca_module.sending.task_points import TaskInterval, TaskIntervals
 from tca_module.sending.task_ref import TaskRef
-from tca_module.session.epoch_numbers import check_epoch, given
+from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver
 from tca_wire.points import ROOT, Interval, TaskId
@@ -21,9 +21,8 @@ C = TypeVar("C")
 class Task(Sender, TaskIntervals):
     """The message being handled. Goals and commands sent from it become its subtasks.
 
-    It is for the handler's thread, until the handler returns. Its own points (``task.achieving.start``) may be used in
-    constraints. A query, inform or broadcast is no task of the tree: *id* is 0, and what its handler sends hangs under
-    the root.
+    It belongs to the handler's thread, until the handler returns. A query, inform or broadcast is no task of the tree:
+    its *id* is 0, and its handler sends under the root.
     """
 
     def __init__(self, connection: Connection, delivery: Deliver, message: Message[Any, Any]) -> None:
@@ -31,9 +30,9 @@ class Task(Sender, TaskIntervals):
         self._message = message
         self._delivery = delivery
         epoch, what = connection.session.epoch, numbered(message.name, delivery.task) * bool(delivery.task)
-        task_id = given(delivery.task, epoch, what)
+        task_id = with_epoch(delivery.task, epoch, what)
         origin = max(0, delivery.delivery)  # central knows no direct delivery
-        Sender.__init__(self, task_id, given(origin, epoch, what or f"'{message.name}'"))
+        Sender.__init__(self, task_id, with_epoch(origin, epoch, what or f"'{message.name}'"))
         TaskIntervals.__init__(self, task_id)
         self.later: LaterReply[Any] | None = None  #: who answers for the handler, if it said so
 
@@ -57,10 +56,10 @@ class Task(Sender, TaskIntervals):
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed, or the module ends: its handler should clean up and return. Never waits.
+        """Whether the task has been killed or the module ends: clean up and return. Never waits.
 
-        Who does not look at it is woken from what he waits for, with TaskKilled or Stopped; who has seen it is not. A
-        handler that was told that its module ends has failed, with "module lost", whatever it returns.
+        A handler that does not look is woken from its next wait with TaskKilled or Stopped, once. If it was told that
+        its module ends, it has failed with "module lost", whatever it returns.
         """
         try:
             return self._connection().is_cancelled(self.delivery)
@@ -69,9 +68,7 @@ class Task(Sender, TaskIntervals):
 
     @property
     def suspended(self) -> bool:
-        """Whether the task is suspended: its handler may hold what it does, or finish it; one that is killed is to end
-        and no longer suspended; so is one that a restarted central has forgotten. Never waits.
-        """
+        """Whether the task is suspended: the handler may pause, or finish. Never waits."""
         try:
             return self._connection().is_suspended(self.delivery)
         except CentralLost:
@@ -79,24 +76,24 @@ class Task(Sender, TaskIntervals):
 
     @property
     def ref(self) -> TaskRef:
-        """This task as others have it: to be killed, suspended, retried."""
+        """This task as a TaskRef: to kill, suspend or retry it."""
         if self._task_id == ROOT:
             raise MisuseError(f"'{self.message}' is no task of the tree")
         return TaskRef(self._connection(), self.message, self._task_id, self._origin)
 
     @property
     def trouble(self) -> Trouble:
-        """In an exception handler: the failure that it is called for."""
+        """In an exception handler: the failure that it handles."""
         return self._context(Trouble, "exception handler")
 
     @property
     def tap_event(self) -> TapEvent:
-        """In a listener of a wiretap: what it listens to."""
+        """In a listener of a wiretap: what was tapped."""
         return self._context(TapEvent, "listener of a wiretap")
 
     @property
     def monitor_ref(self) -> MonitorRef[Any]:
-        """In what a monitor sent: that monitor."""
+        """In a message sent by a monitor: that monitor."""
         return self._context(MonitorRef, "message of a monitor")
 
     def _context(self, kind: type[C], what: str) -> C:
@@ -106,7 +103,7 @@ class Task(Sender, TaskIntervals):
         return context
 
     def reply_later(self) -> LaterReply[Any]:
-        """Let somebody else answer: the handler returns what this gives, and is done; the message is not.
+        """Let somebody else reply: return this from the handler, which is then done; the message is not.
 
         ::
 
@@ -122,23 +119,8 @@ class Task(Sender, TaskIntervals):
             self.later = LaterReply(connection, self._message, self._delivery)
         return self.later
 
-    @property
-    def handling(self) -> TaskInterval:
-        """While this handler runs."""
-        return self._span(Interval.HANDLING)
-
-    @property
-    def planning(self) -> TaskInterval:
-        """While this task and everything under it is being expanded into subtasks."""
-        return self._span(Interval.PLANNING)
-
-    @property
-    def achieving(self) -> TaskInterval:
-        """While this task and everything under it is being done."""
-        return self._span(Interval.ACHIEVING)
-
     def returned(self) -> None:
-        """The handler has returned: nothing can be sent from here any more."""
+        """The handler has returned: this sends nothing more."""
         self._link = None
 
     def _connection(self) -> Connection:
@@ -147,7 +129,7 @@ class Task(Sender, TaskIntervals):
         check_epoch([self._origin], self._link.session.epoch)
         return self._link
 
-    def _span(self, interval: Interval) -> TaskInterval:
+    def _interval(self, interval: Interval) -> TaskInterval:
         if self._task_id == ROOT:
             msg = f"'{self.message}' is no task of the tree and has no points: only goals and commands have"
             raise MisuseError(msg)

@@ -80,17 +80,20 @@ class TaskIntervals:
     @property
     def handling(self) -> TaskInterval:
         """While its handler runs."""
-        return TaskInterval(self._task_id, Interval.HANDLING)
+        return self._interval(Interval.HANDLING)
 
     @property
     def planning(self) -> TaskInterval:
         """While it and everything under it is being expanded into subtasks."""
-        return TaskInterval(self._task_id, Interval.PLANNING)
+        return self._interval(Interval.PLANNING)
 
     @property
     def achieving(self) -> TaskInterval:
         """While it and everything under it is being done."""
-        return TaskInterval(self._task_id, Interval.ACHIEVING)
+        return self._interval(Interval.ACHIEVING)
+
+    def _interval(self, interval: Interval) -> TaskInterval:
+        return TaskInterval(self._task_id, interval)
 
 
 this = TaskIntervals(THIS)

@@ -1,4 +1,4 @@
-"""What can be done to a task of the tree by anybody who knows its number."""
+"""A task of the tree, as anybody who knows its number can use it."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -8,9 +8,10 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import check, check_class, check_handles, check_message, check_raised, is_brief, name_of
 from tca_module.errors import CentralLost, MisuseError, Timeout
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.link.asking import answered
+from tca_module.link.connection import Connection
 from tca_module.sending.task_points import TaskIntervals
-from tca_module.session.epoch_numbers import foreign, given
+from tca_module.session.epoch_numbers import first_foreign, with_epoch
 from tca_module.session.request import Request
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
@@ -36,7 +37,7 @@ from tca_wire.vocabulary import Outcome, Scope
 
 
 class TaskInfo(NamedTuple):
-    """How a task stands, or how one that is kept has ended."""
+    """How a task stands, or how a kept task has ended."""
 
     id: TaskId
     message: str
@@ -65,11 +66,11 @@ _ROW = (
 
 
 def _known_from(row: dict[str, Any], epoch: str) -> TaskInfo:
-    """What the central of that epoch says of a task."""
+    """A row of central's answer as a TaskInfo of that central."""
     info = TaskInfo(*(row[key] for key in _ROW))
     return info._replace(
-        id=given(info.id, epoch, numbered(info.message, info.id)),
-        parent=given(info.parent, epoch, numbered("task", info.parent)),
+        id=with_epoch(info.id, epoch, numbered(info.message, info.id)),
+        parent=with_epoch(info.parent, epoch, numbered("task", info.parent)),
     )
 
 
@@ -77,9 +78,8 @@ _RELATIONS = {"self": "state", "kept": "kept tasks"}
 
 
 class AttachmentRef:
-    """An exception handler or wiretap that was attached; ``remove()`` takes it away.
-
-    What is attached to a message or to the root is attached anew when central was restarted.
+    """An exception handler or wiretap that was attached; ``remove()`` takes it away. One of a message or of the root is
+    attached anew when central was restarted.
     """
 
     def __init__(self, connection: Connection, number: int, header: Attach | Tap) -> None:
@@ -91,26 +91,26 @@ class AttachmentRef:
 
     @property
     def id(self) -> int:
-        """Its number, as in ``tca attached``; another one after a restart of central."""
+        """Its number, as in ``tca attached``; it changes when central is restarted."""
         return self._standing.number if self._standing is not None else self._number
 
     def remove(self) -> None:
-        """Take it away, if no other module wants it, too; what it has sent stays. It is not attached anew to a central
-        that is restarted; one that was restarted meanwhile, and does not know it, has nothing to take away.
+        """Take it away, unless another module wants it too. What it has sent stays. A central that is restarted later
+        does not get it again.
         """
         connection = self._connection
         if self._standing is not None:
             self._attachments.forget(self._standing, connection.session.epoch)
         try:
-            origin = 0 if foreign([self._origin], connection.session.epoch) else self._origin
+            origin = 0 if first_foreign([self._origin], connection.session.epoch) else self._origin
             connection.call(Remove(0, self.id, origin=origin), f"removing {self.id}")
         except CentralLost:
-            if foreign([self.id], connection.session.epoch) is None:
+            if first_foreign([self.id], connection.session.epoch) is None:
                 raise
 
 
 def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int | None = None) -> Attachment:
-    """That *handler* takes care of *failure* (None: of any). Raises MisuseError if it can't."""
+    """The header's form of *handler* for *failure* (None: any). Raises MisuseError if they do not fit."""
     check_handles(failure, handler)
     check(name_of(handler), checks.MAXIMUM, maximum=maximum)
     return Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
@@ -119,9 +119,9 @@ def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], max
 class TaskRef(TaskIntervals):
     """A task of the tree: wait for it, kill, suspend or retry it, raise a failure on it, look at its relatives.
 
-    Who steers a task can't know whether it has just ended. What changes it (kill, deadline, fail, retry, suspend,
-    resume) returns when central has done it: True, or False if the task had ended and nothing was done. What promises
-    something for later (on_failure, on_termination, keep) raises Refused ("too late") then.
+    A task may end just before a call. ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return
+    True if they took effect, False if the task had ended. Promises for later (``on_failure``, ``on_termination``,
+    ``keep``) raise Refused ("too late") then.
     """
 
     def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
@@ -147,13 +147,13 @@ class TaskRef(TaskIntervals):
     # --- its end ---------------------------------------------------------------------------------------------------
 
     def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait until the task has been achieved, failed or been killed, and say which. Raises Timeout."""
+        """Wait until the task has ended; its outcome. Raises Timeout."""
         return self._ended(timeout)[0].outcome
 
     def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
-        """Wait until a point, of this task or another, is reached: ``leg.wait_for(leg.handling.end)``.
+        """Wait until a point, of this task or another, is reached: ``leg.wait_for(leg.handling.end)``. Raises Timeout.
 
-        Returns how the point's task stands then: a task that is killed reaches all its points at once. Raises Timeout.
+        Returns the state of the point's task: a task that is killed reaches all its points at once.
         """
         return self._reached(point, timeout)[0].outcome
 
@@ -176,18 +176,18 @@ class TaskRef(TaskIntervals):
     def _ask(
         self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
     ) -> tuple[str, Request]:
-        """Ask to be told when a point is reached; its name for people, and the request."""
+        """Ask to be told when a point is reached: its name for people, and the request."""
         check(f"the wait for {self}", checks.POINT, point=point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
         header = WaitFor(0, point, self._origin, blocking, brief)
         return what, self._connection.request(header, wants_answer=True, is_awaited=is_awaited)
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
-        """End the task and everything under it; *delay* seconds from now, or after a point. Handlers that run are told,
-        and woken from what they wait for, and else not interrupted. Another *scope* ends only what is under it, or its
-        siblings (TDL: TERMINATE AT, IN, AFTER).
+        """End the task and everything under it: at once, *delay* seconds from now, or *after* a point. Another *scope*
+        ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
 
-        False if the task had ended; one that was killed, and whose handler still runs, has not.
+        Running handlers are told and woken from their waits, but not interrupted. Returns False if the task had ended;
+        a killed task whose handler still runs has not.
         """
         what = f"killing {self}"
         check(what, checks.TEXT, why=why)
@@ -197,12 +197,11 @@ class TaskRef(TaskIntervals):
         return self._steer(Kill(0, self.id, why, scope, after, delay, origin=self._origin), what)
 
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
-        """Send *message* when the task is killed after it was started: to leave things safe (TDL: ON TERMINATE).
+        """Send *message* if the task is killed after its start, to leave things safe (TDL: ON TERMINATE).
 
-        It is sent at once and waits for a free slot only: handlers of the task that still run, and have been told, may
-        run beside it. So it fits a "stop". What must come after a handler of the task belongs into that handler's
-        resource, of capacity 1. What comes after the task waits until that has been done. Of a task that has been
-        killed and whose handler is not done it is sent now; of a killed one whose handler is, refused ("too late").
+        It is sent at once, waits only for a free slot, and so may run beside handlers that have yet to return: good for
+        a "stop". To run it after a handler, give both the same resource of capacity 1. The tasks that follow wait for
+        it. Raises Refused ("too late") if the task has ended.
         """
         check_class(message, Goal, Command, call="on_termination()")
         body = message.encode_data(data)
@@ -211,11 +210,9 @@ class TaskRef(TaskIntervals):
         self._connection.call(header, f"on termination of {self}", body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
-        """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now,
-        which are more than 0: for "at once" there are ``fail`` and ``kill``.
+        """Raise the failure "timeout" on the task if *point* (its end) is not reached within *seconds* from now.
 
-        A point that is reached already is in time. Of several deadlines each counts: a later one lengthens nothing.
-        False if the point's task had ended, or been killed.
+        Every deadline counts: a later one extends nothing. Returns False if the point's task had ended or been killed.
         """
         what = f"a deadline of {self}"
         check(what, checks.DURATION, seconds=seconds)
@@ -227,13 +224,12 @@ class TaskRef(TaskIntervals):
     def on_failure(
         self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
     ) -> AttachmentRef:
-        """Let *handler* take care of *failure* (None: of any) where it is raised on the task or below, *maximum* times
-        at most (None: any number).
+        """Let *handler* handle *failure* (None: any) raised on the task or below it, at most *maximum* times (None: any
+        number).
 
-        Of several on one task the newest is called first; then those of its message, then those of the task above. It
-        gets the failure's data, or none if it is declared without. Raises MisuseError if it can't take them: it may
-        want the same type, a union with it, or a dataclass with fewer fields; and one for any failure must do without
-        data. The same *failure* and *handler*, attached once more by this module, take the place of the first.
+        The newest handler on a task is called first, then those of its message, then those of the task above. It gets
+        the failure's data, or none if declared without. Raises MisuseError if it can't take them. Attaching the same
+        pair again replaces the first.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
@@ -242,19 +238,18 @@ class TaskRef(TaskIntervals):
         return AttachmentRef(self._connection, number, header)
 
     def fail(self, failure: FailureRaised) -> bool:
-        """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A handler that runs goes on.
-
-        False if the task had ended, or been killed.
+        """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A running handler goes on.
+        Returns False if the task had ended or been killed.
         """
         check_raised(failure)
         header = Raise(0, self.id, failure.name, failure.text, failure.kinds, self._origin)
         return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
     def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
-        """Kill what is under the task but the monitors that others have put there, and let it be handled again when
-        that, and the exception handler that asks for it, has ended. With *message*, which it is, it gets new *data*.
+        """Kill what is under the task, except monitors of others, and handle it again, when that and the calling
+        exception handler have ended. With its *message* it gets new *data*.
 
-        False if the task had ended, or been killed.
+        Returns False if the task had ended or been killed.
         """
         if message is not None:
             check_message(message)
@@ -268,40 +263,35 @@ class TaskRef(TaskIntervals):
     # --- suspending ------------------------------------------------------------------------------------------------
 
     def suspend(self) -> bool:
-        """Start nothing of the task and what is under it from now on; handlers that run are told. False if the task had
+        """Start nothing more of the task and what is under it; running handlers are told. Returns False if the task had
         ended.
         """
         return self._steer(Suspend(0, self.id, origin=self._origin), f"suspending {self}")
 
     def resume(self) -> bool:
-        """Let it go on, also one that was not suspended. False if the task had ended."""
+        """Let a suspended task go on; does no harm to one that was not. Returns False if the task had ended."""
         return self._steer(Suspend(0, self.id, resume=True, origin=self._origin), f"resuming {self}")
 
     # --- what is remembered ----------------------------------------------------------------------------------------
 
     def keep(self) -> None:
-        """Have the task remembered after its end (TCM: SetPersistence; TDL: PERSISTENT).
+        """Remember the task after its end (TCM: SetPersistence; TDL: PERSISTENT), so that ``info()``, ``data()``,
+        ``wait()`` and ``parent()`` still answer, and ``kept()`` of the task above lists it.
 
-        What is kept: its message, its data, its outcome with the result or the failure's text and data, and what it
-        hung under; not its constraints, and not the tasks under it, each of which is kept for itself. So ``info()``,
-        ``data()``, ``wait()`` and ``parent()`` go on to answer, and ``kept()`` of the task above lists it.
+        Kept are its message, data, outcome, result or failure, and parent; not its constraints, and not the tasks under
+        it. It is kept until ``release()``, until this module leaves, or until the task above is forgotten.
 
-        Until when: until ``release()`` or until this module leaves (each module keeps for itself, twice is once); at
-        the latest until the task above it ends without being kept, or is forgotten. A top-level task has none above.
-
-        What it costs: nothing per event; in central's memory the bytes of data, result and failure, from the end on.
-        At most 10 000 tasks may be kept by all modules together, living ones too. Raises Refused ("overload") for one
-        more, and ("too late") if the task has ended already. Of records that hold more than 64 MiB the oldest are
-        forgotten, with all under them.
+        At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too late") if the task
+        has ended. Beyond 64 MiB the oldest records are forgotten, with all under them.
         """
         self._connection.call(Keep(0, self.id, origin=self._origin), f"keeping {self}")
 
     def release(self) -> None:
-        """Have it remembered no longer, as far as this module is concerned; nothing happens if it was not kept."""
+        """Undo ``keep`` for this module; does no harm to a task that was not kept."""
         self._connection.call(Keep(0, self.id, release=True, origin=self._origin), f"releasing {self}")
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """The ended tasks under it that are kept, in the order in which they ended; their ``info()`` tells how."""
+        """The ended tasks under it that are kept, in the order of their ends."""
         return [handle for _, handle in self._relatives("kept", message)]
 
     # --- relatives -------------------------------------------------------------------------------------------------
@@ -311,7 +301,7 @@ class TaskRef(TaskIntervals):
         return next((info for info, _ in self._relatives("self")), None)
 
     def data(self, message: Message[D, Any]) -> D:
-        """The data with which the task is being done. Raises MisuseError if it has ended or is another message."""
+        """The task's data. Raises MisuseError if it has ended or is another message."""
         check_message(message)
         info = self.info()
         if info is None or info.message != message.name:
@@ -319,11 +309,11 @@ class TaskRef(TaskIntervals):
         return message.decode_data(info.data)
 
     def parent(self) -> "TaskRef | None":
-        """The task that it is under; None at the top, or if it has ended."""
+        """The task above it; None at the top, or if it has ended."""
         return next((handle for _, handle in self._relatives("parent")), None)
 
     def children(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Its living children, oldest first (those of one *message*, or of that name)."""
+        """Its living children, oldest first; of one *message* or name only."""
         return [handle for _, handle in self._relatives("children", message)]
 
     def ancestors(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
@@ -340,16 +330,12 @@ class TaskRef(TaskIntervals):
         check(f"the tasks of {self}", checks.MESSAGE_OR_NAME, message=message)
         name = message.name if isinstance(message, Message) else message or ""
         header = Inspect(0, self.id, relation, name)
-        request = self._connection.request(header, wants_answer=True)
         asked = f"{_RELATIONS.get(relation, relation)} of {self}" if self.id != ROOT else "tasks"
-        what = f"the question for the {asked}"
-        if not self._connection.wait(request, ACKNOWLEDGED_WITHIN, what):
-            self._connection.abandon(request)
-            raise Timeout(f"{what}: central did not answer within {ACKNOWLEDGED_WITHIN:g} s")
+        request = answered(self._connection, header, f"the question for the {asked}")
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             info = _known_from(row, request.epoch)
             yield info, TaskRef(self._connection, info.message, info.id, self._origin)
 
     def _steer(self, header: Any, what: str, body: bytes = b"") -> bool:
-        """Whether it was done: central accepts with id 0 where it changed nothing."""
+        """Call central; whether that changed anything: else it answers with id 0."""
         return bool(self._connection.call(header, what, body))

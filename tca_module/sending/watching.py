@@ -1,4 +1,4 @@
-"""Watching over what others do: exception handlers, wiretaps and monitors, from any sender."""
+"""Watching tasks: exception handlers, wiretaps and monitors, from any Sender."""
 
 from typing import Any, TypedDict, Unpack
 
@@ -19,7 +19,7 @@ from tca_wire.vocabulary import Condition
 
 
 class Watched(TypedDict, total=False):
-    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds, above 0; None is as if not given."""
+    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times are in seconds, above 0; None is as if not given."""
 
     period: float
     """Of a polling monitor: from one test of its condition to the next."""
@@ -46,7 +46,7 @@ class MonitorOptions(Watched, total=False):
 
 
 class Watching(CentralServices):
-    """The part of a sender that watches over tasks."""
+    """The part of a Sender that watches tasks."""
 
     _parent: TaskId
     _ordering: SiblingOrder
@@ -58,7 +58,7 @@ class Watching(CentralServices):
         return TaskRef(self._connection(), info.message, info.id, self._origin) if info is not None else None
 
     def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskRef]:
-        """The living tasks (of one *message*, or its name), parents first, at most 10 000 (TCA 8.5: ChildByName)."""
+        """The living tasks (of one *message*, or its name), parents first, at most 10,000 (TCA 8.5: ChildByName)."""
         return TaskRef(self._connection(), "root", ROOT, self._origin).descendants(message)
 
     def on_failure(
@@ -69,18 +69,15 @@ class Watching(CentralServices):
         of: Message[Any, Any] | TaskRef | None = None,
         maximum: int | None = None,
     ) -> AttachmentRef:
-        """Let *handler* take care of *failure* (None: of any): of all tasks of a message, of one task and what is under
-        it, or (of=None) of all tasks.
+        """Let *handler* handle *failure* (None: any) of all tasks of a message, of one task and those below it, or
+        (of=None) of all tasks, at most *maximum* times for each task it is attached to (None: any number).
 
-        It is called at most *maximum* times (None: any number) for each task that it is attached to. The search goes
-        from the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
-        message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
-        or none if it is declared without. Raises MisuseError if it can't take them: it may want the same type, a union
-        with it, or a dataclass with fewer fields. For any failure (None) it must be declared without data, or take
-        None, too: what central raises ("timeout", "module lost", ...) has no data.
-        Where a failure has others than it wants, it fails with "bad data" when it is called. The same *failure* and
-        *handler*, attached to the same place once more by this module, take the place of the first, as the newest; to
-        remove the first then does nothing.
+        The search goes from the failing task up: on each task its own exception handlers come first, then those of its
+        message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). Attaching the same pair to
+        the same place again replaces the first.
+
+        The handler gets the failure's data, or none if declared without. Its type must be the same, a union with it, or
+        a dataclass with fewer fields; for any failure, None must fit too. Raises MisuseError if it does not.
         """
         if isinstance(of, TaskRef):
             return of.on_failure(failure, handler, maximum=maximum)
@@ -99,18 +96,19 @@ class Watching(CentralServices):
         listener: Message[Any, Any],
         **options: Unpack[Watched],
     ) -> AttachmentRef:
-        """Send *listener*, with the tapped data, whenever the condition comes true of a message or task.
+        """Send *listener*, with the tapped data, whenever the condition comes true of a message or task (TCA 8.5:
+        TapMessage, TapReference).
 
-        *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
-        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A monitor that listens watches as
-        *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
-        something is done to a task ends by itself, when that is over. A listener that nobody handles at that moment is
-        passed over, and holds nothing. Raises Refused, too, for a command or monitor that is to hold a goal's planning
-        (BEFORE_PLANNING, WHEN_PLANNED): only goals plan. What several modules tap alike is fired once, until each of
-        them has removed it. What one module taps alike twice (the same condition and *listener*) is one wiretap, and
-        ``remove()`` of either ends both; with other *options* the newer one takes the place of the older. Raises
-        Refused ("too late") where that is past of a task: what is done already is watched
-        with ``under(task).monitor()``.
+        *Before* conditions hold their moment until the listener's task is done, *when* conditions hold the end, *while*
+        and *after* hold nothing. A monitor that listens takes *options* as in ``monitor()``. A listener that nobody
+        handles is skipped.
+
+        The same wiretap of several modules fires once, until each has removed it. The same wiretap twice from one
+        module is one: ``remove()`` of either ends both, and newer *options* replace the older.
+
+        Raises Refused for a monitor that would never end (only *while* conditions of a task end one), for a command or
+        monitor that is to hold a goal's planning, and ("too late") for a moment of a task that is past: then use
+        ``under(task).monitor()``.
         """
         check("tap()", checks.CONDITION, condition=condition)
         check_message(listener)
@@ -130,8 +128,8 @@ class Watching(CentralServices):
         return AttachmentRef(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
 
     def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorRef[D]:
-        """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)
-        ends when all else under its parent has ended.
+        """Start a monitor under the task being handled. Without an end of its own (maximum, duration, until) it ends
+        when all else under its parent has ended.
         """
         check_class(monitor, Monitor, call="monitor()")
         check_known(name_of(monitor), options, MonitorOptions.__annotations__)

@@ -1,4 +1,4 @@
-"""Functions that a module's thread calls between messages: when time has come, or when a file has something to read."""
+"""Functions that a module's thread calls between messages: at a time, or when a file has something to read."""
 
 import logging
 import threading
@@ -23,9 +23,8 @@ class HasFileno(Protocol):
 
 
 class Callback(Sender):
-    """A function that is called between messages, and what it sends with: under the root.
-
-    It is sent from inside the function only; ``cancel`` may be called from anywhere.
+    """A function that is called between messages, and a Sender for it: under the root. Sends only from inside the
+    function; ``cancel`` works from anywhere.
     """
 
     def __init__(self, owner: "Callbacks", function: Callable[..., object], *, is_once: bool = False) -> None:
@@ -41,7 +40,7 @@ class Callback(Sender):
 
     @property
     def is_over(self) -> bool:
-        """Whether it will not be called any more: it was cancelled, or was to be called once and has been."""
+        """Whether it will not be called any more."""
         return self not in self._owner
 
     def cancel(self) -> None:
@@ -59,9 +58,8 @@ class Callback(Sender):
 
 
 class Callbacks:
-    """The callbacks of one thread, in the order in which they came due; called one at a time.
-
-    They stay when the thread ends, and what is due begins anew with the next one.
+    """The callbacks of one thread, called one at a time in the order they came due. They outlast the thread: the next
+    one starts their times anew.
     """
 
     def __init__(self, module: str, clock: Callable[[], float] = time.monotonic) -> None:
@@ -136,7 +134,7 @@ class Callbacks:
             self._due.clear()
 
     def patience(self, seconds: float) -> float:
-        """How long the thread may wait: until something is due, and no longer than so many seconds."""
+        """The seconds that the thread may wait, at most so many: until something is due."""
         with self._lock:
             return min(seconds, self._timers.next() - self._clock())
 
@@ -146,7 +144,7 @@ class Callbacks:
         return self._files
 
     def found(self, ready: Mapping[int, bool]) -> None:
-        """The wait is over; of these files something can be read, or (False) they are not open."""
+        """The wait is over: these files can be read, or (False) are closed."""
         with self._lock:
             self._due.extend(self._timers.take_due(self._clock()))
             for file, is_open in ready.items():
@@ -158,7 +156,7 @@ class Callbacks:
                     self.remove(callback)
 
     def call_one(self) -> bool:
-        """Call the one that is due first; False if none is."""
+        """Call the one due first; False if none is."""
         if not self._due:
             return False
         callback = self._due.popleft()

@@ -1,11 +1,10 @@
-"""What the coroutine of a handler can't go on without: told to central, so that circles through ``await`` are seen.
+"""Tells central which answers a coroutine waits for, so that circles through ``await`` are seen.
 
-Theory of operation. A handler *stands* when each of its asyncio tasks (its own, and those begun in it) is suspended
-either in an ``await`` of something of central's, or in one of asyncio's for others of these asyncio tasks alone. Then
-nothing but an answer of central's lets any of them go on, and central may treat the handler as one that waits for the
-first of these answers. Whatever else is awaited, a timer or a device, may bring it on by itself: central is told
-nothing then. It is told when the handler has stood so for a second; a shorter ``asyncio.timeout`` is a probe. When
-that ends an await, the request is given up, and central knows that the handler goes on.
+Theory of operation. A handler *stands* when each of its asyncio tasks is suspended either in an ``await`` of something
+of central's, or in one of asyncio's for others of these tasks alone. Then only central's answers let it go on, and
+central may treat it as waiting for the first of them. Anything else awaited, a timer or a device, may bring it on by
+itself: central is told nothing. It is told when the handler has stood for a second; a shorter ``asyncio.timeout`` is a
+probe. When that ends an await, the request is given up, and central knows that the handler goes on.
 """
 
 import asyncio
@@ -18,7 +17,7 @@ from weakref import WeakKeyDictionary, WeakSet
 from tca_module.checks import BRIEF
 from tca_module.errors import CentralLost
 from tca_module.link.connection import Connection
-from tca_module.session.epoch_numbers import given
+from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.open_deliveries import OpenDelivery, current_delivery, working_on
 from tca_module.session.request import Request
 from tca_wire.packets.headers import AwaitAny
@@ -32,7 +31,7 @@ _Standing = tuple[int, ...]
 
 
 class CoroutineWaits:
-    """The asyncio tasks of the handlers of one event loop, and what these await."""
+    """The asyncio tasks of the handlers of one event loop, and what they await."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, connection: Connection) -> None:
         self._connection = connection
@@ -68,7 +67,7 @@ class CoroutineWaits:
 
     @contextmanager
     def suspended(self, request: Request, future: "asyncio.Future[None]") -> Iterator[None]:
-        """While the asyncio task that calls awaits news of a request."""
+        """A block in which the current asyncio task awaits news of a request."""
         task = asyncio.current_task()
         assert task is not None
         self._suspended[task] = request, future
@@ -97,15 +96,15 @@ class CoroutineWaits:
             self._tell(handler, ())
 
     def _tell(self, handler: OpenDelivery, standing: _Standing) -> None:
-        """Say at which requests a handler stands; nothing of one that a restarted central has forgotten."""
+        """Tell central where a handler stands, unless a restarted central has forgotten it."""
         session = self._connection.session
         if session.open_deliveries.knows(handler):
-            delivery = given(handler.delivery, session.epoch, handler.name)
+            delivery = with_epoch(handler.delivery, session.epoch, handler.name)
             with suppress(CentralLost):  # it was restarted just now
                 self._connection.post(AwaitAny(delivery, list(standing)), b"")
 
     def _standing(self, handler: OpenDelivery) -> _Standing:
-        """The requests of which the next to be answered lets a handler go on; none if anything else may."""
+        """The requests of which the next answer lets a handler go on; none if anything else may."""
         if self._loop.get_task_factory() != self._factory:
             return ()  # somebody makes asyncio tasks of which nothing is known here
         tasks = {task for task in self._begun[handler] if not task.done()}
@@ -125,8 +124,8 @@ class CoroutineWaits:
 
 
 def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
-    """The asyncio tasks without whose end this one does not go on: those that it awaits, with gather(), wait() or in a
-    TaskGroup. None where it awaits anything else, or where this Python does not tell.
+    """The asyncio tasks that a task waits for, with gather(), wait() or in a TaskGroup; empty if it awaits anything
+    else.
     """
     future = getattr(task, "_fut_waiter", None)
     if future is None or future.done():
@@ -138,7 +137,7 @@ def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
 
 
 def _members_of_frame(task: "asyncio.Task[Any]") -> Collection[Any]:
-    """The same, of the function of asyncio in which a task is suspended."""
+    """The asyncio tasks awaited by the asyncio function in which a task is suspended."""
     inner: Any = task.get_coro()
     while inspect.iscoroutine(inner) and inspect.iscoroutine(inner.cr_await):
         inner = inner.cr_await

@@ -1,7 +1,7 @@
 """The asyncio event loop of one slot: runs its ``async def`` handlers, and listens to central while they await.
 
-The loop turns while a coroutine is handled, and while the slot has nothing to do (what handlers started with
-``create_task`` goes on then). It does not turn while a plain handler or a callback runs.
+The loop turns while a coroutine is handled, and while the slot is idle, for tasks that handlers have started. It does
+not turn while a plain handler or a callback runs.
 """
 
 import asyncio
@@ -21,9 +21,8 @@ T = TypeVar("T")
 
 
 class EventLoop:
-    """An event loop that is also told what central says.
-
-    *attend* is called with what is delivered while a coroutine is handled: queries that this slot sent to itself.
+    """An event loop that also hears central. *attend* gets what is delivered while a coroutine is handled: queries that
+    this slot sent to itself.
     """
 
     def __init__(self, connection: Connection, attend: Callable[[Deliver, bytes], None]) -> None:
@@ -42,15 +41,15 @@ class EventLoop:
         for file in files:
             self._loop.add_reader(file, self._on_news)
         self._since = self._turned = self._loop.time()
-        connection.hear = self._hear
+        connection.await_news = self._await_news
 
     @property
     def is_running(self) -> bool:
-        """Whether the caller is called by the loop, which waits for it."""
+        """Whether the caller runs inside the loop."""
         return self._loop.is_running()
 
     def run(self, delivery: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run the coroutine of a handler to its end; what it returns."""
+        """Run the coroutine of a handler to its end; its result."""
         self._since = self._turned = self._loop.time()
         self._beat = self._loop.call_later(STEP, self._keep_alive)
         try:
@@ -59,7 +58,7 @@ class EventLoop:
             self._beat.cancel()
 
     def _run_until(self, future: asyncio.Future[T]) -> T:
-        """Raises also what a handler beside it lets pass: asyncio keeps that for whoever awaits it, and nobody does."""
+        """Run until a future is done. Raises also the error of a handler beside it, which asyncio would only keep."""
         try:
             return self._loop.run_until_complete(future)
         finally:
@@ -67,7 +66,7 @@ class EventLoop:
                 raise self._fatal
 
     def start(self, delivery: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
-        """Let the coroutine of a handler run beside the one that is being run."""
+        """Run the coroutine of a handler beside the one that is being run."""
         task = self._awaiting.begin(delivery, coroutine)
         self._handled[delivery] = task
         task.add_done_callback(partial(self._is_done, delivery))
@@ -80,7 +79,7 @@ class EventLoop:
             self._loop.stop()
 
     def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
-        """Turn so long, but no longer than until central or one of *files* has something to read (transport.wait)."""
+        """Turn for so many seconds, or until central or one of *files* has something to read (transport.wait)."""
         ready: dict[int, bool] = {}
         self._idle = idle = self._loop.create_future()
         timer = self._loop.call_later(max(0.0, seconds), self._end_wait)
@@ -103,12 +102,12 @@ class EventLoop:
         self._loop.call_soon(self._loop.stop)  # if an error stopped it, a stop of its last run may be left over
         self._loop.run_forever()
         self._runner.close()
-        self._connection.hear = None
+        self._connection.await_news = None
 
     # --- central ---------------------------------------------------------------------------------------------------
 
     def _has_news(self) -> bool:
-        """Whether there is something to do of which no file tells: a call that blocked has read it, for instance."""
+        """Whether there is something to do that no file tells of: a blocking call may have read it."""
         connection = self._connection
         return (
             connection.transport.has_arrived()
@@ -137,7 +136,7 @@ class EventLoop:
         self._end_wait()
 
     def _listen(self) -> float:
-        """Do what has come up; for how many seconds central has been silent."""
+        """Do what has come up; the seconds of central's silence."""
         connection = self._connection
         silence = connection.tend(self._since, 0.0)
         while connection.has_news:
@@ -147,7 +146,7 @@ class EventLoop:
         return silence
 
     def _keep_alive(self) -> None:
-        """As every wait does: say that we are there, and don't wait for a central that is not."""
+        """Show central that we live, and give up on one that is silent, as every wait does."""
         self._beat = self._loop.call_later(STEP, self._keep_alive)
         before, self._turned = self._turned, self._loop.time()
         if self._turned - before > STALL:
@@ -157,7 +156,7 @@ class EventLoop:
                 self._heard(request, self._connection.line.lost())
         self._awaiting.look(self._turned)
 
-    def _hear(self, request: Request) -> Generator[Any, None, None]:
+    def _await_news(self, request: Request) -> Generator[Any, None, None]:
         """Await news of a request."""
         future = self._loop.create_future()
         self._waiting.setdefault(request, []).append(future)
@@ -174,7 +173,7 @@ class EventLoop:
 
 
 class _Selector(selectors.DefaultSelector):
-    """Does not wait while there is news of which no file tells; says then that *file* is readable."""
+    """A selector that does not wait while there is other news, and then reports *file* as readable."""
 
     def __init__(self, file: int, has_news: Callable[[], bool]) -> None:
         super().__init__()

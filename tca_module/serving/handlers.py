@@ -1,4 +1,4 @@
-"""Handlers: users' functions, checked when they are declared, and what becomes of one call."""
+"""Handlers: users' functions, checked when they are declared, and the outcome of a call."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -22,7 +22,7 @@ Coming = Coroutine[Any, Any, R | LaterReply[R]]
 
 
 class HandlerDecorator(Protocol[D, R]):
-    """Declares the function that it decorates as a handler, and leaves it as it is."""
+    """Declares the decorated function as a handler, and leaves it as it is."""
 
     @overload
     def __call__(
@@ -39,7 +39,7 @@ class HandlerDecorator(Protocol[D, R]):
 
 
 class HandlerDecoratorWithoutData(Protocol[R]):
-    """The same for a message without data, which need not be an argument."""
+    """Declares a handler of a message without data, which need not be an argument."""
 
     @overload
     def __call__(
@@ -62,7 +62,7 @@ Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]
 
 
 class Handler:
-    """That a function handles a message, in a resource."""
+    """A function that handles a message, in a resource."""
 
     def __init__(
         self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str, pending: int | None,
@@ -113,7 +113,7 @@ class Handler:
         return check_function(what, self.function, wanted, possible, may_be_async=True)
 
     def handle(self, task: Task, body: bytes) -> Answer:
-        """Call the function; what central is told of how it ended, or who will say it. Raises what ends the module."""
+        """Call the function; the answer for central, or who will give it. Raises what ends the module."""
         try:
             return self._answer(task, self.function(*self._given(task, body)))
         except ORDINARY as error:

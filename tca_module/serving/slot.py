@@ -24,8 +24,8 @@ from tca_wire.packets.headers import Deliver, Fail, Hello, Reply, Unregister
 
 
 class Slot:
-    """Handles one message at a time, from its start until *stop* is set. Handlers that run then are told, and finished:
-    they see ``task.cancelled``, a wait for others ends with Stopped, a coroutine gets CancelledError; each once.
+    """A thread with a connection of its own that handles one message at a time, until *stop* is set. Handlers that run
+    then are told once, and waited for.
     """
 
     def __init__(
@@ -56,9 +56,7 @@ class Slot:
             raise self.error
 
     def join(self, timeout: float | None = None) -> bool:
-        """Wait until the running handler, if any, has returned and the connection is closed; whether that is so after
-        *timeout* seconds. *stop* is set.
-        """
+        """Wait, at most *timeout* seconds, until the thread has ended; whether it has. *stop* is set."""
         if self._connection is not None:
             self._connection.transport.wake()
         self._thread.join(timeout)
@@ -79,9 +77,9 @@ class Slot:
 
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
-        connection.attend = self._attend
+        connection.handle_delivery = self._attend
         connection.session.open_deliveries.is_ending = self._stop.is_set
-        connection.outside = RootSender(connection)
+        connection.root_sender = RootSender(connection)
         self._callbacks.begin(connection)
         self._opened.set()
         with contextlib.ExitStack() as stack:
@@ -99,9 +97,7 @@ class Slot:
             self._say_goodbye(connection)
 
     def _end_module(self, connection: Connection, error: BaseException) -> None:
-        """An error that no handler may let pass, or one of this library's. Whoever learns that a message has failed by
-        it finds the handlers of other modules there.
-        """
+        """An error ends the module. Senders whose messages fail by it then find the handlers of other modules."""
         self._stop.set()
         what, module = type(error).__name__, self._hello.module
         self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
@@ -120,7 +116,7 @@ class Slot:
     # --- between messages ------------------------------------------------------------------------------------------
 
     def _idle(self, seconds: float) -> bool:
-        """Call one callback, or wait until there may be something to do; False if only central can bring that."""
+        """Call one callback, or wait for something to do; False if only central can bring that."""
         callbacks = self._callbacks
         if callbacks.call_one():
             return True
@@ -197,7 +193,7 @@ class Slot:
 
 
 class RootSender(Sender):
-    """What callbacks in a slot's thread send with: under the root."""
+    """Sends under the root, for callbacks in a slot's thread."""
 
     def __init__(self, connection: Connection) -> None:
         super().__init__()

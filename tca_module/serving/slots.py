@@ -32,7 +32,7 @@ class Slots:
         self._open_slot: OpenSlot | None = None  #: while the module runs
 
     def open(self, resources: Sequence[str], open_slot: OpenSlot) -> None:
-        """Open a slot for each of these, and wait until messages are handled. Raises what prevents it."""
+        """Open a slot for each of these resources, and wait until messages are handled. Raises what prevents it."""
         with self._lock:
             self._open_slot = open_slot
             for resource in resources:
@@ -42,8 +42,8 @@ class Slots:
             slot.wait_until_open()
 
     def close(self, why: BaseException | None) -> list[BaseException]:
-        """Wait until all have ended, which have been told to; what ended some before their time. When that takes long
-        it is said, with *why* the module ends, which nobody would see until then.
+        """Wait until all slots have ended; the errors that ended some early. A long wait is logged, with *why* the
+        module ends.
         """
         with self._lock:
             self._open_slot = None
@@ -65,7 +65,7 @@ class Slots:
         return bool(self._callbacks.get(resource))
 
     def callbacks(self, resource: str) -> Callbacks:
-        """What a resource's thread calls; while the module runs, that thread is there. Raises MisuseError if not."""
+        """The callbacks of a resource's thread, started if the module runs. Raises MisuseError if it can't be."""
         with self._lock:
             if self._open_slot is not None and resource not in self._threads:
                 if resource != CALLBACKS:

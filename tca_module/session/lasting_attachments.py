@@ -1,6 +1,7 @@
-"""What a program has attached to messages and to the root: a central that was restarted is told of it anew.
+"""The exception handlers and wiretaps that a program has attached to messages and to the root: a restarted central is
+told of them anew.
 
-Its connections share one such list, and their threads use it at the same time. Knows no socket and no clock.
+All connections of a program share one list, from several threads.
 """
 
 import threading
@@ -9,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from tca_module.session.epoch_numbers import Given
+from tca_module.session.epoch_numbers import EpochNumber
 from tca_wire.packets.headers import Attach, Tap
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import ROOT
@@ -20,7 +21,7 @@ class LastingAttachment:
 
     __slots__ = ("formats", "header", "number")
 
-    def __init__(self, header: Attach | Tap, formats: Iterable[MessageFormat], number: Given) -> None:
+    def __init__(self, header: Attach | Tap, formats: Iterable[MessageFormat], number: EpochNumber) -> None:
         self.header = header  #: what attached it
         self.formats = tuple(formats)  #: of the messages that it names
         self.number = number  #: under which a central knows it
@@ -34,23 +35,25 @@ class LastingAttachment:
 
 
 def is_lasting(header: Any) -> bool:
-    """Whether a request attaches something to a message or to the root, and not to a task, which ends with central."""
+    """Whether a request attaches something to a message or to the root: what is attached to a task ends with its
+    central.
+    """
     if isinstance(header, Attach):
         return bool(header.message) or header.task == ROOT
     return isinstance(header, Tap) and bool(header.message)
 
 
 class LastingAttachments:
-    """Those of a program that are wanted, in the order in which they were attached."""
+    """Those that are wanted, in the order in which they were attached."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._wanted: dict[tuple[Any, ...], LastingAttachment] = {}
         self._unwanted: list[LastingAttachment] = []  #: another connection than the one that removed them may know them
 
-    def add(self, header: Attach | Tap, known: dict[str, MessageFormat], number: Given) -> None:
-        """Central has accepted it. As in central, the same wiretap is the one from before, and anything else that is
-        attached alike takes the place of the one before, as the newest.
+    def add(self, header: Attach | Tap, known: dict[str, MessageFormat], number: EpochNumber) -> None:
+        """Central has accepted it. The same wiretap stays the one from before; anything else attached alike replaces
+        the one before, as the newest.
         """
         header, key = msgspec.structs.replace(header, number=0, origin=0), _key(header)
         with self._lock:
@@ -62,13 +65,13 @@ class LastingAttachments:
             self._wanted[key] = LastingAttachment(header, _formats(header, known), number)
 
     def of(self, header: Attach | Tap) -> LastingAttachment | None:
-        """What a request has attached; None if to a task, or if it has been removed meanwhile."""
+        """What a request has attached; None if it was to a task, or has been removed."""
         with self._lock:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
     def unknown_to(self, epoch: str) -> list[LastingAttachment]:
-        """What the central of that epoch has to be told, oldest first; what it knows already and is newer than some of
-        that, too, so that the order stays.
+        """What the central of that epoch must be told, oldest first; also newer ones that it knows, so that the order
+        stays.
         """
         with self._lock:
             wanted = list(self._wanted.values())
@@ -76,12 +79,12 @@ class LastingAttachments:
         return wanted[first:]
 
     def is_wanted(self, standing: LastingAttachment) -> bool:
-        """Whether it has not been removed, or replaced."""
+        """Whether it has not been removed or replaced."""
         with self._lock:
             return self._wanted.get(_key(standing.header)) is standing
 
     def forget(self, standing: LastingAttachment, epoch: str) -> None:
-        """It is not wanted any more, says a connection that knows the central of that epoch."""
+        """Remove it; *epoch* is that of the central that the caller's connection knows."""
         with self._lock:
             key = _key(standing.header)
             if self._wanted.get(key) is standing:
@@ -90,7 +93,7 @@ class LastingAttachments:
                 self._unwanted.append(standing)
 
     def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
-        """What the central of that epoch knows, and was removed by a connection that did not know that; each once."""
+        """What the central of that epoch knows, and a connection removed that did not know that; each once."""
         if not self._unwanted:
             return []
         with self._lock:
@@ -105,14 +108,14 @@ class LastingAttachments:
 
 
 def _key(header: Attach | Tap) -> tuple[Any, ...]:
-    """What is equal where one takes the place of another."""
+    """Equal where one attachment replaces another."""
     if isinstance(header, Tap):
         return Tap, header.message, header.condition, header.listener
     return Attach, header.message, header.attachment.failure, header.attachment.handler
 
 
 def _formats(header: Attach | Tap, known: dict[str, MessageFormat]) -> Iterator[MessageFormat]:
-    """Of all messages without which it can't be attached; what a monitor asks and sends before it."""
+    """Of all messages that it needs; the parts of a monitor come before it."""
     named = (header.listener if isinstance(header, Tap) else header.attachment.handler, header.message)
     for one in (known[name] for name in named if name in known):
         yield from (known[part] for part in one.parts if part in known)

@@ -1,10 +1,9 @@
-"""Handlers at work: what has made the work of each void, and whether it knows that.
+"""The deliveries that are not answered yet, and what their handlers have been told.
 
-Theory of operation. A handler is woken once because its task was killed, or is to be handled again, and once because
-its module ends: by the wait that it is in, or else by its next one. It has also been woken when it was told otherwise:
-it read ``task.cancelled`` as true. From then on its waits are as ever, so that it can clean up. Which handler waits is
-known from the context: of a nested handler that is the inner one, and of what an ``async def`` handler has started,
-that handler.
+Theory of operation. A handler is woken once because its task was killed or is to be handled again, and once because its
+module ends: by its present wait or its next one. Reading ``task.cancelled`` as true counts as being told. After that
+its waits work as ever, so that it can clean up. The context tells which handler waits: of nested handlers the inner
+one, and for asyncio tasks the handler that started them.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +17,7 @@ ENDS = "its module ends"
 
 
 class OpenDelivery:
-    """That a delivery is handled, or about to be."""
+    """A delivery that is being handled, or about to be."""
 
     __slots__ = ("delivery", "is_killed", "is_suspended", "is_told_of_end", "is_told_of_kill", "name", "owner",
                  "why_killed")  # fmt: skip
@@ -35,7 +34,7 @@ class OpenDelivery:
 
 
 class OpenDeliveries:
-    """What one connection has been given to handle."""
+    """The open deliveries of one connection."""
 
     def __init__(self) -> None:
         self.is_ending: Callable[[], bool] = lambda: False  #: whether the module ends, and handlers are to be told
@@ -48,12 +47,12 @@ class OpenDeliveries:
         return bool(self._known)
 
     def knows(self, one: OpenDelivery | None) -> bool:
-        """Whether a handler is still at its delivery, and central has not forgotten that."""
+        """Whether a handler is still at its delivery, and central has not forgotten it."""
         return one is not None and self._known.get(one.delivery) is one
 
     @property
     def begun(self) -> list[int]:
-        """The deliveries whose handlers have begun, and that are not answered."""
+        """The deliveries whose handlers have begun."""
         return [delivery for delivery, one in self._known.items() if one.name]
 
     # --- what central says -----------------------------------------------------------------------------------------
@@ -73,7 +72,7 @@ class OpenDeliveries:
             one.is_suspended = is_suspended
 
     def forget(self) -> None:
-        """Central was restarted and knows nothing of them: a new one may use the same numbers again."""
+        """Central was restarted and has forgotten them; it may use the same numbers again."""
         for delivery, one in self._known.items():
             one.is_killed, one.why_killed = delivery > 0, "central was restarted and has forgotten it"
         self._known = {delivery: one for delivery, one in self._known.items() if delivery < 0}
@@ -87,7 +86,7 @@ class OpenDeliveries:
         return one
 
     def end(self, delivery: int) -> bool:
-        """It has been handled; False if central has forgotten that delivery."""
+        """A delivery has been handled; False if central has forgotten it."""
         one = self._of(delivery)
         if not self.knows(one):
             return False
@@ -95,8 +94,8 @@ class OpenDeliveries:
         return True
 
     def _of(self, delivery: int) -> OpenDelivery | None:
-        """The handler of a delivery. Who asks for his own is meant himself, and not one that a restarted central has
-        given the same number meanwhile.
+        """The open delivery of that number. A handler that asks for its own gets that, not a newer one with the same
+        number.
         """
         mine = current_delivery()
         if mine is not None and mine.owner is self and mine.delivery == delivery:
@@ -104,7 +103,7 @@ class OpenDeliveries:
         return self._known.get(delivery)
 
     def is_killed(self, delivery: int) -> bool:
-        """Whether the task of a delivery was killed while it was handled, or forgotten; of direct ones (< 0) never."""
+        """Whether the task of a delivery was killed or forgotten; never that of a direct one (< 0)."""
         one = self._of(delivery)
         return one.is_killed if one is not None else delivery > 0
 
@@ -113,49 +112,49 @@ class OpenDeliveries:
         return self.is_killed(delivery) or self.is_ending()
 
     def is_suspended(self, delivery: int) -> bool:
-        """Whether the task of a delivery that is handled is suspended; one that was killed is to end, not to hold."""
+        """Whether the task of a delivery is suspended; a killed one is to end instead."""
         one = self._of(delivery)
         return one is not None and one.is_suspended and not self.is_cancelled(delivery)
 
     def was_told_to_end(self, delivery: int) -> bool:
-        """Whether a delivery's handler was told to return because the module ends, and so may have done half of it."""
+        """Whether the handler was told to return because the module ends, and so may have stopped halfway."""
         one = self._of(delivery)
         return one is not None and one.is_told_of_end and not one.is_killed
 
     # --- who is woken ----------------------------------------------------------------------------------------------
 
     def wake_reason(self, one: OpenDelivery | None) -> str:
-        """Why a handler is to be woken: KILLED, ENDS, "" for no reason. A callback (None) that waits is woken each time
-        when the module ends.
+        """Why a handler is to be woken: KILLED, ENDS or "". A waiting callback (None) is woken each time while the
+        module ends.
         """
         if one is not None and one.is_killed and not one.is_told_of_kill:
             return KILLED
         return ENDS if self.is_ending() and not (one is not None and one.is_told_of_end) else ""
 
     def mark_told(self, one: OpenDelivery | None) -> None:
-        """A handler knows all by now."""
+        """A handler has been told everything by now."""
         if one is not None:
             one.is_told_of_kill = one.is_killed
             one.is_told_of_end = self.is_ending()
 
     def mark_told_of(self, delivery: int) -> None:
-        """The handler of a delivery knows all by now."""
+        """The handler of a delivery has been told everything by now."""
         self.mark_told(self._of(delivery))
 
     def waiting_handler(self) -> OpenDelivery | None:
-        """Whose wait this is; None: that of a callback, or of whoever is no handler here."""
+        """The handler that waits now; None for a callback, or outside of handlers."""
         one = _at_work.get()
         return one if one is not None and one.owner is self else None
 
 
 def task_is_killed() -> bool:
-    """Whether the task of the handler that calls this was killed."""
+    """Whether the task of the calling handler was killed."""
     one = _at_work.get()
     return one is not None and one.is_killed
 
 
 def current_delivery(context: Context | None = None) -> OpenDelivery | None:
-    """The handler in which the caller works, or what runs in a *context* does."""
+    """The delivery that the caller, or a *context*, works for."""
     return _at_work.get() if context is None else context.get(_at_work, None)
 
 
@@ -164,7 +163,7 @@ _at_work: ContextVar[OpenDelivery | None] = ContextVar("at_work", default=None)
 
 @contextmanager
 def working_on(one: OpenDelivery | None) -> Iterator[None]:
-    """What is called within is the work of that handler; None: of none."""
+    """Work within the block is for that delivery; None: for none."""
     token = _at_work.set(one)
     try:
         yield

@@ -1,15 +1,14 @@
-"""What a central that was restarted is told anew, and in which order.
+"""What a restarted central is told anew, and in which order.
 
-First the messages; then the exception handlers and wiretaps, oldest first; then, where the module requires messages of
-others, it waits until they are handled. Only when all that is accepted its handlers are declared: whoever sees that a
-message is handled may rely on what its module has attached, after a restart as before. What is refused is said, and
-tried again. Knows no socket and no clock.
+First the messages; then the exception handlers and wiretaps, oldest first; then the module waits for the messages it
+requires. Only when all that is accepted are its handlers declared: other modules may rely on its attachments. What is
+refused is logged and tried again. Knows no socket and no clock.
 """
 
 from collections.abc import Callable
 from typing import Any
 
-from tca_module.session.epoch_numbers import RESTARTED, Given
+from tca_module.session.epoch_numbers import RESTARTED, EpochNumber
 from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
 from tca_module.session.request import Request
 from tca_wire.packets import headers
@@ -28,7 +27,7 @@ Ask = Callable[..., Request]
 
 
 class Redeclaration:
-    """What the connection that declares a module's handlers tells a restarted central; the others tell it nothing."""
+    """Tells a restarted central what it must know. Only the connection that declares a module's handlers does."""
 
     def __init__(
         self, attachments: LastingAttachments, ask: Ask, say: Callable[[str], None], over: Callable[[], None]
@@ -54,7 +53,7 @@ class Redeclaration:
         return self._open > 0 and not self._is_waiting
 
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
-        """The central of that epoch knows nothing. Where there are only handlers to be told of it is over at once."""
+        """The central of that epoch knows nothing. With nothing but handlers to declare, this is over at once."""
         self._epoch, self._messages = epoch, messages
         self._open, self._attached, self._is_waiting, self._is_refused, self._due = 0, 0, False, False, _NEVER
         self._said.clear()
@@ -72,7 +71,7 @@ class Redeclaration:
             self._request(standing.header, f"the {standing}", standing)
 
     def _let_go(self) -> None:
-        """What was to end with a task that was lost is not attached anew: it would never end, or with another task."""
+        """Drop the monitors that were to end with a task that was lost: they would never end."""
         for standing in self._attachments.unknown_to(self._epoch):
             watch = getattr(standing.header, "watch", None)
             if watch is not None and watch.until is not None and standing.number.epoch != self._epoch:
@@ -100,7 +99,7 @@ class Redeclaration:
         if not self._open:
             self._go_on()
 
-    def _has_attached(self, standing: LastingAttachment, number: Given) -> None:
+    def _has_attached(self, standing: LastingAttachment, number: EpochNumber) -> None:
         self._attached += 1
         standing.number = number
         if not self._attachments.is_wanted(standing):  # it was removed meanwhile

@@ -1,14 +1,11 @@
-"""What a connection asks of central: one request and what came back, and what kinds of requests there are.
-
-Knows no socket, clock or thread, and nothing of the other requests: they are kept by session.py.
-"""
+"""One request of central and its answers; and the kinds of requests. Knows no socket, clock or thread."""
 
 from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused
-from tca_module.session.epoch_numbers import RESTARTED, Given, check_epoch, gone
+from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, forgotten_text
 from tca_module.session.lasting_attachments import is_lasting
 from tca_wire.packets import headers
 from tca_wire.packets.codec import misfit
@@ -42,11 +39,11 @@ _WITHOUT_TASKS = (
 
 
 class Request:
-    """A numbered request and what has come back.
+    """A numbered request and its answers.
 
-    It is over when exactly one of these holds: it was accepted (*accepted*), its last answer is there (*answers*), it
-    was refused (*refused*), or it was lost with central's memory (*lost* says how). A query is accepted with id 0 if it
-    was to be sent only if somebody handles it, and nobody does.
+    It is over when it was accepted (*accepted*), its last answer is there (*answers*), it was refused (*refused*), or
+    it was lost with central's memory (*lost* says how). A query that nobody handles, sent only if somebody does, is
+    accepted with id 0.
     """
 
     __slots__ = ("__weakref__", "accepted", "answers", "body", "epoch", "gone", "header", "is_announced", "is_over",
@@ -62,7 +59,7 @@ class Request:
         self.repeated = False  #: was sent more than once
         self.is_over = False
         self.is_announced = False  #: central knows that the sender, who went on, now waits for the answer
-        self.accepted: Given | None = None  #: the id of the task or message that it became
+        self.accepted: EpochNumber | None = None  #: the id of the task or message that it became
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""
@@ -75,7 +72,7 @@ class Request:
 
     @property
     def is_unannounced(self) -> bool:
-        """Whether it is a question whose sender went on, and central does not know whether he waits by now."""
+        """Whether it is an open question, and central does not know if its sender waits by now."""
         header = self.header
         is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
         return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
@@ -87,12 +84,12 @@ class Request:
         return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
 
     def check(self, what: str) -> None:
-        """Raise the error that it came to, if it did; *what* names it."""
+        """Raise the error it came to, if any; *what* names the request."""
         if self.refused is not None:
             kind = _KINDS.get(self.refused.refusal, Refused)
             raise kind(what, self.refused.refusal, self.refused.text)
         if self.gone:
-            raise CentralLost(gone(self.gone))
+            raise CentralLost(forgotten_text(self.gone))
         if self.lost:
             raise CentralLost(f"{what} is lost: {self.lost}; {_advice(self.header)}")
 
@@ -105,31 +102,31 @@ def _advice(header: Any) -> str:
 
 
 def unsent() -> Request:
-    """A question that could not be sent in time: it is over, without an answer."""
+    """A question that could not be sent in time: over, without an answer."""
     request = Request(Send(0, ""), b"", wants_answer=True)
     request.is_over = True
     return request
 
 
 def may_be_asked_again(header: Any) -> bool:
-    """Whether a request can be made twice without harm, where nobody knows what became of the first."""
+    """Whether asking twice does no harm."""
     return isinstance(header, _HARMLESS)
 
 
 def is_for_any_central(header: Any) -> bool:
-    """Whether a request changes nothing, and asks no more of one central than of the next."""
+    """Whether it changes nothing, and a restarted central can answer it as well."""
     if isinstance(header, Register):
         return not header.handlers
     return not refers_to_tasks(header) and isinstance(header, _ABOUT_CENTRAL)
 
 
 def waits_for_others(request: Any) -> bool:
-    """Whether a request's answer comes only when others have done something."""
+    """Whether the answer comes only when others have done something."""
     return request.wants_answer and isinstance(request.header, _WAITS_FOR_OTHERS)
 
 
 def refers_to_tasks(header: Any) -> bool:
-    """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
+    """Whether it makes sense only to the central that knows its tasks."""
     watch = getattr(header, "watch", None)
     if watch is not None and watch.until is not None:
         return True
@@ -148,9 +145,9 @@ def origin_of(header: Any) -> int:
     return origin
 
 
-def check_addressee(header: Any, numbers: list[Given], before: str, now: str) -> None:
-    """Raise CentralLost if the central of epoch *now* is not the one that a header, with these *numbers*, is for. One
-    with none but plain numbers is for the central that was known *before*, when the caller gave it.
+def check_addressee(header: Any, numbers: list[EpochNumber], before: str, now: str) -> None:
+    """Raise CentralLost if a header is for another central than that of epoch *now*. Plain numbers are for the central
+    known *before*, when the caller gave them.
     """
     check_epoch(numbers, now)
     if before != now and not numbers and refers_to_tasks(header):
@@ -158,7 +155,7 @@ def check_addressee(header: Any, numbers: list[Given], before: str, now: str) ->
 
 
 def check_fields(header: ToCentral) -> None:
-    """Raise MisuseError for a wrong type in an option: central could not even say whom it answers."""
+    """Raise MisuseError for an option of the wrong type: central could not even read the header."""
     try:
         wrong = misfit(header)
     except UnicodeEncodeError as error:

@@ -18,7 +18,7 @@ from weakref import WeakValueDictionary
 
 import msgspec
 
-from tca_module.session.epoch_numbers import RESTARTED, Given, foreign, numbers_in
+from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, first_foreign, numbers_in
 from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
 from tca_module.session.open_deliveries import OpenDeliveries
 from tca_module.session.redeclaration import Redeclaration
@@ -100,7 +100,7 @@ class Session:
     # --- what the module does --------------------------------------------------------------------------------------
 
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
-        """Ask central for something; the header's number is put in. Raises MisuseError if central could not read it."""
+        """Make a numbered request of central. Raises MisuseError if central could not read it."""
         check_fields(header)
         request = Request(header, body, wants_answer=wants_answer)
         self._number(request)
@@ -113,7 +113,7 @@ class Session:
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
-        """Ask central for what was asked directly, and not begun with."""
+        """Ask central what was asked directly, and not begun there."""
         request.path = None
         self._number(request)
         if self.is_welcome:
@@ -143,7 +143,7 @@ class Session:
             self.outgoing.append((header, body))
 
     def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat]) -> None:
-        """Central has accepted these; they are declared again when it has forgotten them."""
+        """Remember what central has accepted, to declare it again after a restart."""
         self._messages.update({message.name: message for message in messages})
         self._handlers.update({handler.message: handler for handler in handlers})
 
@@ -153,7 +153,7 @@ class Session:
         self.attachments.clear()
 
     def abandon(self, request: Request) -> None:
-        """Nobody waits for that answer any more."""
+        """Give a request up: nobody waits for its answer any more."""
         number = request.header.number
         if isinstance(request.header, headers.Release):
             return  # it is to be heard, if nobody waits for that either
@@ -166,7 +166,7 @@ class Session:
             self.request(headers.Kill(0, ROOT, why, request=number, origin=origin))
 
     def give_up(self, request: Request) -> Request | None:
-        """The same of what took too long, and ask central why it did; None of what went without central."""
+        """Give up a request that took too long; the request that asks central why, None for a direct one."""
         if request.path is not None:
             request.path.abandon(request)
             return None
@@ -181,15 +181,13 @@ class Session:
         return "may yet be done, if central had heard of it"
 
     def is_recalled(self, header: Any) -> bool:
-        """Whether what is given up before central has said that it was taken is killed: a task, which nobody else could
-        find.
-        """
+        """Whether a request that is given up unheard is killed: a task is, for nobody else could find it."""
         declared = self._messages.get(header.message) if isinstance(header, Send) and not header.when_killed else None
         return declared is not None and declared.message_class.is_task
 
     @property
     def is_known(self) -> bool:
-        """Whether there is nothing left to tell central that it would take at once."""
+        """Whether central has been told everything that it would take at once."""
         return self.is_welcome and not self.redeclaration.is_answered_soon
 
     # --- the connection --------------------------------------------------------------------------------------------
@@ -208,7 +206,7 @@ class Session:
             self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
 
     def break_off(self) -> None:
-        """The connection broke, or central no longer knows it: begin with Hello again."""
+        """Begin with Hello again: the connection broke, or central does not know it."""
         self.breaks += 1
         self.is_welcome = False
         self.dropped += sum(isinstance(h, Send | SetVariable) and not h.number for h, _ in self.outgoing)
@@ -246,7 +244,7 @@ class Session:
         self.outgoing += self._replies
 
     def _renew(self) -> None:
-        """Have a new central told what has to be told before all else, under the lowest numbers."""
+        """Tell a new central what comes before all else, under the lowest numbers."""
         waiting, self._requests = self._requests, {}
         self.redeclaration.begin(self.epoch, self._messages)
         if not self._requests:
@@ -266,7 +264,7 @@ class Session:
             if request.settled is not None:
                 del self._requests[number]  # what was renewed is told anew
                 continue
-            named = foreign(numbers_in(request.header), self.epoch)
+            named = first_foreign(numbers_in(request.header), self.epoch)
             if named is not None or refers_to_tasks(request.header):
                 request.gone = named.what if named is not None else ""
                 self._lose(request, RESTARTED)
@@ -285,7 +283,7 @@ class Session:
         if request is not None and (was_not_sent or not request.wants_answer):
             asked = request.header
             what = numbered(asked.message if isinstance(asked, Send) else "number", header.id)
-            request.accepted = number = Given(header.id, self.epoch, what)
+            request.accepted = number = EpochNumber(header.id, self.epoch, what)
             if request.settled is None and is_lasting(asked):
                 self.attachments.add(asked, self._messages, number)
             self._end(request)
@@ -344,7 +342,7 @@ both (it says: {header.text})"
         self.end(request)
 
     def end(self, request: Request) -> None:
-        """A request is over; whoever wants to know is called soon."""
+        """A request is over: call those who want to know."""
         request.is_over = True
         if request.settled is not None:
             request.settled(request)

@@ -1,7 +1,7 @@
-"""The sockets of direct messages: a slot's entrance, and a sender's way to one. Beside transport.py, the only ZeroMQ.
+"""The sockets of direct messages: a slot's entrance, and a sender's way to one.
 
-An entrance is reached by whom central is reached by, and no others: it lies in the folder of central's own socket, or
-listens on that interface of this computer from which central is reached.
+An entrance can be reached by those who reach central: it lies in the folder of central's socket, or listens on the
+interface of this computer from which central is reached.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ Address = bytes
 
 
 class EntranceSocket:
-    """Where a slot takes messages directly. Raises OSError if there can be no such socket."""
+    """The socket where a slot takes direct messages. Raises OSError if there can be none."""
 
     def __init__(self, central: str) -> None:
         self.is_paused = False  #: what arrives is left where it is
@@ -131,7 +131,7 @@ def _socket(kind: int) -> "zmq.Socket[bytes]":
 
 
 def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
-    """Listen where those who reach *central* can reach it, too; the endpoint."""
+    """Listen where those who reach *central* reach it too; the endpoint."""
     if central.startswith("tcp://"):
         host = _own_host(central.removeprefix("tcp://"))
         socket.setsockopt(zmq.IPV6, int(":" in host))
@@ -159,7 +159,7 @@ def _own_host(central: str) -> str:
 
 
 def _remove_those_of_the_dead(folder: Path) -> None:
-    """Sockets of processes that were killed stay behind as files."""
+    """Remove the socket files of processes that were killed."""
     for path in folder.glob(f"*{_SUFFIX}"):
         owner = path.name.partition("-")[0]
         if not owner.isdigit() or _is_alive(int(owner)):

@@ -1,4 +1,4 @@
-"""Whether anybody listens where central should be: a process that is stopped does, one that has ended does not."""
+"""Whether anybody listens where central should be. A stopped process does, one that has ended does not."""
 
 import errno
 import socket
@@ -7,8 +7,8 @@ _WITHIN = 0.2  # seconds that a connection may take
 
 
 def is_anybody_there(address: str) -> bool:
-    """Whether the operating system takes connections to *address* (``ipc://`` or ``tcp://``). It does that for a
-    process that stands still, too.
+    """Whether the operating system takes connections to *address* (``ipc://`` or ``tcp://``), as it does for a stopped
+    process too.
     """
     try:
         if address.startswith("ipc://"):

@@ -1,7 +1,7 @@
-"""The pulse of this process: a socket that sends back what central sends, so that central sees that it goes on.
+"""The pulse of this process: a socket that echoes central's packets, so that central sees that the process lives.
 
-ZeroMQ's own C code does that, in a thread that needs nothing of Python: a handler may keep Python's lock for as long as
-it likes (docs/decisions/0063-the-pulse-of-a-process.md). With transport.py and direct_sockets.py the only ZeroMQ.
+ZeroMQ's own C code echoes them, in a thread that needs nothing of Python: a handler may hold Python's lock as long as
+it likes (docs/decisions/0063-the-pulse-of-a-process.md).
 """
 
 import contextlib

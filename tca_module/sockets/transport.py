@@ -1,7 +1,4 @@
-"""How packets travel between one connection and central, and how to wait for them together with other things.
-
-With direct_sockets.py and pulse.py the only file of this package that knows ZeroMQ.
-"""
+"""Carries packets between one connection and central, and waits for them together with other files."""
 
 import contextlib
 import functools
@@ -71,7 +68,7 @@ class Beside(Protocol):
 
 
 class Waker:
-    """Ends the waits of one thread, from others."""
+    """Ends the waits of one thread from others."""
 
     def __init__(self) -> None:
         self._near, self._far = sockets.socketpair()
@@ -108,9 +105,8 @@ class Waker:
 
 
 def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:
-    """Wait so long, but no longer than until *transport* or one of the *files* (their numbers) has something to read.
-
-    Returns which of the files have; False: that one is no open file.
+    """Wait until *transport* or one of the *files* (their numbers) has something to read, at most so many seconds.
+    Returns the files that do; False: that one is not open.
     """
     poll = select.poll()
     for file in (transport.fileno(), transport.waker().fileno(), *files):
@@ -125,7 +121,7 @@ SNDMORE = int(zmq.SNDMORE | zmq.DONTWAIT)
 
 
 def context() -> "zmq.Context[zmq.Socket[bytes]]":
-    """The one ZeroMQ context of this process; after a fork the child has one of its own, for threads are not forked."""
+    """The one ZeroMQ context of this process; a forked child has its own."""
     return _context_of(os.getpid())
 
 

@@ -86,7 +86,7 @@ def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
 def test_central_comes_back_for_a_connection_that_serves() -> None:
     connection, central = connected()
     stop = []
-    connection.attend = lambda delivery, _: stop.append(delivery)
+    connection.handle_delivery = lambda delivery, _: stop.append(delivery)
     central.is_there = False
 
     def come_back() -> bool:
@@ -104,5 +104,5 @@ def test_the_question_for_all_tasks_names_no_task() -> None:
     connection, central = connected()
     central.script = lambda header: [] if isinstance(header, headers.Inspect) else friendly(header)
     everything = TaskRef(connection, "root", ROOT)
-    with pytest.raises(Timeout, match=r"^the question for the tasks: central did not answer within 30 s$"):
+    with pytest.raises(Timeout, match=r"^the question for the tasks was not answered within 30 s, "):
         everything.descendants()

@@ -228,7 +228,7 @@ def test_what_is_delivered_is_handled_within_the_wait() -> None:
         connection.reply(Reply(delivery.delivery), b"")
         central.say(Answer(2))
 
-    connection.attend = attend
+    connection.handle_delivery = attend
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.say(Deliver(8, "stance"))
     assert connection.wait(request, 1.0, "query")
@@ -302,7 +302,7 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     def interrupt(_delivery: Deliver, _body: bytes) -> None:
         raise KeyboardInterrupt
 
-    connection.attend = interrupt
+    connection.handle_delivery = interrupt
     central.say(Deliver(8, "walk"))
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")

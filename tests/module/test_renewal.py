@@ -3,7 +3,7 @@
 import pytest
 from module.test_session import A_GOAL, HANDLES_WALK, HELLO, WALK, hear, said, welcome
 
-from tca_module.session.epoch_numbers import Given, given
+from tca_module.session.epoch_numbers import EpochNumber, with_epoch
 from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
 from tca_module.session.redeclaration import AGAIN, PATIENCE
 from tca_module.session.session import Session
@@ -105,7 +105,7 @@ def test_a_second_hello_that_only_the_next_central_heard_tells_of_the_restart(se
 
 def test_a_variable_of_a_forgotten_handler_is_not_set_for_another(session: Session) -> None:
     hear(session, Unknown())
-    mine, handlers = (SetVariable(0, "level", origin) for origin in (0, given(8, "one", "'walk'")))
+    mine, handlers = (SetVariable(0, "level", origin) for origin in (0, with_epoch(8, "one", "'walk'")))
     kept, lost = session.request(mine), session.request(handlers)
     hear(session, welcome("two"))
     assert not kept.lost
@@ -200,7 +200,7 @@ def test_the_same_wiretap_keeps_its_place_and_an_exception_handler_becomes_the_n
     attachments, other = LastingAttachments(), Attach(0, Attachment("", "recover", 0), ROOT)
     given: list[Tap | Attach] = [tap(), attach(), other, tap(), attach()]
     for number, header in enumerate(given):
-        attachments.add(header, {}, Given(number, "one"))
+        attachments.add(header, {}, EpochNumber(number, "one"))
     assert [one.header for one in attachments.unknown_to("two")] == [tap(), other, attach()]
     assert [one.number for one in attachments.unknown_to("two")] == [3, 2, 4]
     assert attachments.unknown_to("one") == []

@@ -38,7 +38,7 @@ from tca_module import (
 )
 from tca_module.sending.delivery_context import MonitorRef
 from tca_module.sending.task_ref import AttachmentRef
-from tca_module.session.epoch_numbers import given
+from tca_module.session.epoch_numbers import with_epoch
 from tca_module.testing import LocalCentral
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Register, Send, Unknown, Welcome
@@ -251,7 +251,7 @@ def test_numbers_and_points_travel_as_data_and_are_plain_then(
 
 def test_a_number_of_the_old_central_is_known_as_one_whatever_says_it() -> None:
     connection, central = connected()
-    task, delivery = given(TaskId(3), "one", "walk {3}"), given(8, "one", "walk {3}")
+    task, delivery = with_epoch(TaskId(3), "one", "walk {3}"), with_epoch(8, "one", "walk {3}")
     central.say(Unknown(), Welcome(1, 1, "legs", "two"))
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost: central was restarted and has forgotten its tree; "):
         connection.call(Send(0, "walk", parent=task), "goal 'walk'")  # by this call it is known
