@@ -11,9 +11,8 @@ from tca_central.model.intervals import delivered_at
 from tca_central.model.registry import Delivery, ModuleResource
 from tca_central.model.task_tree import Task, first_moments, to_be_fired
 from tca_central.order.holds import Release, held_counts, is_held
-from tca_central.outgoing.availability import HandledWait
 from tca_central.outgoing.direct_routes import route_of
-from tca_central.state import State
+from tca_central.state import PresenceWait, State
 from tca_central.watching.watches import Watch
 from tca_wire.points import (
     ALL_MOMENTS,
@@ -255,7 +254,7 @@ def _check_what_lies_ahead(central: State) -> None:
             assert is_there, f"{due_for}: has ended, and is due for '{timer.due}'"
 
 
-def _check_handled_wait(wait: HandledWait) -> None:
+def _check_handled_wait(wait: PresenceWait) -> None:
     """Whoever waits for handlers is connected, and lacks one."""
     missing = [message.name for message in wait.messages if not message.serving]
     assert wait.missing == len(missing) > 0, f"'{wait.connection.module.name}' waits for {wait.missing} of {missing}"

@@ -1,6 +1,7 @@
 """All that central knows, and how anything leaves it. Holds no rule: those are in the parts and in requests.py."""
 
 from collections import deque
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from tca_central.events import Effect, Transmit
@@ -23,7 +24,9 @@ from tca_wire.vocabulary import MessageClass, Outcome
 class Collector:
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
-    __slots__ = ("asked", "connection", "end", "failures", "id", "message", "number", "origin", "pending", "wanted")
+    __slots__ = (
+        "answered", "asked", "connection", "end", "failures", "id", "message", "number", "origin", "pending", "wanted",
+    )  # fmt: skip
 
     def __init__(self, connection: Connection, number: int, original: Delivery, wanted: int) -> None:
         self.connection, self.number, self.wanted = connection, number, wanted
@@ -31,6 +34,7 @@ class Collector:
         self.origin = original.origin  #: the delivery whose handler asks (0: none)
         self.pending: dict[int, Delivery] = {}
         self.asked: dict[int, str] = {}  #: by delivery: the module that got it
+        self.answered = 0
         self.failures: list[str] = []  #: who has failed, and with what
         self.end: tuple[Answer, bytes] | None = None  #: what it ends with, once a reply or a failure has come
 
@@ -54,6 +58,27 @@ class TaskWait:
             central.facts.append(facts.WaitEnded(self.connection.module.name, self.origin, self.task_id))
             result, failure, text, body = outcome
             central.send(self.connection, self.number, Answer(self.number, result, failure, text), body)
+
+
+class PresenceWait:
+    """A connection waits until each of some messages is handled, all at the same time."""
+
+    __slots__ = ("connection", "messages", "missing", "number", "promised")
+
+    def __init__(
+        self, connection: Connection, number: int, messages: Iterable[MessageType], promised: Iterable[str] = ()
+    ) -> None:
+        self.connection, self.number = connection, number
+        self.promised = tuple(promised)  #: messages that will be handled when this wait is over
+        self.messages = tuple(messages)
+        self.missing = sum(not message.serving for message in self.messages)  #: number of those that nobody handles
+        for message in self.messages:
+            message.awaited_by[self] = None
+
+    def end(self) -> None:
+        """Nobody waits any more."""
+        for message in self.messages:
+            del message.awaited_by[self]
 
 
 class Failure(NamedTuple):

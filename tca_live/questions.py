@@ -3,17 +3,20 @@
 """
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import click
+import msgspec
 
 from tca_live.shared import as_json, central_option, json_option, plain, talking
 from tca_module.client import Client
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import decode_untyped
-from tca_wire.text.facts_in_words import by_whom
+from tca_wire.text.measures import counted, duration
 from tca_wire.text.printable import printable
+from tca_wire.text.waits_in_words import in_words, several_in_words, waiter_in_words
+from tca_wire.waits import CommonEnd, Waiter, WaitKind
 
 _SHOWN = 20  # lines about what waits
 _LONGEST_VALUE = 60  # characters of a variable's value in a table
@@ -41,20 +44,50 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 @_question("status")
 def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
-    overview, tree, load = client.status("status"), client.status("tree"), client.status("load")
-    overview |= {what: overview[what] - 1 for what in ("modules", "connections")}  # who asks is not counted
-    waiting = [
-        *_waits(load), *_waiting_modules(client), *_suspended_tasks(load, tree), *_killed_tasks(load),
-        *_held_tasks(load, tree),
-    ]  # fmt: skip
+    overview, load = client.status("status"), client.status("load")
+    overview |= {what: overview[what] - 1 for what in ("modules", "connections")}  # this command is not counted
+    rows, now = _waiting(load), load["time"]
     counts = ((what, number) for what, number in overview.items() if what not in ("epoch", "newest id"))
-    shown = [f"{number} {what.removesuffix('s') if number == 1 else what}" for what, number in counts]
+    shown = [
+        counted(number, what.removesuffix("s")) if what.endswith("s") else f"{number:,} {what}"
+        for what, number in counts
+    ]
     parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
-    if waiting:
-        parts += ["", *_table(["waits", "for"], waiting[:_SHOWN])]
-        parts += [f"... and {len(waiting) - _SHOWN} more"] * (len(waiting) > _SHOWN)
-    data = {**overview, "waiting": [{"what": what, "for": why} for what, why in waiting]}
+    if rows:
+        parts += ["", *_table(["who waits", "for what"], rows[:_SHOWN])]
+        parts += [f"... and {len(rows) - _SHOWN} more"] * (len(rows) > _SHOWN)
+    ends = msgspec.convert(load["ends"], list[CommonEnd])
+    told = [
+        f"{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)} in the end {in_words(end.wait, now)}"
+        for end in ends
+    ]
+    parts += ["", *told] if told else []
+    data = {**overview, "waiting": [{"what": what, "for": why} for what, why in rows], "ends": load["ends"]}
     return data, "\n".join(parts)
+
+
+def _waiting(load: dict[str, Any]) -> Rows:
+    """Who waits and for what: messages, handlers and modules; suspended, killed and held tasks."""
+    now, rows = load["time"], []
+    for kind in ("waits", "presence", "suspended", "killed", "held"):
+        waiters = msgspec.convert(load[kind], list[Waiter])
+        rows += [[waiter_in_words(one), _why(one, now, has_end=len(load["ends"]) > 1)] for one in waiters]
+        if (left := load["totals"].get(kind, 0) - len(waiters)) > 0:
+            rows.append([f"{left:,} more", _MORE[kind]])
+    return rows
+
+
+_MORE = {"waits": "see 'tca modules' and 'tca messages'", "suspended": "suspended", "held": "held"}
+
+
+def _why(waiter: Waiter, now: float, *, has_end: bool) -> str:
+    """For what; if not all wait for the same in the end, for what that is."""
+    why = several_in_words(waiter.waits, now)
+    if waiter.killed:
+        return f"{why} (killed: {waiter.killed})"
+    if waiter.waits and waiter.waits[0].kind is WaitKind.RESUME:
+        return f"{why} for {duration(waiter.seconds)}: 'tca resume {waiter.number}'"
+    return f"{why}; in the end {in_words(waiter.end, now)}" if has_end and waiter.end is not None else why
 
 
 @_question("modules")
@@ -195,51 +228,6 @@ def _handling(resource: dict[str, Any]) -> str:
     parts = [", ".join(map(str, resource["handling"]))]
     parts += [f"{how} by {resource[f'{how}_by']}" for how in ("locked", "reserved") if resource[f"{how}_by"]]
     return "; ".join(filter(None, parts)) or "-"
-
-
-def _waits(load: dict[str, Any]) -> Iterator[list[str]]:
-    """What waits for a handler, a resource, a reply or a task, the longest first."""
-    for one in load["waits"]:
-        yield [one["what"], f"{one['for']}, {one['busy']}" if one["busy"] else one["for"]]
-    if (left := load["totals"]["waits"] - len(load["waits"])) > 0:
-        yield [f"{left} more", "see 'tca modules' and 'tca messages'"]
-
-
-def _waiting_modules(client: Client) -> Iterator[list[str]]:
-    for message in client.status("messages"):
-        if not any(handler["capacity"] for handler in message["handled_by"]):
-            for module in message["awaited_by"]:
-                yield [f"module '{module}'", f"a module that handles {message['class']} '{message['message']}'"]
-
-
-def _suspended_tasks(load: dict[str, Any], tree: list[dict[str, Any]]) -> Iterator[list[str]]:
-    """The topmost suspended tasks: what is under them is, too."""
-    how = {one["task"]: f"{by_whom(one['by'])} for {one['seconds']:.1f} s" for one in load["suspended"]}
-    suspended = {task["task"] for task in tree if task["suspended"]}
-    for task in tree:
-        if task["task"] in suspended and task["parent"] not in suspended:
-            since = how.get(task["task"], "")
-            yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': suspended{since}"]
-
-
-def _killed_tasks(load: dict[str, Any]) -> Iterator[list[str]]:
-    """Those whose handlers still run: they were told to return."""
-    for killed in load["killed"]:
-        awaited = f", which waits for {killed['for']}" if killed["for"] else ""
-        returns = f"its handler in '{killed['module']}' to return{awaited}"
-        yield [f"task {killed['what']}, killed: {killed['why']}"[:_LONGEST_VALUE], returns]
-
-
-def _held_tasks(load: dict[str, Any], tree: list[dict[str, Any]]) -> Iterator[list[str]]:
-    """What comes later: after which point, where that is told, and else which of its moments is held."""
-    until = {held["task"]: held["for"] for held in load["held"]}
-    for task in tree:
-        if task["task"] in until:
-            yield [f"task {task['task']} '{task['message']}'", until[task["task"]]]
-            continue
-        for moment, count in task["held"].items():
-            constraints = f"{count} constraint{'s' * (count != 1)}"
-            yield [f"task {task['task']} '{task['message']}'", f"{constraints} on its {moment}"]
 
 
 def _wrapped(parts: Sequence[str], width: int = 100) -> list[str]:

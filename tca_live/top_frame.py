@@ -2,6 +2,12 @@
 
 from typing import Any, NamedTuple
 
+from msgspec import convert
+
+from tca_wire.text.measures import listed, numbered
+from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
+from tca_wire.waits import Waiter
+
 Answer = dict[str, Any]
 """What central tells of its load."""
 
@@ -111,10 +117,8 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
     delivered = {one["message"]: one["delivered"] for one in before["messages"]}
     messages = [_message(one, delivered.get(one["message"], 0), span) for one in now["messages"]]
     messages.sort(key=lambda line: (-line.rate, -line.waiting, -line.delivered, line.message))
-    waits, held = ([WaitLine(one["seconds"], one["what"], one["for"]) for one in now[key]] for key in ("waits", "held"))
-    suspended = [
-        SuspendedLine(one["seconds"], one["what"], f"'tca resume {one['task']}'", one["by"]) for one in now["suspended"]
-    ]
+    waits, held = ([_wait(one, now["time"]) for one in convert(now[key], list[Waiter])] for key in ("waits", "held"))
+    suspended = [_suspended(one) for one in convert(now["suspended"], list[Waiter])]
     events = (now["events"] - before["events"]) / span
     return Frame(
         now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits, held,
@@ -122,12 +126,21 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
     )  # fmt: skip
 
 
+def _wait(waiter: Waiter, now: float) -> WaitLine:
+    return WaitLine(waiter.seconds, waiter_in_words(waiter), several_in_words(waiter.waits, now))
+
+
+def _suspended(waiter: Waiter) -> SuspendedLine:
+    by = waiter.waits[0].module
+    return SuspendedLine(waiter.seconds, waiter_in_words(waiter), f"'tca resume {waiter.number}'", by)
+
+
 def _resource(module: str, now: dict[str, Any], before: dict[str, Any], span: float) -> ResourceLine:
     # a module that was started anew counts from 0 again
     if before.get("delivered", 0) > now["delivered"]:
         before = {}
     handling = now["handling"]
-    what = ", ".join(f"{one['message']} {{{one['id']}}}" for one in handling)
+    what = listed([numbered(one["message"], one["id"]) for one in handling])
     busy = (now["busy"] - before.get("busy", 0.0)) / (span * max(now["capacity"], 1))
     rate = (now["delivered"] - before.get("delivered", 0)) / span
     held = f"{'reserved' if now['is_reserved'] else 'locked'} by {now['held_by']}" if now["held_by"] else ""

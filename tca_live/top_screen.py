@@ -118,12 +118,12 @@ _MESSAGES: Sequence[Column] = (
 _WAITS: Sequence[Column] = (
     ("waits", _NUMBER),
     ("longest first", {**_ONE_LINE, "ratio": 1}),
-    ("for", {**_ONE_LINE, "ratio": 1}),
+    ("", {**_ONE_LINE, "ratio": 2}),
 )
 _SUSPENDED: Sequence[Column] = (
     ("suspended for", _NUMBER), *_WAITS[1:2], ("by", {**_ONE_LINE, "ratio": 1}), ("until", {**_ONE_LINE, "ratio": 1}),
 )  # fmt: skip
-_HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("until", {**_ONE_LINE, "ratio": 1}))
+_HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("", {**_ONE_LINE, "ratio": 2}))
 
 
 class _Lines(NamedTuple):

@@ -44,8 +44,8 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     moment: int = 0
     """What the task has to reach (a Moment); 0: its end, however it comes."""
     module: str = ""
-    """Whose resource it is; of LOCK among what keeps a resource, and of LOCKED: who wants or has it. Of RESUME who
-    suspended the task, of LISTENER who added the wiretap.
+    """Whose resource, or handler, it is; of LOCKED, and of LOCK among what keeps a resource: who has or wants it. Of
+    RESUME who suspended the task, of LISTENER who added the wiretap.
     """
     resource: str = ""
     seconds: float | None = None
@@ -63,3 +63,29 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     (LOCK), or that it has no slot now (HANDLER). Of LOCKED and of such a LOCK: for which message (RUNNING; TASK, if it
     is not handled any more). Of REPLY: where the query is (HANDLER, RESOURCE, RUNNING). Of RUNNING: what it waits for.
     """
+
+
+class Waiter(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Somebody who waits, as central tells it: a task or message, one that a handler is at, or a whole module."""
+
+    number: int = 0
+    """The task or message; 0: what the module does outside of handlers."""
+    name: str = ""
+    module: str = ""
+    """Where it is handled: the handler waits."""
+    more: int = 0
+    """How many more wait behind it."""
+    seconds: float = 0.0
+    """How long it has waited."""
+    killed: str = ""
+    """Why the task was killed; it waits for its end."""
+    waits: tuple[WaitFor, ...] = ()
+    end: WaitFor | None = None
+    """What it waits for in the end, where that is something else."""
+
+
+class CommonEnd(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Something that so many tasks wait for in the end."""
+
+    tasks: int
+    wait: WaitFor

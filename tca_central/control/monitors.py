@@ -11,9 +11,9 @@ from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, raise_failure
 from tca_central.model.registry import Connection
 from tca_central.model.task_tree import Task
+from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import data_for, make, make_delivery
 from tca_central.state import Failure, State
-from tca_central.status.whereabouts import why_full
 from tca_central.watching.watches import Watch, end_watch, enlist, stop
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
@@ -129,7 +129,7 @@ def _test(central: State, watch: Watch) -> None:
     if central.dispatcher.is_full(query):
         if not task.message.is_aside:  # it has no later test to wait for
             stop(central, watch, "its condition could not be asked")
-            text = f"its condition '{query.name}' could not be asked: {why_full(query)}"
+            text = f"its condition '{query.name}' could not be asked: {why_full(central, query)}"
             fail_task(central, task, Failure(OVERLOAD, text))
         return
     asked = make_delivery(central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch)
@@ -154,7 +154,7 @@ def tested(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tup
         else:
             raise_failure(central, task, failure)
         return
-    holds = body not in (NIL, FALSE)
+    watch.holds = holds = body not in (NIL, FALSE)
     central.facts.append(facts.MonitorTested(TaskId(task.id), holds))
     if holds:
         _fire(central, watch, task.body if body == TRUE else body)

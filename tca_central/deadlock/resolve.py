@@ -13,6 +13,8 @@ found in the end. In each circle is the wait of a handler, or something that is 
 client waits for.
 """
 
+from msgspec.structs import replace
+
 from tca_central.control.revoking import is_kept, take_away
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
@@ -21,15 +23,17 @@ from tca_central.model.registry import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
+from tca_central.needs.waits import between, waits_of
 from tca_central.order.cycles import Place
 from tca_central.requests.giving_up import give_up
 from tca_central.state import Failure, State
-from tca_central.status.whereabouts import named
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets.headers import Refused
-from tca_wire.points import END_ACHIEVING, describe_moments
+from tca_wire.points import END_ACHIEVING
+from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
 from tca_wire.vocabulary import Due, Refusal, Role
+from tca_wire.waits import Waiter, WaitFor, WaitKind
 
 PATIENCE = 1000
 """Edges of the graph that are looked at in an event in which something begins to wait."""
@@ -267,55 +271,36 @@ def describe(central: State, circle: list[Node]) -> str:
     """The circle in words, from the first handler that waits."""
     first = next((index for index, node in enumerate(circle) if isinstance(node, Waiting)), 0)
     circle = circle[first:] + circle[:first]
-    said = [_words(central, node, circle[(index + 1) % len(circle)]) for index, node in enumerate(circle)]
-    parts = list(dict.fromkeys(filter(None, said)))
-    more = f"; and {len(parts) - _SHOWN} more" if len(parts) > _SHOWN else ""
-    return f"each waits for the next, in a circle: {'; '.join(parts[:_SHOWN])}{more}"
+    waiters = [_waiter(central, *pair) for pair in zip(circle, circle[1:] + circle[:1], strict=True)]
+    told = list(dict.fromkeys(f"{waiter_in_words(one)} waits {several_in_words(one.waits)}" for one in waiters if one))
+    more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
+    return f"each waits for the next, in a circle: {'; '.join(told[:_SHOWN])}{more}"
 
 
-def _words(central: State, node: Node, following: Node) -> str:
-    match node:
-        case Waiting(connection, number):
-            return f"{_who(central, connection, number)} waits {_for_what(following)}"
-        case TurnAt(delivery, resource):
-            return f"{named(delivery)} waits for resource '{resource.name}'"
-        case Releasing(claim):
-            kind = "reserved" if claim.admits_owner else "locked"
-            until = f" until {named(claim.holder)} has ended" if claim.holder is not None else ""
-            if isinstance(following, Place) and following.task is not claim.holder:
-                until = f" until {named(claim.holder)} is handled again, after {named(following.task)} has ended"
-            return f"'{claim.resource.name}' is {kind} by module '{claim.slot.module.name}'{until}"
-        case Place(task, _):
-            return _words_of_point(task, following)
-    return ""
+def _waiter(central: State, node: Node, following: Node) -> Waiter | None:
+    """Who waits at a node of a circle, and for what; None where its neighbours say it."""
+    who: Delivery | None = None
+    module, waits = "", tuple[WaitFor, ...]()
+    match node, following:
+        case Waiting(connection, number), _:
+            who = central.dispatcher.attended.get(connection.waits[number].origin)
+            module, waits = connection.module.name, tuple(map(_alone, waits_of(central, node)))
+        case Granting(claim), _:
+            who, module, waits = claim.holder, claim.slot.module.name, tuple(waits_of(central, node))
+        case TurnAt(delivery, _), _:
+            who, waits = delivery, tuple(waits_of(central, node))
+        case Releasing(claim), Place(task, _) if task is not claim.holder:  # it is handled again after that has ended
+            who, waits = claim.holder, (WaitFor(WaitKind.SUBTASK, task.id, task.message.name),)
+        case Place(task, _), (Place(other, _) | Returning(other) | Turn(other)) if other is not task:
+            who, waits = task, (between(central, node, [following]),)
+        case Place(task, _), Freeing():
+            who, waits = task, (between(central, node, [following]),)
+        case _:
+            return None
+    number, name = (who.message_id, who.message.name) if who is not None else (0, "")
+    return Waiter(number, name, module, waits=waits)
 
 
-def _words_of_point(task: Task, following: Node) -> str:
-    match following:
-        case Place(other, _) if other is not task:
-            return f"{named(task)} waits until {_point(following)}"
-        case Freeing(resource):
-            return f"{named(task)} waits for resource '{resource.name}'"
-        case Returning(delivery) | Turn(delivery) if delivery is not task:
-            return f"{named(task)} waits for the reply to its condition {named(delivery)}"
-    return ""
-
-
-def _who(central: State, connection: Connection, number: int) -> str:
-    delivery = central.dispatcher.attended.get(connection.waits[number].origin)
-    return f"module '{connection.module.name}'" + (f" in {named(delivery)}" if delivery is not None else "")
-
-
-def _for_what(following: Node) -> str:
-    match following:
-        case Returning(delivery) | Turn(delivery):
-            return f"for the reply to {named(delivery)}"
-        case Granting(claim):
-            return f"to {'reserve' if claim.admits_owner else 'lock'} '{claim.resource.name}'"
-        case Place():
-            return f"until {_point(following)}"
-    return "for what is to come"
-
-
-def _point(place: Place) -> str:
-    return f"{named(place.task)} has reached {describe_moments(place.moment)[0]}"
+def _alone(wait: WaitFor) -> WaitFor:
+    """Where a query is, the next in the circle tells."""
+    return replace(wait, because=()) if wait.kind is WaitKind.REPLY else wait

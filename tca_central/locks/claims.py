@@ -9,10 +9,10 @@ is *kept* when the handler that made it has returned: others wait then for the e
 from tca_central.errors import RequestError
 from tca_central.model.clock import checked_seconds
 from tca_central.model.registry import Connection, Delivery, Module, ModuleResource, Taken
-from tca_central.model.resources import Claim, Resource
+from tca_central.model.resources import Claim
+from tca_central.needs.texts import why_not_granted
 from tca_central.outgoing.direct_routes import review_copies
 from tca_central.state import State
-from tca_central.status.whereabouts import kept_busy
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
@@ -97,16 +97,8 @@ def granted(central: State, claim: Claim[Connection]) -> None:
 
 def on_time_out(central: State, claim: Claim[Connection]) -> None:
     """A claim has waited long enough."""
-    text = f"{_who_is_in(claim.resource)} when the time was over"
+    text = why_not_granted(central, claim)
     _fail(central, claim, text, Answer(claim.number, Outcome.FAILED, TIMEOUT, text))
-
-
-def _who_is_in(resource: Resource[Connection, Delivery]) -> str:
-    name = f"resource '{resource.name}' of module '{resource.module}'"
-    if (held_by := resource.held_by) is not None:
-        kind = "reserved" if held_by.admits_owner else "locked"
-        return f"{name} was {kind} by module '{held_by.slot.module.name}'"
-    return f"{name} was {kept_busy(resource)}"
 
 
 def refuse_claim(central: State, claim: Claim[Connection], refusal: Refusal, text: str) -> None:

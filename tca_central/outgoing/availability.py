@@ -6,9 +6,9 @@ A message is handled as long as a handler of it has a slot to be called in; ``Me
 from collections.abc import Iterable
 
 from tca_central.errors import RequestError
-from tca_central.model.registry import Connection, MessageType
+from tca_central.model.registry import Connection
 from tca_central.outgoing import notices
-from tca_central.state import State
+from tca_central.state import PresenceWait, State
 from tca_wire.messages.notices import HANDLERS_CHANGED, HandlerCount
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
@@ -16,27 +16,6 @@ from tca_wire.vocabulary import Refusal
 
 MOST_AWAITED = 1000
 """Messages in one request."""
-
-
-class HandledWait:
-    """A connection waits until each of some messages is handled, all at the same time."""
-
-    __slots__ = ("connection", "messages", "missing", "number", "promised")
-
-    def __init__(
-        self, connection: Connection, number: int, messages: Iterable[MessageType], promised: Iterable[str] = ()
-    ) -> None:
-        self.connection, self.number = connection, number
-        self.promised = tuple(promised)  #: messages that will be handled when this wait is over
-        self.messages = tuple(messages)
-        self.missing = sum(not message.serving for message in self.messages)  #: number of those that nobody handles
-        for message in self.messages:
-            message.awaited_by[self] = None
-
-    def end(self) -> None:
-        """Nobody waits any more."""
-        for message in self.messages:
-            del message.awaited_by[self]
 
 
 def on_wait_until_handled(central: State, connection: Connection, header: headers.WaitUntilHandled, _: bytes) -> None:
@@ -51,26 +30,26 @@ def on_wait_until_handled(central: State, connection: Connection, header: header
         if name not in known:
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{name}': register it first")
     messages = [known[name] for name in dict.fromkeys(header.messages)]
-    wait = HandledWait(connection, header.number, messages, header.promised)
+    wait = PresenceWait(connection, header.number, messages, header.promised)
     connection.outstanding[header.number] = wait
     if wait.missing and wait.promised:
         _warn_of_circle(central, wait)
     _answer_if_over(central, wait)
 
 
-def _warn_of_circle(central: State, newest: HandledWait) -> None:
+def _warn_of_circle(central: State, newest: PresenceWait) -> None:
     """Tell all who now wait for each other, and who waits for them, what they wait for. Another module may still come
     and handle it, so that nothing is refused. Looks through all such waits: there are some at the start, hardly later.
     """
     left = {wait: None for message in central.registry.messages.values() for wait in message.awaited_by}
-    promisers: dict[str, list[HandledWait]] = {}
+    promisers: dict[str, list[PresenceWait]] = {}
     for wait in left:
         for name in wait.promised:
             promisers.setdefault(name, []).append(wait)
     # Until only those are left of which each waits for what only others of them will handle.
     while len(stuck := {wait: by for wait in left if (by := _held_by(wait, promisers, left))}) < len(left):
         left = dict.fromkeys(stuck)
-    circle: dict[HandledWait, str] = {}
+    circle: dict[PresenceWait, str] = {}
     while newest in stuck and newest not in circle:
         message, following = stuck[newest]
         module, other = newest.connection.module.name, following.connection.module.name
@@ -82,8 +61,8 @@ def _warn_of_circle(central: State, newest: HandledWait) -> None:
 
 
 def _held_by(
-    wait: HandledWait, promisers: dict[str, list[HandledWait]], among: Iterable[HandledWait]
-) -> tuple[str, HandledWait] | None:
+    wait: PresenceWait, promisers: dict[str, list[PresenceWait]], among: Iterable[PresenceWait]
+) -> tuple[str, PresenceWait] | None:
     """A message that a wait is for and nobody handles, and one who promises it, where all who do are *among* these."""
     for message in wait.messages:
         others = promisers.get(message.name, ())
@@ -92,7 +71,7 @@ def _held_by(
     return None
 
 
-def _answer_if_over(central: State, wait: HandledWait) -> None:
+def _answer_if_over(central: State, wait: PresenceWait) -> None:
     if not wait.missing:
         wait.end()
         del wait.connection.outstanding[wait.number]
@@ -103,7 +82,7 @@ def tell_changes(central: State) -> None:
     """Tell whoever wants to know which messages are handled by more or fewer than before the event."""
     changed = [(message, before) for message, before in central.dispatcher.changed.items() if message.serving != before]
     central.dispatcher.changed.clear()
-    waits: dict[HandledWait, None] = {}
+    waits: dict[PresenceWait, None] = {}
     for message, before in changed:
         waits |= message.awaited_by
         if not (before and message.serving):

@@ -1,8 +1,8 @@
 """One message to many handlers: a delivery of its own for each. Knows nothing of replies."""
 
 from tca_central.model.registry import Delivery, ModuleResource
+from tca_central.needs.texts import why_full
 from tca_central.state import State, dropped
-from tca_central.status.whereabouts import why_full
 
 
 def copy_of(central: State, original: Delivery) -> Delivery:
@@ -34,6 +34,6 @@ def route_statement(central: State, original: Delivery) -> None:
 def route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
     """Deliver or queue what nobody waits for; too much of it is dropped."""
     if central.dispatcher.is_full(delivery.message, *targets):
-        central.facts.append(dropped(delivery, why_full(delivery.message, *targets)))
+        central.facts.append(dropped(delivery, why_full(central, delivery.message, *targets)))
     else:
         central.dispatcher.route(delivery, *targets)

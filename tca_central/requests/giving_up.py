@@ -3,12 +3,11 @@
 from tca_central.locks.claims import give_up_claim
 from tca_central.model.registry import Connection, Delivery
 from tca_central.model.resources import Claim
-from tca_central.outgoing.availability import HandledWait
-from tca_central.state import Collector, State, TaskWait, dropped
-from tca_central.status.whereabouts import end_of, why_not_reached, why_unanswered
+from tca_central.needs.texts import end_of_wait
+from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped
 from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted, Answer
+from tca_wire.packets.headers import Accepted
 from tca_wire.text.facts_in_words import GAVE_UP
 
 
@@ -27,7 +26,7 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
     """The sender no longer waits for an answer."""
     connection.taken.pop(header.request, None)
-    answer, body = _so_far(central, connection.outstanding.get(header.request), header.number)
+    answer, body = end_of_wait(central, connection, header.request, header.number)
     why = answer.text.partition("\n")[0]
     give_up(central, connection, header.request, f"{GAVE_UP}: {why}" if why else GAVE_UP)
     if header.number:
@@ -43,21 +42,6 @@ def on_release(central: State, connection: Connection, header: headers.Release, 
     central.send(connection, header.number, Accepted(header.number, had))
 
 
-def _so_far(central: State, due: object, number: int) -> tuple[Answer, bytes]:
-    """What is said to who no longer waits: why there was no answer yet (as text; "" if there is nothing to say), and of
-    a multi-query to which nobody has replied also with what others have failed.
-    """
-    why = ""
-    if isinstance(due, Collector):
-        return end_of(central, due, number)
-    if isinstance(due, TaskWait):
-        task = central.tree.tasks.get(due.task_id)
-        why = why_not_reached(central, task) if task is not None else ""
-    elif isinstance(due, Delivery):
-        why = why_unanswered(central, due)
-    return Answer(number, text=why), b""
-
-
 def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP) -> None:
     """Forget that an answer is due; a query that no handler has yet is dropped."""
     central.unblock(connection, number)
@@ -66,7 +50,7 @@ def give_up(central: State, connection: Connection, number: int, why: str = GAVE
         if (task := central.tree.tasks.get(due.task_id)) is not None:
             central.agenda.stop_waiting(task, due)
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
-    elif isinstance(due, HandledWait):
+    elif isinstance(due, PresenceWait):
         due.end()
     elif due is None or isinstance(due, Claim):
         give_up_claim(central, connection, number, why)

@@ -18,12 +18,12 @@ from tca_central.locks.claims import end_with, outlive, taken_from
 from tca_central.model.clock import checked_seconds
 from tca_central.model.registry import Connection, Delivery, MessageType
 from tca_central.model.task_tree import Task, Verdict
+from tca_central.needs.texts import end_of_multi_query, why_full
 from tca_central.outgoing.central_messages import at_birth
 from tca_central.outgoing.direct_routes import tell_sender
 from tca_central.outgoing.fan_out import copies, route_statement
 from tca_central.state import Collector, Failure, State, dropped
 from tca_central.status import topics as status
-from tca_central.status.whereabouts import end_of, summary, why_full
 from tca_central.watching.taps import happened
 from tca_central.watching.watches import become_monitor, check_options, ends_by_itself, enlist, is_put_by_others
 from tca_wire.constraints import Constraint
@@ -37,6 +37,8 @@ from tca_wire.rules import FAILURE, REPLIED, RETURNED, SENT, SUCCESS
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal, Role
 
 MOST_CONSTRAINTS = 1000
+_LONGEST = 200
+"""Characters that are told of the text of each failure of a multi-query."""
 """In one request: so long must everybody else wait for it."""
 
 NIL = b"\xc0"  # None as MessagePack
@@ -100,7 +102,7 @@ def _route_query(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     if central.dispatcher.is_full(message):
-        raise RequestError(Refusal.OVERLOAD, f"{why_full(message)}: try later")
+        raise RequestError(Refusal.OVERLOAD, f"{why_full(central, message)}: try later")
     delivery = _make(central, connection, header, message, body)
     delivery.number = header.number
     connection.outstanding[header.number] = delivery
@@ -122,7 +124,7 @@ def _route_multi_query(
         central.collectors[copy.id] = collector
     for copy, resource in for_each:
         if central.dispatcher.is_full(message, resource):
-            fail_delivery(central, copy, Failure(OVERLOAD, why_full(message, resource)))
+            fail_delivery(central, copy, Failure(OVERLOAD, why_full(central, message, resource)))
         else:
             central.dispatcher.route(copy, resource)
     if header.blocking and header.number in connection.outstanding:
@@ -317,13 +319,20 @@ def _collect(central: State, collector: Collector, delivery: Delivery, answer: A
     module = collector.asked.pop(delivery.id)
     if answer.outcome is Outcome.DONE and collector.wanted:
         collector.wanted -= 1
+        collector.answered += 1
         collector.end = Answer(collector.number), b""
         central.tell(collector.connection, Answer(collector.number, more=True), body)
     else:
-        collector.failures.append(f"'{module}' failed ({summary(answer.failure, answer.text)})")
+        collector.failures.append(f"{module} failed ({_summary(answer.failure, answer.text)})")
         if collector.end is None:  # until somebody replies it ends with the first failure
             collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), body
     _end_if_complete(central, collector)
+
+
+def _summary(failure: str, text: str) -> str:
+    """A failure and the first line of its text."""
+    first = text.partition("\n")[0][:_LONGEST]
+    return f"{failure}: {first}" if first else failure
 
 
 def _end_if_complete(central: State, collector: Collector) -> None:
@@ -332,7 +341,7 @@ def _end_if_complete(central: State, collector: Collector) -> None:
         central.facts.append(facts.Answered(collector.id))
         answer, body = Answer(collector.number), b""
         if collector.end is not None and collector.end[0].outcome is not Outcome.DONE:
-            answer, body = end_of(central, collector, collector.number)
+            answer, body = end_of_multi_query(central, collector, collector.number)
         central.send(collector.connection, collector.number, answer, body)
 
 

@@ -1,59 +1,62 @@
-"""How busy everything is, and who waits longest: what ``tca top`` shows. Changes nothing.
+"""How busy everything is, and who waits longest: what ``tca status`` and ``tca top`` show. Changes nothing.
 
 Numbers go up from the beginning of the run (a resource's, of its module's): who asks twice learns the rates. Times are
 seconds of central's clock.
 """
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from operator import itemgetter
 from typing import Any
 
 from tca_central.model.registry import Connection, Delivery, MessageType, Module, ModuleResource
 from tca_central.model.task_tree import Task
-from tca_central.state import State
-from tca_central.status.whereabouts import awaited, held_at, held_by, kept_busy, named
+from tca_central.needs.graph import Granting, Node, Returning, Turn, TurnAt, Waiting
+from tca_central.needs.waits import Ends, next_of, waits_of
+from tca_central.order.holds import held_counts
+from tca_central.state import PresenceWait, State
+from tca_wire.points import Moment
+from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
 SHOWN_WAITS = 50
 LOOKED_AT = 10_000
 """Living tasks, the oldest, among which those that are held are looked for and counted: nothing need be noted of it."""
+_EDGES = 5_000
+"""Of the graph of needs, that are looked at for what tasks wait for in the end."""
+_ENDS = 10
 
-Waiting = tuple[float, str, str, str]
-"""Since when, who, what for, and what keeps that busy ("": nothing does)."""
+_Since = tuple[float, Callable[[], Waiter]]
+"""Since when, and who; that is made only of those that are told."""
 
 
 def load(central: State) -> dict[str, Any]:
     """Numbers of everything, and the longest waits, the longest first: at most SHOWN_WAITS of each kind, with how many
-    there are ("totals"; of held tasks, among the oldest "looked_at").
+    there are ("totals"; of held tasks, among the oldest "looked_at"). "ends" is what most held tasks wait for in the
+    end, as far as central looks; "presence" are the modules that wait until messages are handled.
     """
-    now, registry = central.clock.now, central.registry
+    registry = central.registry
     waits, held, suspended = list(_waits(central)), _held(central), _suspended(central)
+    ends = Ends(central, _EDGES)
+    common = Counter(end for task in held if (end := ends.end_of(next_of(task))) is not None)
     return {
         "epoch": central.epoch,
-        "time": now,
+        "time": central.clock.now,
         "events": central.events,
         "connections": len(registry.connections),
         "tasks": len(central.tree.tasks),
-        "modules": [_module(module, now) for module in registry.modules.values()],
+        "modules": [_module(module, central.clock.now) for module in registry.modules.values()],
         "messages": [_message(message) for message in registry.messages.values()],
-        "waits": [
-            {"what": what, "for": why, "busy": busy, "seconds": max(now - since, 0.0)}
-            for since, what, why, busy in heapq.nsmallest(SHOWN_WAITS, waits, key=itemgetter(0))
-        ],
-        "held": [
-            _of_task(task, now - since) | {"for": held_by(central, task, at)}
-            for since, _, task, at in heapq.nsmallest(SHOWN_WAITS, held)
-        ],
-        "suspended": [_of_task(task, now - since) | {"by": by} for since, by, task in suspended[:SHOWN_WAITS]],
+        "waits": [make() for _, make in heapq.nsmallest(SHOWN_WAITS, waits, key=itemgetter(0))],
+        "held": [_held_task(central, task, ends) for task in held[:SHOWN_WAITS]],
+        "suspended": [_suspended_task(central, task) for task in suspended[:SHOWN_WAITS]],
         "killed": _killed(central),
+        "presence": _presence(central),
+        "ends": [CommonEnd(number, end) for end, number in common.most_common(_ENDS)],
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
         "looked_at": min(len(central.tree.tasks), LOOKED_AT),
     }
-
-
-def _of_task(task: Task, seconds: float) -> dict[str, Any]:
-    return {"task": int(task.id), "what": named(task), "seconds": max(seconds, 0.0)}
 
 
 def _module(module: Module, now: float) -> dict[str, Any]:
@@ -95,58 +98,104 @@ def _oldest(waiting: Iterable[Delivery]) -> Delivery | None:
     return min(waiting, key=lambda one: one.since, default=None)
 
 
-def _waits(central: State) -> Iterator[Waiting]:
+def _waits(central: State) -> Iterator[_Since]:
     """The oldest message in each queue, those that wait for a handler, claims, and handlers that wait."""
-    for module in central.registry.modules.values():
-        for resource in module.resources.values():
-            first = _oldest(resource.queued())
-            where, busy = f"resource '{resource.name}' of '{module.name}'", kept_busy(resource, is_now=True)
-            if first is not None:
-                more = f" (and {resource.waiting - 1} more)" if resource.waiting > 1 else ""
-                yield first.since, f"{named(first)}{more}", where, busy
-            for claim in resource.claims:
-                yield claim.since, f"a claim of '{claim.slot.module.name}'", where, busy
-    for message in central.registry.messages.values():
-        first = next(iter(message.waiting.values()), None)
+    resources = (one for module in central.registry.modules.values() for one in module.resources.values())
+    for resource, first in ((one, _oldest(one.queued())) for one in resources):
         if first is not None:
-            more = f" (and {len(message.waiting) - 1} more)" if len(message.waiting) > 1 else ""
-            yield first.since, f"{named(first)}{more}", "a module that handles it", ""
-    connections = central.registry.connections.values()
-    for connection in (one for one in connections if one.waits or one.pauses):
+            yield first.since, _queued(central, first, TurnAt(first, resource), resource.waiting - 1)
+    for message in central.registry.messages.values():
+        for first in islice(message.waiting.values(), 1):
+            yield first.since, _queued(central, first, Turn(first), len(message.waiting) - 1)
+    for connection in central.registry.connections.values():
         for number, wait in (*connection.waits.items(), *connection.pauses.items()):
-            handled = central.dispatcher.attended.get(wait.origin)
-            inside = f" in {named(handled)}" if handled is not None else ""
-            yield wait.at, f"'{connection.module.name}'{inside}", awaited(central, connection, number), ""
+            yield wait.at, _blocking(central, connection, wait.origin, Waiting(connection, number), wait.at)
+    yield from _claims(central)
 
 
-def _held(central: State) -> list[tuple[float, int, Task, int]]:
-    """Tasks that constraints hold back: since when (they were sent or last handled), and which beginning."""
+def _claims(central: State) -> Iterator[_Since]:
+    """Claims for which nobody blocks."""
+    for (connection, number), claim in central.claims.items():
+        if not (claim.is_granted or number in connection.waits or number in connection.pauses):
+            origin = claim.holder.given_as if claim.holder is not None else 0
+            yield claim.since, _blocking(central, connection, origin, Granting(claim), claim.since)
+
+
+def _queued(central: State, first: Delivery, node: Node, more: int) -> Callable[[], Waiter]:
+    name, seconds = first.message.name, central.clock.now - first.since
+    return lambda: Waiter(first.message_id, name, more=more, seconds=seconds, waits=tuple(waits_of(central, node)))
+
+
+def _blocking(central: State, connection: Connection, origin: int, node: Node, since: float) -> Callable[[], Waiter]:
+    handled, seconds = central.dispatcher.attended.get(origin), central.clock.now - since
+    number, name = (handled.message_id, handled.message.name) if handled is not None else (0, "")
+    module = connection.module.name
+    return lambda: Waiter(number, name, module, seconds=seconds, waits=tuple(waits_of(central, node)))
+
+
+def _held(central: State) -> list[Task]:
+    """Tasks whose beginnings constraints hold back, those first that were sent or last handled first."""
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
     held = (task for task in oldest if task.held and task.slot is None and task.queues is None and not task.killed)
-    return [(task.since, number, task, at) for number, task in enumerate(held) if (at := held_at(task))]
+    return sorted((task for task in held if held_counts(task).keys() & _BEGINNINGS), key=lambda task: task.since)
 
 
-def _suspended(central: State) -> list[tuple[float, str, Task]]:
-    """The topmost suspended tasks (what is under them is, too), since when and by whom, the longest first."""
+def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
+    place = next_of(task)
+    waits, end = tuple(waits_of(central, place)), ends.end_of(place)
+    return _waiter(central, task, task.since, waits, None if end in waits else end)
+
+
+def _waiter(central: State, task: Task, since: float, waits: tuple[WaitFor, ...], end: WaitFor | None = None) -> Waiter:
+    seconds = max(central.clock.now - since, 0.0)
+    return Waiter(task.id, task.message.name, seconds=seconds, killed=task.killed, waits=waits, end=end)
+
+
+def _suspended(central: State) -> list[Task]:
+    """The topmost suspended tasks (what is under them is, too), the longest first."""
     tasks = central.tree.tasks
-    noted = ((*how, tasks[number]) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
-    return [(since, by, task) for since, by, task in noted if task.parent is None or not task.parent.suspended]
+    noted = (tasks[number] for number in islice(central.tree.suspended, LOOKED_AT))
+    return [task for task in noted if task.parent is None or not task.parent.suspended]
 
 
-def _killed(central: State) -> list[dict[str, Any]]:
-    """Killed tasks whose handler still runs, in which module, and what it waits for as far as central knows."""
+def _suspended_task(central: State, task: Task) -> Waiter:
+    since, by = central.tree.suspended[task.id]
+    return _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by),))
+
+
+def _presence(central: State) -> list[Waiter]:
+    """Modules that wait until messages are handled."""
+    requests = (
+        (connection, number)
+        for connection in central.registry.connections.values()
+        for number, due in connection.outstanding.items()
+        if isinstance(due, PresenceWait)
+    )
+    return [
+        Waiter(module=connection.module.name, waits=tuple(waits_of(central, Waiting(connection, number))))
+        for connection, number in requests
+    ]
+
+
+def _killed(central: State) -> list[Waiter]:
+    """Killed tasks whose handler still runs, and what it waits for as far as central knows."""
     attended = central.dispatcher.attended.values()
     return [
-        {"task": int(one.id), "what": named(one), "why": one.killed, "module": one.slot.module.name,
-         "for": _awaited_in(central, one.slot, one)}
-        for one in attended if isinstance(one, Task) and one.killed and one.slot is not None
-    ]  # fmt: skip
+        _waiter(central, one, one.since, (_handler_of(central, one, one.slot),))
+        for one in attended
+        if isinstance(one, Task) and one.killed and one.slot is not None
+    ]
 
 
-def _awaited_in(central: State, slot: Connection, handled: Delivery) -> str:
-    """What the handler of a delivery waits for; "" if it does not, or central does not know."""
-    mine = handled.given_as
-    blocking = [number for each in (slot.waits, slot.pauses) for number, wait in each.items() if wait.origin == mine]
-    asked = [number for number, due in slot.outstanding.items() if getattr(due, "origin", mine) == mine]
-    newest = (blocking or asked)[-1:]
-    return awaited(central, slot, newest[0]) if newest else ""
+def _handler_of(central: State, task: Task, slot: Connection) -> WaitFor:
+    """The handler of a task, with what it blocks for or, where it does not, what it asked last."""
+    because = tuple(waits_of(central, Returning(task)))
+    asked = [
+        number for number, due in slot.outstanding.items() if getattr(due, "origin", task.given_as) == task.given_as
+    ]
+    if not because and asked:
+        because = tuple(waits_of(central, Waiting(slot, asked[-1])))
+    return WaitFor(WaitKind.RUNNING, module=slot.module.name, because=because)
+
+
+_BEGINNINGS = {int(Moment.START_HANDLING), int(Moment.START_PLANNING), int(Moment.START_ACHIEVING)}

@@ -22,7 +22,7 @@ _CANCEL = 2  # of a demon monitor
 class Watch:
     """A monitor from its birth to its end."""
 
-    __slots__ = ("began", "condition", "count", "fires", "is_over", "options", "parts", "task", "timers",
+    __slots__ = ("began", "condition", "count", "fires", "holds", "is_over", "options", "parts", "task", "timers",
                  "waits_for")  # fmt: skip
 
     def __init__(self, task: Task, options: WatchOptions, parts: list[MessageType | None]) -> None:
@@ -31,6 +31,7 @@ class Watch:
         self.parts = parts  #: condition and action; of a demon: set-up, action and cancel
         self.began: float | None = None  #: when it began to watch
         self.condition: Delivery | None = None  #: the test under way
+        self.holds: bool | None = None  #: how the last test came out
         self.count = 0  #: how often its condition held, or it was fired
         self.fires = 0  #: how many actions it has sent
         self.timers: list[Timer] = []

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import duration, listed, numbered, run_time
-from tca_wire.waits import WaitFor, WaitKind
+from tca_wire.waits import Waiter, WaitFor, WaitKind
 
 _REACHED = {
     0: ("has", "ended"),
@@ -40,6 +40,28 @@ def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
         is_plain = wait.kind in _TOGETHER and not wait.because
         groups.setdefault((wait.kind, wait.moment, wait.seconds) if is_plain else wait, []).append(wait)
     return [_clause(group, now) for group in groups.values()]
+
+
+def waiter_in_words(waiter: Waiter) -> str:
+    """Who waits: ``walk {3}``, ``walk {3} in planner``, ``module panel``, ``step {5} and 2 more``."""
+    if not waiter.number:
+        return f"module {waiter.module}"
+    where = f" in {waiter.module}" if waiter.module else ""
+    return f"{numbered(waiter.name, waiter.number)}{where}" + (f" and {waiter.more:,} more" if waiter.more else "")
+
+
+def whereabouts(query: WaitFor) -> str:
+    """Where a query is that has no answer yet: ``no module handles it``, ``it is queued for arm, busy with walk {3}``,
+    ``arm and legs have not answered (1 of 3 has)``.
+    """
+    if len(query.because) > 1 or query.answered:
+        return not_answered(query)
+    where = query.because[0]
+    if where.kind is WaitKind.HANDLER:
+        return "no module handles it"
+    if where.kind is WaitKind.RESOURCE:
+        return f"it is queued {_resource([where])}"
+    return f"{place(where.module, where.resource)} handles it{_and_waits(where)}"
 
 
 def reached(moment: int, number: int = 1) -> str:
@@ -128,25 +150,28 @@ def _reply(waits: Waits) -> str:
 
 
 def _whereabouts(query: WaitFor) -> str:
-    """Where a query is: ``, which no module handles``; and who has not answered a multi-query yet."""
+    """``, which no module handles``; and who has not answered a multi-query yet."""
     if not query.because:
         return ""
     if len(query.because) > 1 or query.answered:
-        return f", which {_not_answered(query)}"
+        return f", which {not_answered(query)}"
     where = query.because[0]
-    at = place(where.module, where.resource)
     if where.kind is WaitKind.HANDLER:
         return ", which no module handles"
     if where.kind is WaitKind.RESOURCE:
         return f", which is queued {_resource([where])}"
-    return f", which {at} handles" + (f" and waits {several_in_words(where.because)}" if where.because else "")
+    return f", which {place(where.module, where.resource)} handles{_and_waits(where)}"
 
 
-def _not_answered(query: WaitFor) -> str:
-    """``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 has)``."""
+def _and_waits(handler: WaitFor) -> str:
+    return f" and waits {several_in_words(handler.because)}" if handler.because else ""
+
+
+def not_answered(query: WaitFor) -> str:
+    """Of a multi-query: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 has)``."""
     number = len(query.because)
     told = f" ({query.answered} of {query.answered + number} {_has(query.answered)})" if query.answered else ""
-    return f"{listed(list(map(_who, query.because)))} {_has(number)} not answered{told}"
+    return f"{listed([_who(one) for one in query.because])} {_has(number)} not answered{told}"
 
 
 def _who(where: WaitFor) -> str:
@@ -160,9 +185,10 @@ def _has(number: int) -> str:
 
 def _resume(waits: Waits) -> str:
     wait = waits[0]
-    whom = by_whom(wait.module)
-    by = f", suspended{whom}," if whom else ""
-    return f"until {numbered(wait.name, wait.number) if wait.number else 'it'}{by} is resumed"
+    by = f"suspended{by_whom(wait.module)}" if by_whom(wait.module) else ""
+    if not wait.number:
+        return f"until it is resumed ({by})" if by else "until it is resumed"
+    return f"until {numbered(wait.name, wait.number)}{by and f', {by},'} is resumed"
 
 
 def _recovery(waits: Waits) -> str:
@@ -173,14 +199,14 @@ def _condition(waits: Waits) -> str:
     wait = waits[0]
     if not wait.name:
         return "until it is fired"
-    if wait.holds is None:
-        return f"for the first test of its condition {wait.name}"
-    return f"for the next test of its condition {wait.name}, which {'held' if wait.holds else 'did not hold'}"
+    last = {None: "has not been tested", False: "did not hold", True: "held"}[wait.holds]
+    return f"for its condition {_names(waits)}, which {last}"
 
 
 def _running(waits: Waits) -> str:
     number = _number(waits)
     whose = f"the handler{'s' * (number > 1)} of {_names(waits)}" if waits[0].number else "its handler"
+    whose += f" in {place(waits[0].module, waits[0].resource)}" if waits[0].module and number == 1 else ""
     on = f", which waits {several_in_words(waits[0].because)}" if waits[0].because else ""
     return f"until {whose} return{'s' * (number == 1)}{on}"
 

@@ -5,11 +5,12 @@ from central.player import Player, point
 from central.test_load import resource, waits
 
 from tca_central.status.load import load
-from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Awaited, Dropped, RequestRefused
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
-from tca_wire.points import Moment, TaskId
+from tca_wire.points import Moment
+from tca_wire.text.waits_in_words import in_words, whereabouts
+from tca_wire.waits import WaitFor, WaitKind
 
 
 def why(robot: Player, name: str, request: int) -> str:
@@ -38,7 +39,10 @@ def test_a_brief_wait_is_no_deadlock(robot: Player, *, brief: bool) -> None:
     robot.tick(10.0)
     assert bool(robot.facts(RequestRefused)) is not brief
     told = load(robot.central)
-    assert (("'eyes' in 'look' {2}", "the reply to 'where' {3}", 10.0) in waits(told)) is brief
+    assert (
+        ("look {2} in eyes", "for the reply to where {3}, which is queued for map, busy with where {1}", 10.0)
+        in waits(told)
+    ) is brief
     assert resource(told, "eyes")["blocked"] == brief
     assert resource(told, "map")["blocked"] == 1
 
@@ -64,6 +68,11 @@ def test_a_coroutine_that_awaits_does_not_block_its_thread(robot: Player) -> Non
     assert robot.facts(Awaited) == [Awaited(2)]
 
 
+def queued(*keepers: WaitFor) -> WaitFor:
+    """A question to the map, which these keep from it."""
+    return WaitFor(WaitKind.REPLY, because=(WaitFor(WaitKind.RESOURCE, module="map", because=keepers),))
+
+
 def test_who_gives_up_a_question_is_told_where_it_was(robot: Player) -> None:
     robot.send("user", "nobody", number=101)
     robot.send("user", "where", number=102)
@@ -71,10 +80,10 @@ def test_who_gives_up_a_question_is_told_where_it_was(robot: Player) -> None:
     robot.send("user", "look", number=104)
     robot.numbers["user"] = 104
     robot.send("eyes/1", "where", origin=4, blocking=True)
-    assert why(robot, "user", 101) == "nobody handled it"
-    assert why(robot, "user", 103) == "it waited for resource 'map' of 'map', busy with 'where' {2}"
-    assert why(robot, "user", 102) == "resource 'map' of 'map' had it, and had not answered"
-    words = "resource 'eyes' of 'eyes' had it, and had not answered: it waited for the reply to 'where' {5}"
+    assert why(robot, "user", 101) == "no module handles it"
+    assert why(robot, "user", 103) == whereabouts(queued(WaitFor(WaitKind.RUNNING, 2, "where")))
+    assert why(robot, "user", 102) == "map handles it"
+    words = "eyes handles it and waits for the reply to where {5}"
     assert why(robot, "user", 104) == words
     assert [fact.why for fact in robot.facts(Dropped)][-1] == f"its sender gave up: {words}"
     assert why(robot, "user", 104) == ""
@@ -85,7 +94,7 @@ def test_a_lock_in_the_way_is_named(robot: Player) -> None:
     robot.receive("arm", headers.Lock(robot.number("arm"), "map"))
     robot.send("user", "where", number=101)
     robot.numbers["user"] = 101
-    assert why(robot, "user", 101) == "it waited for resource 'map' of 'map', which module 'arm' had locked"
+    assert why(robot, "user", 101) == whereabouts(queued(WaitFor(WaitKind.LOCKED, module="arm")))
 
 
 def test_who_waits_behind_a_lock_that_somebody_wants_is_told_of_that(robot: Player) -> None:
@@ -94,28 +103,12 @@ def test_who_waits_behind_a_lock_that_somebody_wants_is_told_of_that(robot: Play
     robot.receive("arm", headers.Lock(robot.number("arm"), "map"))
     robot.send("user", "where", number=101)
     robot.numbers["user"] = 101
-    told = "it waited for resource 'map' of 'map', which module 'arm' waited to have for itself"
-    assert why(robot, "user", 101) == told
+    keepers = WaitFor(WaitKind.RUNNING, 1, "where"), WaitFor(WaitKind.LOCK, module="arm")
+    assert why(robot, "user", 101) == whereabouts(queued(*keepers))
 
 
-def test_who_waits_no_longer_for_a_task_is_told_how_far_it_was(robot: Player) -> None:
-    def wait(task: int) -> str:
-        number = robot.number("user")
-        robot.receive("user", headers.WaitFor(number, point(task, Moment.END_ACHIEVING)))
-        return why(robot, "user", number)
-
+def test_who_waits_no_longer_for_a_task_is_told_what_it_waits_for(robot: Player) -> None:
     plan = robot.task("user", "plan")
-    turn = robot.task("user", "turn", under=plan, origin=0)
-    held = robot.task("user", "turn", under=plan, origin=0)
-    assert wait(plan) == "nobody handled it"
-    robot.module("planner", "goal plan")
-    assert wait(turn) == "resource 'eyes' of 'eyes' had it, and had not returned"
-    assert wait(held) == f"it was held until end achieving of 'turn' {{{turn}}}"
-    robot.reply("planner/1", plan)
-    assert wait(plan) == f"'turn' {{{turn}}} under it (and 1 more) had not ended"
-    robot.receive("user", headers.Suspend(robot.number("user"), TaskId(held)))
-    robot.reply("eyes/1", turn)
-    assert wait(held) == "it was suspended"
-    free = robot.task("user", "turn", flags=Flags.NONE)
-    robot.reply("eyes/1", free)
-    assert wait(free) == ""
+    number = robot.number("user")
+    robot.receive("user", headers.WaitFor(number, point(plan, Moment.END_ACHIEVING)))
+    assert why(robot, "user", number) == f"it waits {in_words(WaitFor(WaitKind.HANDLER, name='plan'))}"

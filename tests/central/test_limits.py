@@ -14,7 +14,9 @@ from tca_wire.journal.facts import Killed
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
 from tca_wire.points import Moment, TaskId
+from tca_wire.text.waits_in_words import in_words
 from tca_wire.vocabulary import Limit, MessageClass, Refusal, Scope
+from tca_wire.waits import WaitFor, WaitKind
 
 
 def test_a_request_holds_so_many_constraints_and_no_more() -> None:
@@ -67,8 +69,8 @@ def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.Mon
     player.module("user")
     player.declare("user", "command survey", "query where", "inform note", "multi-query all")
     first, second, *_ = [player.task("user", "survey", flags=Flags.NONE, priority=-1) for _ in range(4)]
-    full = f"""3 messages wait for resource 'map' of 'map' already, busy with 'survey' {{{first}}}, \
-'survey' {{{second}}} first in line; from 2 on only tasks are let in"""
+    busy = WaitFor(WaitKind.RESOURCE, module="map", because=(WaitFor(WaitKind.RUNNING, first, "survey"),))
+    full = f"3 messages wait {in_words(busy)}, survey {{{second}}} first in line; from 2 on only tasks are let in"
     (refused,) = player.send("user", "where")
     assert (refused.refusal, refused.text) == (Refusal.OVERLOAD, f"{full}: try later")
     player.send("user", "note")
@@ -86,15 +88,15 @@ def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(monkeyp
     player.receive("user", headers.Lock(player.number("user"), "map"))
     player.send("user", "where")
     assert player.send("user", "where")[0].text == (
-        "1 messages wait for resource 'map' of 'map' already, which module 'user' has locked, 'where' {2} first in "
-        "line; from 1 on only tasks are let in: try later"
+        "1 message waits for map, which user has locked, where {2} first in line; from 1 on only tasks are let in: "
+        "try later"
     )
     player.module("camera", "query look", pool="eyes")
     player.module("camera 2", "query look", pool="eyes")
     player.declare("user", "query look")
     for _ in range(3):
         player.send("user", "look")
-    assert "and 1 more that handle 'look' are as full, 'look' {" in player.send("user", "look")[0].text
+    assert "for camera 2 (or 1 more), busy with look {" in player.send("user", "look")[0].text
 
 
 def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
@@ -202,7 +204,7 @@ def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monke
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 0)
     player.task("user", "check")
     (failed,) = player.facts_of("failed")
-    text = "nobody handles 'where', and 0 wait already; from 0 on no more are let in"
+    text = "0 messages wait for a module that handles where; from 0 on no more are let in"
     assert (failed.failure, failed.text) == ("overload", f"its condition 'where' could not be asked: {text}")
     assert not player.central.tree.tasks
 

@@ -9,7 +9,9 @@ from tca_wire.constraints import Constraint, Flags
 from tca_wire.packets import headers
 from tca_wire.packets.routes import Note, Noted
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
 from tca_wire.vocabulary import Outcome
+from tca_wire.waits import CommonEnd, WaitFor, WaitKind
 
 
 def resource(told: dict[str, Any], module: str) -> dict[str, Any]:
@@ -24,7 +26,7 @@ def message(told: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def waits(told: dict[str, Any]) -> list[tuple[str, str, float]]:
-    return [(one["what"], one["for"], one["seconds"]) for one in told["waits"]]
+    return [(waiter_in_words(one), several_in_words(one.waits), one.seconds) for one in told["waits"]]
 
 
 def test_messages_are_counted_and_their_time_added_up() -> None:
@@ -80,12 +82,11 @@ def test_the_longest_waits_come_first() -> None:
     robot.tick(10.0)
     told = load(robot.central)
     assert waits(told) == [
-        ("'dance' {2}", "a module that handles it", 14.0),
-        (f"'step' {{{first + 1}}} (and 1 more)", "resource 'legs' of 'legs'", 12.0),
-        ("'where' {6}", "resource 'user' of 'user'", 10.0),
-        ("'other'", "the reply to 'where' {6}", 10.0),
+        ("dance {2}", "for a module that handles dance", 14.0),
+        (f"step {{{first + 1}}} and 1 more", f"for legs, busy with step {{{first}}}", 12.0),
+        ("where {6}", "for user, busy with where {1}", 10.0),
+        ("module other", "for the reply to where {6}, which is queued for user, busy with where {1}", 10.0),
     ]
-    assert [one["busy"] for one in told["waits"]] == ["", f"busy with 'step' {{{first}}}", "busy with 'where' {1}", ""]
     assert resource(told, "legs")["oldest"] == 12.0
 
 
@@ -99,11 +100,7 @@ def test_claims_and_who_holds_a_resource() -> None:
     told = load(robot.central)
     legs = resource(told, "legs")
     assert (legs["held_by"], legs["is_reserved"], legs["claims"]) == ("first", False, 1)
-    assert waits(told) == [
-        ("a claim of 'second'", "resource 'legs' of 'legs'", 3.0),
-        ("'second'", "resource 'legs' of 'legs'", 3.0),
-    ]
-    assert told["waits"][0]["busy"] == "which module 'first' has locked"
+    assert waits(told) == [("module second", "for the lock of legs {2}, which first has locked", 3.0)]
 
 
 def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
@@ -117,7 +114,7 @@ def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
     robot.receive("planner/1", headers.WaitFor(robot.number("planner/1"), end, walk, blocking=True))
     robot.tick(1.0)
     told = load(robot.central)
-    assert ("'planner' in 'walk' {1}", "end achieving of 'dance' {2}", 1.0) in waits(told)
+    assert ("walk {1} in planner", "until dance {2} is achieved", 1.0) in waits(told)
     assert resource(told, "planner")["blocked"] == 1
 
 
@@ -136,14 +133,15 @@ def test_held_tasks_say_what_they_wait_for_the_longest_first() -> None:
     also = Constraint(Point(TaskId(first), Moment.END_ACHIEVING), later)
     robot.receive("planner/1", headers.Constrain(robot.number("planner/1"), [also]))
     told = load(robot.central)
-    assert [(one["what"], one["for"]) for one in told["held"]] == [
-        (f"'step' {{{second}}}", f"end achieving of 'step' {{{first}}}"),
-        (f"'step' {{{third}}}", f"end achieving of 'step' {{{second}}} (and 1 more)"),
-    ]
-    assert told["held"][0]["seconds"] > told["held"][1]["seconds"]
+    one, two = (WaitFor(WaitKind.CONSTRAINT, task, "step", Moment.END_ACHIEVING) for task in (first, second))
+    assert [(held.number, held.waits) for held in told["held"]] == [(second, (one,)), (third, (two, one))]
+    assert told["held"][0].seconds > told["held"][1].seconds
+    end = WaitFor(WaitKind.RUNNING, first, "step", module="legs", resource="legs")
+    assert [held.end for held in told["held"]] == [end, end]
+    assert told["ends"] == [CommonEnd(2, end)]
     assert load(robot.central)["waits"] == told["waits"]  # they stand in no queue
     robot.reply("legs/1", value=1)
-    assert [one["what"] for one in load(robot.central)["held"]] == [f"'step' {{{third}}}"]
+    assert [held.number for held in load(robot.central)["held"]] == [third]
 
 
 def test_direct_messages_count_like_others() -> None:
@@ -176,11 +174,9 @@ def test_suspended_tasks_say_since_when_the_longest_first() -> None:
     suspend(walk)  # it is already
     robot.tick(1.0)
     told = load(robot.central)
-    assert [(one["task"], one["what"]) for one in told["suspended"]] == [
-        (other, f"'step' {{{other}}}"),
-        (walk, f"'walk' {{{walk}}}"),  # and all under it, for as long as it is
-    ]
-    assert [one["seconds"] for one in told["suspended"]] == [9.0, 2.0]
+    assert [one.number for one in told["suspended"]] == [other, walk]  # and all under it, for as long as it is
+    assert [one.seconds for one in told["suspended"]] == [9.0, 2.0]
+    assert told["suspended"][1].waits == (WaitFor(WaitKind.RESUME, module="user"),)
     assert told["totals"]["suspended"] == 2
     suspend(walk, resume=True)
     robot.receive("user", headers.Kill(robot.number("user"), TaskId(other), "enough"))
@@ -212,10 +208,12 @@ def test_killed_tasks_whose_handlers_still_run_say_what_these_wait_for() -> None
     robot.send("planner/1", "where", origin=walk)
     assert load(robot.central)["killed"] == []
     robot.receive("user", headers.Kill(robot.number("user"), TaskId(walk), "enough"))
-    told = {"task": walk, "what": f"'walk' {{{walk}}}", "why": "enough (by user)", "module": "planner"}
-    asked = f"the reply to 'where' {{{walk + 1}}}"
-    assert load(robot.central)["killed"] == [{**told, "for": asked}]
+    (killed,) = load(robot.central)["killed"]
+    assert (killed.number, killed.killed, killed.waits[0].module) == (walk, "enough (by user)", "planner")
+    nobody = WaitFor(WaitKind.HANDLER, name="where")
+    assert killed.waits[0].because == (WaitFor(WaitKind.REPLY, walk + 1, "where", because=(nobody,)),)
     robot.receive("planner/1", headers.WaitUntilHandled(robot.number("planner/1"), ["where"]))
-    assert load(robot.central)["killed"] == [{**told, "for": "modules that handle 'where'"}]
+    (killed,) = load(robot.central)["killed"]
+    assert killed.waits[0].because == (WaitFor(WaitKind.PRESENCE, name="where"),)
     robot.reply("planner/1")
     assert load(robot.central)["killed"] == []

@@ -4,15 +4,23 @@ import io
 import re
 from typing import Any
 
+import msgspec
 import pytest
 
 from tca_live.top_frame import frame, plain_frame
+from tca_wire.points import Moment
+from tca_wire.waits import Waiter, WaitFor, WaitKind
 
 pytest.importorskip("rich")
 
 from rich.console import Console
 
 from tca_live.top_screen import screen
+
+
+def plain(waiter: Waiter) -> dict[str, Any]:
+    found: dict[str, Any] = msgspec.to_builtins(waiter)
+    return found
 
 
 def resource(name: str = "legs", delivered: int = 10, busy: float = 4.0, **more: Any) -> dict[str, Any]:
@@ -72,18 +80,23 @@ def test_a_screen_tells_who_does_what_and_who_waits() -> None:
     busy = resource(
         waiting=4, oldest=12.0, held_by="eyes", handling=[{"id": 7, "message": "move\x1b[31m", "seconds": 0.52}]
     )
-    waits = [{"what": "'move' {9} (and 3 more)", "for": "resource 'legs' of 'legs'", "seconds": 12.0}]
+    waits = [plain(Waiter(9, "move", more=3, seconds=12.0, waits=(WaitFor(WaitKind.RESOURCE, module="legs"),)))]
     told = frame(answer(20.0, busy, messages=[message("move", 3, failed=1)], waits=waits), hidden="tca top")
     text = shown(screen(told, "ipc:///here", ""), 140)
     assert "central at ipc:///here  run one, up 0:20\n1 module, 3 tasks, 10.0 events/s; rates of the whole run" in text
     assert "move\\x1b[31m {7}  0.5 s  locked by eyes" in text
-    assert re.search(r"12.0 s +'move' \{9\} \(and 3 more\) +resource 'legs' of 'legs'", text)
+    assert re.search(r"12.0 s +move \{9\} and 3 more +for legs", text)
     assert "nobody waits" not in text
     assert "\x1b" not in text
 
 
 def waiting(number: int, why: str = "legs") -> list[dict[str, Any]]:
-    return [{"what": f"'step' {{{one}}}", "for": why, "seconds": 1.0} for one in range(number)]
+    waits = (WaitFor(WaitKind.RESOURCE, module=why),)
+    return [plain(Waiter(one, "step", seconds=1.0, waits=waits)) for one in range(1, number + 1)]
+
+
+def suspended_for_long() -> list[dict[str, Any]]:
+    return [plain(Waiter(213, "mop floor", seconds=40.0, waits=(WaitFor(WaitKind.RESUME, module="operator panel"),)))]
 
 
 @pytest.mark.parametrize("width", [40, 80])
@@ -101,12 +114,11 @@ def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
 
 def test_in_a_small_terminal_those_who_wait_are_shown_and_what_is_not_is_named() -> None:
     messages = [message(f"step {number}", number) for number in range(60)]
-    suspended = [{"task": 213, "what": "'mop floor' {213}", "by": "operator panel", "seconds": 40.0}]
-    told = frame(answer(99.0, resource(), messages=messages, waits=waiting(3, "map"), suspended=suspended))
+    told = frame(answer(99.0, resource(), messages=messages, waits=waiting(3, "map"), suspended=suspended_for_long()))
     lines = shown(screen(told, "ipc:///here", "", 12), 40).splitlines()
     assert len(lines) <= 12
     assert any("1.0 s" in line and "map" in line for line in lines)
-    assert any("40.0 s" in line and "'mop" in line for line in lines)
+    assert any("40.0 s" in line and "mop" in line for line in lines)
     assert lines[-1] == "no room for: resources, messages"
 
 
@@ -119,8 +131,9 @@ def test_where_room_is_short_the_busy_and_the_oldest_waits_are_shown() -> None:
         "torch", "stove", "table", "oven", "knife",
     ]  # fmt: skip
     messages = [message(f"step {number}", number) for number in range(9)]
-    suspended = [{"task": 213, "what": "'mop floor' {213}", "by": "operator panel", "seconds": 40.0}]
-    told = frame(answer(20.0, *many, messages=messages, waits=waiting(4, "map"), held=waiting(2), suspended=suspended))
+    told = frame(
+        answer(20.0, *many, messages=messages, waits=waiting(4, "map"), held=waiting(2), suspended=suspended_for_long())
+    )
     lines = shown(screen(told, "ipc:///here", "", 30)).splitlines()
     assert len(lines) <= 30
     assert all(any(line.startswith(f"legs / {name} ") for line in lines) for name in ("torch", "table", *busy))
@@ -129,10 +142,9 @@ def test_where_room_is_short_the_busy_and_the_oldest_waits_are_shown() -> None:
 
 
 def test_a_run_that_stands_because_something_is_suspended_says_so() -> None:
-    suspended = [{"task": 213, "what": "'mop floor' {213}", "by": "operator panel", "seconds": 40.0}]
-    text = shown(screen(frame(answer(99.0, resource(), suspended=suspended)), "ipc:///here", ""))
+    text = shown(screen(frame(answer(99.0, resource(), suspended=suspended_for_long())), "ipc:///here", ""))
     assert re.search(r"suspended for +longest first +by +until", text)
-    assert re.search(r" 40.0 s +'mop floor' \{213\} +operator panel +'tca resume 213'", text)
+    assert re.search(r" 40.0 s +mop floor \{213\} +operator panel +'tca resume 213'", text)
     assert "nobody waits" not in text
 
 
@@ -143,7 +155,7 @@ def test_how_many_there_are_is_said_and_not_only_how_many_were_told() -> None:
     text = shown(screen(told, "ipc:///here", "", 32))
     found = re.search(r"and (\d+) more", text)
     assert found
-    assert text.count("'step'") - 1 + int(found[1]) == 190
+    assert text.count("step {") - 1 + int(found[1]) == 190
     plain = plain_frame(told)
     assert (len(plain["held"]), plain["totals"], plain["is_cut"]) == (50, totals, True)
     assert not plain_frame(frame(answer(20.0, waits=waiting(1))))["is_cut"]
@@ -160,11 +172,12 @@ def test_in_80_columns_nothing_that_matters_is_cut() -> None:
         waiting=4, oldest=12.0, blocked=1, held_by="eyes", handling=[{"id": 7, "message": "move leg", "seconds": 0.5}]
     )
     other = resource("ankles", capacity=1, blocked=1, handling=[{"id": 8, "message": "look", "seconds": 90.0}])
-    held = [{"what": "'wave' {9}", "for": "end achieving of 'walk' {3}", "seconds": 31.0}]
+    walk = WaitFor(WaitKind.CONSTRAINT, 3, "walk", Moment.END_ACHIEVING)
+    held = [plain(Waiter(9, "wave", seconds=31.0, waits=(walk,)))]
     text = shown(screen(frame(answer(20.0, busy, other, held=held)), "ipc:///here", ""), 80)
     assert re.search(r"legs x2 +10% +0.5 +4, 12.0 s +locked by eyes  1 blocked: move leg \{7\}", text)
     assert re.search(r"legs / ankles +20% +0.5 +blocked: look \{8\}  90.0 s", text)
-    assert re.search(r"31.0 s +'wave' \{9\} +end achieving of 'walk' \{3\}", text)
+    assert re.search(r"31.0 s +wave \{9\} +until walk \{3\} is achieved", text)
 
 
 def test_nothing_is_told_in_words() -> None:

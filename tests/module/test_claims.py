@@ -33,7 +33,7 @@ def test_while_a_resource_is_locked_nobody_gets_in(central: LocalCentral, legs: 
             with pytest.raises(Timeout, match="not reached"):
                 move.wait(timeout=0.1)
             assert [resource.locked_by for resource in resources(user)] == ["user"]
-            with pytest.raises(Deadlock, match="'legs' is locked by module 'user'"):
+            with pytest.raises(Deadlock, match="legs, which user has locked"):
                 user.command(MOVE, 2).result()
         move.result(timeout=5)
         assert [resource.locked_by for resource in resources(user)] == [""]
@@ -76,7 +76,7 @@ def test_whoever_waits_too_long_is_told_who_has_it(central: LocalCentral, legs: 
     legs.handles(MOVE)(lambda *_: None)
     with legs.running(), connect("other", central) as other:
         with user.lock("legs"):
-            with pytest.raises(Timeout, match="was locked by module 'user'"):
+            with pytest.raises(Timeout, match="legs, which user has locked"):
                 other.lock("legs", timeout=0.05)
             with pytest.raises(Timeout, match="lock of resource 'legs' of 'legs'"):
                 other.lock("legs", "legs", timeout=0)

@@ -146,7 +146,7 @@ def test_a_query_that_was_given_up_calls_nothing(legs: Module, user: Client, cen
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
     assert not called
     assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == [
-        "its sender gave up: nobody handled it"
+        "its sender gave up: no module handles it"
     ]
 
 
@@ -203,8 +203,8 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
         go.set()
         assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
     assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == [
-        "its sender gave up: nobody replied: resource 'legs' of 'legs' had it, and had not answered",
-        "its sender gave up: nobody replied: it waited for resource 'legs' of 'legs', busy with 'health' {2}",
+        "its sender gave up: nobody replied: legs has not answered",
+        "its sender gave up: nobody replied: legs (queued, busy with health {1}) has not answered",
     ]
 
 

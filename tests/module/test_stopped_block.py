@@ -115,7 +115,7 @@ def test_what_is_at_work_ends_first_and_what_waits_goes_to_the_older_one(
         second = user.command(MOVE_LEG, 2, sequential=False)
         legs.stop()
         assert second.result(SOON) == Footfall(2, 0.0)
-        with pytest.raises(Timeout, match="resource 'legs' of 'legs' had it, and had not returned"):
+        with pytest.raises(Timeout, match="its handler in legs returns"):
             first.wait(0.01)
         go_on.set()
         assert first.result(SOON) == Footfall(1, 1.0)

@@ -143,9 +143,7 @@ def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
     with legs.running(), busy(eyes, user):
         asked = user.command(ASK)
         assert asked.wait(SOON) == "failed"
-        with pytest.raises(
-            Exception, match=r"within 0.02 s: it waited for resource 'eyes' of 'eyes', busy with 'tempe"
-        ):
+        with pytest.raises(Exception, match=r"within 0.02 s: it is queued for eyes, busy with tempe"):
             asked.result(SOON)
     history = History.until(central.entries)
     (run,) = (run for run in history.handlings if run.name == "ask")
@@ -153,13 +151,13 @@ def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
     assert history.messages[wait.awaited].received == wait.start
     assert wait.end == history.messages[wait.awaited].written("dropped")
     (why,) = (fact.why for fact in central.facts if isinstance(fact, Dropped))
-    assert why == "its sender gave up: it waited for resource 'eyes' of 'eyes', busy with 'temperature' {1}"
+    assert why == "its sender gave up: it is queued for eyes, busy with temperature {1}"
 
 
 def test_who_gives_up_hears_who_had_the_question(eyes: Module, user: Client, central: LocalCentral) -> None:
     with busy(eyes, user), connect("other", central) as other:
         waiting = other.query_send(TEMPERATURE)
-        with pytest.raises(Timeout, match=r"0.01 s: it waited for resource 'eyes' of 'eyes', busy with 'tempera"):
+        with pytest.raises(Timeout, match=r"0.01 s: it is queued for eyes, busy with tempera"):
             waiting.receive(0.01)
     late = Query("late", reply=int)
     go = threading.Event()
@@ -170,7 +168,7 @@ def test_who_gives_up_hears_who_had_the_question(eyes: Module, user: Client, cen
         go.set()
     words = str(caught.value)
     assert words.startswith("query 'late' was not answered within 0.05 s: ")
-    assert "resource 'eyes' of 'eyes' had it, and had not answered; to wait longer give timeout=" in words
+    assert "eyes handles it; to wait longer give timeout=" in words
 
 
 def test_who_waits_no_longer_for_a_task_hears_how_far_it_was(legs: Module, user: Client) -> None:
@@ -183,7 +181,8 @@ def test_who_waits_no_longer_for_a_task_hears_how_far_it_was(legs: Module, user:
 
     later = user.command(ASK_LATER)
     with pytest.raises(
-        Timeout, match=r"was not reached within 0.01 s: nobody handled it; to wait longer give timeout=$"
+        Timeout,
+        match=r"was not reached within 0.01 s: it waits for a module that handles ask later; to wait longer give timeout=$",
     ):
         later.wait(0.01)
     later.kill()
@@ -191,9 +190,9 @@ def test_who_waits_no_longer_for_a_task_hears_how_far_it_was(legs: Module, user:
         first = user.command(ASK, sequential=False)
         assert begun.wait(SOON)
         second = user.command(ASK)
-        with pytest.raises(Timeout, match=r"resource 'legs' of 'legs' had it, and had not returned; to wait"):
+        with pytest.raises(Timeout, match=r"it waits until its handler in legs returns; to wait"):
             first.wait(0.01)
-        with pytest.raises(Timeout, match=f"it was held until end achieving of 'ask' .{first.id}.; to wait"):
+        with pytest.raises(Timeout, match=f"it waits until ask .{first.id}. is achieved; to wait"):
             second.wait(0.01)
         go.set()
         second.result(SOON)

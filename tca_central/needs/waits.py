@@ -1,0 +1,356 @@
+"""What is waited for as people are told of it: ``WaitFor`` data, made from the graph. Changes nothing.
+
+Of very many things only so many are looked at, and the first few told one by one.
+"""
+
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice
+
+from msgspec.structs import replace
+
+from tca_central.model.registry import Connection, Delivery, ModuleResource
+from tca_central.model.resources import Claim
+from tca_central.model.task_tree import Task
+from tca_central.needs.graph import (
+    Freeing,
+    Granting,
+    Group,
+    Node,
+    Releasing,
+    Returning,
+    Turn,
+    TurnAt,
+    Waiting,
+    needs,
+)
+from tca_central.order.cycles import Place
+from tca_central.order.holds import Release
+from tca_central.state import Collector, PresenceWait, State, TaskWait
+from tca_wire.points import (
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+)
+from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.waits import WaitFor, WaitKind
+
+NAMED = 3
+"""Things of one kind that are told one by one."""
+_LOOKED_AT = 10_000
+"""Groups of one node that are looked at."""
+_GOAL = (START_PLANNING, END_HANDLING, END_PLANNING, START_ACHIEVING, END_ACHIEVING)
+_OTHERS = (START_ACHIEVING, END_HANDLING, END_ACHIEVING)
+"""The moments of a task in the order in which it comes to them; a goal may be achieved earlier."""
+
+
+def next_of(task: Task) -> Place:
+    """The point that a task comes to next."""
+    if task.killed:
+        return Place(task, END_ACHIEVING)
+    if not task.reached & START_HANDLING:
+        return Place(task, START_PLANNING if task.is_goal else START_ACHIEVING)
+    return Place(task, next(one for one in (_GOAL if task.is_goal else _OTHERS) if not task.reached & one))
+
+
+def waits_of(central: State, node: Node) -> list[WaitFor]:
+    """What a node waits for; nothing if it comes about by itself."""
+    return _compact(_of_node(central, node))
+
+
+def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
+    match node:
+        case Place():
+            yield from _of_place(central, node)
+        case Waiting(connection, number):
+            yield from _of_request(central, connection, number)
+        case Returning(delivery):
+            yield from _of_handler(central, delivery)
+        case Turn(delivery):
+            yield _where(central, delivery)
+        case TurnAt(_, resource) | Freeing(resource):
+            yield _of_resource(central, resource, node)
+        case Granting(claim):
+            yield _of_claim(central, claim)
+        case Releasing(claim):
+            yield from _for_what(claim)
+
+
+def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
+    """The first of each kind and moment, with how many more there are."""
+    groups: dict[tuple[WaitKind, int], list[WaitFor]] = {}
+    more: dict[tuple[WaitKind, int], int] = {}
+    for wait in dict.fromkeys(waits):
+        key = wait.kind, wait.moment
+        if len(groups.setdefault(key, [])) < NAMED:
+            groups[key].append(wait)
+        else:
+            more[key] = more.get(key, 0) + 1
+    for key, number in more.items():
+        last = groups[key][-1]
+        groups[key][-1] = replace(last, more=last.more + number)
+    return list(chain.from_iterable(groups.values()))
+
+
+# --- tasks -----------------------------------------------------------------------------------------------------------
+
+
+def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
+    """What keeps a task from a point, and from those of its own that come before."""
+    task = place.task
+    if task.slot is not None or task.queues is not None:
+        yield _where(central, task)
+        return
+    if task.rare is not None and (handler := task.rare.recovering) is not None and not task.killed:
+        yield WaitFor(WaitKind.RECOVERY, handler.id, handler.message.name, END_ACHIEVING)
+    places = [place]
+    for own in places:  # grows while it is walked
+        children = 0
+        yield from _without_node(central, own)
+        for group in islice(needs(central, own), _LOOKED_AT):
+            if group is None:
+                continue
+            if isinstance(group[0], Place) and group[0].task is task:
+                places += [one for one in group if isinstance(one, Place) and one not in places]
+                continue
+            wait = between(central, own, group)
+            children += wait.kind is WaitKind.SUBTASK
+            if children == NAMED:  # the others need not be looked at
+                all_of_them = task.unplanned if own.moment == END_PLANNING else len(task.children or ())
+                yield replace(wait, more=max(all_of_them - NAMED, 0))
+                break
+            yield wait
+
+
+def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
+    """What the graph has no node for: time, somebody's will, a monitor's condition."""
+    task, moment = place
+    if task.killed or task.reached & moment:
+        return
+    if task.suspended and moment & (START_HANDLING | START_PLANNING | START_ACHIEVING):
+        yield _resume(central, task)
+    if task.rare is None:
+        return
+    for pending, timer in task.rare.pending.items():
+        if isinstance(pending, Release) and pending.moment == moment:
+            yield WaitFor(WaitKind.DELAY, seconds=timer.time)
+    if task.rare.watch is not None and task.reached & START_HANDLING and moment != START_PLANNING:
+        yield condition_of(task)
+
+
+def _resume(central: State, task: Task) -> WaitFor:
+    """What was suspended may be far above."""
+    for above in task.lineage():
+        if (how := central.tree.suspended.get(above.id)) is not None:
+            return WaitFor(WaitKind.RESUME, above.id, above.message.name, module=how[1])
+    return WaitFor(WaitKind.RESUME)
+
+
+def condition_of(monitor: Task) -> WaitFor:
+    """What a monitor watches for."""
+    watch = monitor.more.watch
+    if watch.condition is not None:
+        return WaitFor(WaitKind.CONDITION, watch.condition.id, watch.condition.message.name, holds=watch.holds)
+    is_demon = monitor.message.message_class is MessageClass.DEMON_MONITOR
+    return WaitFor(WaitKind.CONDITION, 0, "" if is_demon else watch.parts[0].name, holds=watch.holds)
+
+
+def between(central: State, node: Place | Releasing, group: Group) -> WaitFor:
+    """That a node waits for one of a group of the graph."""
+    match group[0]:
+        case Place(other, moment):
+            kind = _kind(node, other, moment)
+            by = next(iter(other.context.tap.holders), "") if kind is WaitKind.LISTENER else ""
+            return WaitFor(kind, other.id, other.message.name, moment, by)
+        case Returning(delivery) | Turn(delivery) if isinstance(node, Place) and delivery is not node.task:
+            return condition_of(node.task)
+        case Turn(delivery):
+            return _where(central, delivery)
+        case Freeing(resource):
+            return _of_resource(central, resource, Freeing(resource), len(group) - 1)
+    raise AssertionError(f"{node} never waits for {group[0]}")
+
+
+def _kind(node: Place | Releasing, other: Task, moment: int) -> WaitKind:
+    if not isinstance(node, Place):
+        return WaitKind.TASK
+    task = node.task
+    if other.role is Role.EXCEPTION and (other.parent is task or (task.rare is not None and other in task.rare.asking)):
+        return WaitKind.RECOVERY
+    if other.role is Role.LISTENER:
+        return WaitKind.LISTENER
+    if other.parent is task:
+        return WaitKind.SUBTASK
+    return WaitKind.PARENT if other is task.parent and moment == node.moment else WaitKind.CONSTRAINT
+
+
+# --- requests and handlers -------------------------------------------------------------------------------------------
+
+
+def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
+    """What the handler of a delivery, or whatever is handled within its waits, blocks for."""
+    slot = delivery.slot
+    if slot is None:
+        return
+    given = slot.handling[delivery]
+    for number, wait in chain(slot.waits.items(), slot.pauses.items()):
+        if wait.origin == delivery.given_as if wait.together else wait.since > given:
+            yield from _of_request(central, slot, number, is_first=False)
+
+
+def _of_request(central: State, connection: Connection, number: int, *, is_first: bool = True) -> Iterator[WaitFor]:
+    """What is due to a connection; where that is in turn is told of the *first* request only."""
+    due = connection.outstanding.get(number)
+    match due:
+        case Delivery():
+            where = _where(central, due, is_first=is_first)
+            yield WaitFor(WaitKind.REPLY, due.message_id, due.message.name, because=(where,) if is_first else ())
+        case Collector():
+            yield replies_to(central, due)
+        case Claim():
+            yield _of_claim(central, due)
+        case TaskWait() if (task := central.tree.tasks.get(due.task_id)) is not None:
+            yield WaitFor(WaitKind.TASK, task.id, task.message.name, due.moment)
+        case PresenceWait():
+            missing = [message for message in due.messages if not message.serving]
+            yield from _compact(WaitFor(WaitKind.PRESENCE, name=message.name) for message in missing)
+
+
+def replies_to(central: State, collector: Collector) -> WaitFor:
+    """What a multi-query waits for: those who have not answered."""
+    because = tuple(_where(central, copy, is_first=False) for copy in collector.pending.values())
+    return WaitFor(WaitKind.REPLY, collector.id, collector.message.name, answered=collector.answered, because=because)
+
+
+def _where(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
+    """Where a message is: with a handler, in a queue, nowhere."""
+    if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
+        because = tuple(_of_handler(central, delivery)) if is_first else ()
+        return WaitFor(WaitKind.RUNNING, module=resource.module, resource=resource.name, because=because)
+    if not delivery.queues:
+        return WaitFor(WaitKind.HANDLER, name=delivery.message.name)
+    resource, *others = delivery.queues
+    return _of_resource(central, resource, TurnAt(delivery, resource), len(others))
+
+
+# --- resources -------------------------------------------------------------------------------------------------------
+
+
+def _of_resource(central: State, resource: ModuleResource, node: Node, more: int = 0) -> WaitFor:
+    because = tuple(_keepers(central, node)) if resource.slots else (WaitFor(WaitKind.HANDLER),)
+    return WaitFor(WaitKind.RESOURCE, module=resource.module, resource=resource.name, more=more, because=because)
+
+
+def _of_claim(central: State, claim: Claim[Connection]) -> WaitFor:
+    """What somebody waits for who wants a resource for himself."""
+    resource = claim.resource
+    because = tuple(_keepers(central, Granting(claim)))
+    return WaitFor(
+        WaitKind.LOCK, claim.id, _called(claim), module=resource.module, resource=resource.name, because=because
+    )
+
+
+def kept_from(central: State, claim: Claim[Connection]) -> WaitFor:
+    """The same, as the wait of a message for the resource."""
+    resource = claim.resource
+    because = tuple(_keepers(central, Granting(claim)))
+    return WaitFor(WaitKind.RESOURCE, module=resource.module, resource=resource.name, because=because)
+
+
+def _keepers(central: State, node: Node) -> list[WaitFor]:
+    """Who is in a resource, has it or wants it first."""
+    found = []
+    for one in chain.from_iterable(group for group in islice(needs(central, node), _LOOKED_AT) if group is not None):
+        match one:
+            case Freeing():
+                found += _keepers(central, one)
+            case Returning(delivery):
+                found.append(_running(delivery))
+            case Granting(claim):
+                found.append(_keeper(claim, WaitKind.LOCK))
+            case Releasing(claim):
+                found.append(_keeper(claim, WaitKind.LOCKED))
+    return _compact(found)
+
+
+def _keeper(claim: Claim[Connection], kind: WaitKind) -> WaitFor:
+    return WaitFor(kind, 0, _called(claim), module=claim.slot.module.name, because=tuple(_for_what(claim)))
+
+
+def _for_what(claim: Claim[Connection]) -> Iterator[WaitFor]:
+    """The message for which somebody wants a resource, or has it."""
+    holder = claim.holder
+    if holder is not None:
+        yield _running(holder) if holder.slot is not None else WaitFor(WaitKind.TASK, holder.id, holder.message.name)
+
+
+def _running(delivery: Delivery) -> WaitFor:
+    return WaitFor(WaitKind.RUNNING, delivery.message_id, delivery.message.name)
+
+
+def _called(claim: Claim[Connection]) -> str:
+    return "reservation" if claim.admits_owner else "lock"
+
+
+# --- in the end ------------------------------------------------------------------------------------------------------
+
+
+class Ends:
+    """What waits for nothing else, found from wait to wait; all together look at so many *edges*."""
+
+    def __init__(self, central: State, edges: int) -> None:
+        self.edges = edges
+        self._central = central
+        self._known: dict[Node, WaitFor] = {}
+
+    def end_of(self, node: Node) -> WaitFor | None:
+        """What a node waits for in the end, by the first wait of each; None if that was too far to look."""
+        trail: dict[Node, None] = {}
+        end: WaitFor | None = None
+        while end is None:
+            if node in trail:
+                end = self._circle(node, trail)
+            elif node in self._known:
+                end = self._known[node]
+            else:
+                trail[node] = None
+                group = self._first_group(node)
+                if self.edges <= 0:
+                    return None
+                end = None if group else self._at_rest(node)
+                node = group[0] if group else node
+        self._known.update(dict.fromkeys(trail, end))
+        return end
+
+    def _first_group(self, node: Node) -> Group | None:
+        for group in needs(self._central, node):
+            self.edges -= 1
+            if group is not None or self.edges <= 0:
+                return group
+        self.edges -= 1
+        return None
+
+    def _at_rest(self, node: Node) -> WaitFor:
+        match node:
+            case Returning(delivery):
+                where = _where(self._central, delivery)
+                return replace(where, number=delivery.message_id, name=delivery.message.name)
+            case Releasing(claim):
+                return replace(_keeper(claim, WaitKind.LOCKED), resource=claim.resource.name)
+            case Place(task, _) if task.queues is not None:
+                return _where(self._central, task)
+            case Place(task, moment):
+                reached = WaitFor(WaitKind.CONSTRAINT, task.id, task.message.name, moment)
+                return next(_without_node(self._central, node), reached)
+            case _:
+                return next(iter(waits_of(self._central, node)), WaitFor(WaitKind.RUNNING))
+
+    @staticmethod
+    def _circle(node: Node, trail: Iterable[Node]) -> WaitFor:
+        """It waits for itself: told by a task that is in the circle."""
+        circle = list(trail)
+        circle = circle[circle.index(node) :]
+        task = next((one.task for one in circle if isinstance(one, Place)), None)
+        return WaitFor(WaitKind.CIRCLE, task.id if task else 0, task.message.name if task else "")
