@@ -30,6 +30,9 @@ NOT_THE_CORE = ("shell", "__main__.py", "__init__.py", "invariants.py")
 NEEDED = ("tca_*", "tests", "benchmarks", "setup.cfg", "pyproject.toml")
 """What tests/central needs to run."""
 
+TESTS = ("tests/central/test_transcripts.py", "tests/central")
+"""The quickest first."""
+
 WANTED = 0.9
 """So many of the mutants must be killed."""
 
@@ -148,7 +151,7 @@ class Copy:
     def passes(self, limit: float) -> bool:
         """Whether tests/central passes, within some seconds of the processor."""
         bounds = f"ulimit -t {int(limit)} -v {MEMORY}; exec "
-        tests = f"'{sys.executable}' -m pytest -x -q -p no:cacheprovider -p no:xdist tests/central"
+        tests = f"'{sys.executable}' -m pytest -x -q -p no:cacheprovider -p no:xdist {' '.join(TESTS)}"
         environment = {**os.environ, "PYTHONPATH": str(self.folder)}
         try:
             done = subprocess.run(

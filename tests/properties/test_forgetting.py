@@ -6,10 +6,10 @@ from collections.abc import Callable
 import pytest
 from central.player import ANY, Player, before, point
 from central.reachable import reachable
+from central.test_random_lives import end_life
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
-from properties.test_central_properties import end_life
 
 from tca_central.control.kills_and_suspension import Bound, Ending
 from tca_central.core import Central

@@ -5,9 +5,9 @@ its listener, passes it first. In lives that are full of that the reference sche
 import random
 
 import pytest
+from central.test_oracle import NO_SMALLER_SEED, JudgedLife
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from properties.test_oracle import NO_SMALLER_SEED, JudgedLife
 
 from tca_wire.packets import headers
 from tca_wire.points import TaskId
