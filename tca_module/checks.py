@@ -5,7 +5,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple, get_args
 
 from tca_module.errors import MisuseError
-from tca_module.signatures import arguments_taken, is_async
 from tca_wire.constraints import Constraint
 from tca_wire.messages.controls import ExceptionHandler, Monitor, PollingMonitor
 from tca_wire.messages.declarations import (
@@ -263,3 +262,29 @@ def check_function(
     if arguments is None:
         raise MisuseError(f"{what}: {name} is declared with {inspect.signature(function)}: declare it with {wanted}")
     return arguments
+
+
+def is_async(function: Callable[..., object]) -> bool:
+    """Whether it is an ``async def`` function, or an object that is called like one."""
+    called = getattr(function, "__call__", None)  # noqa: B004
+    return any(map(inspect.iscoroutinefunction, (function, called)))
+
+
+def arguments_taken(function: Callable[..., object], possible: Sequence[int]) -> int | None:
+    """The first of these numbers of arguments that it can be called with; None: with none of them.
+
+    Of a function that says nothing about itself, such as some written in C, the last is believed.
+    """
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return possible[-1]
+    return next((number for number in possible if _fits(signature, number)), None)
+
+
+def _fits(signature: inspect.Signature, arguments: int) -> bool:
+    try:
+        signature.bind(*(None,) * arguments)
+    except TypeError:
+        return False
+    return True

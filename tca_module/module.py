@@ -26,7 +26,8 @@ from tca_wire.messages.declarations import D, Message, R
 
 _WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
 
-F = TypeVar("F", bound=Callable[[Callback], object] | Callable[[], object])
+CallbackFunction = Callable[[Callback], object] | Callable[[], object]
+F = TypeVar("F", bound=CallbackFunction)
 Start = TypeVar("Start", bound=Callable[["Module"], object])
 
 
@@ -151,24 +152,14 @@ class Module(Sender):
 
         return declare
 
-    def after(
-        self,
-        delay: float,
-        function: Callable[[Callback], object] | Callable[[], object],
-        *,
-        resource: str | None = None,
-    ) -> Callback:
+    def after(self, delay: float, function: CallbackFunction, *, resource: str | None = None) -> Callback:
         """Have a function called once, *delay* seconds from now or from the module's start; otherwise like ``every``.
         May be called at any time, from any thread.
         """
         return self._called_by("after()", resource).after(delay, function)
 
     def on_readable(
-        self,
-        source: int | HasFileno,
-        function: Callable[[Callback], object] | Callable[[], object],
-        *,
-        resource: str | None = None,
+        self, source: int | HasFileno, function: CallbackFunction, *, resource: str | None = None
     ) -> Callback:
         """Have a function called whenever a socket, pipe or other file (or its number) has something to read; otherwise
         like ``every``. May be called at any time, from any thread.

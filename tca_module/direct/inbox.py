@@ -18,6 +18,7 @@ from tca_wire.packets import direct, headers
 from tca_wire.packets.codec import pack, pack_item
 from tca_wire.packets.direct import Direct, Greet, Greeting, Taken
 from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Deliver, Fail, GiveUp, Refused, Reply
+from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
 MOST_WAITING = 2000
@@ -235,10 +236,9 @@ class Inbox:
             sender.is_behind |= not self._socket.send(sender.address, pack_item(answer, body))
         elif not is_done:
             self._log.warning("inform '%s' from %s failed: %s", done.header.message, sender.module, failure)
-        self._notes.handled(
-            now, done.header.message, sender.module, done.header.origin, len(done.body), now - done.began, outcome,
-            failure,
-        )  # fmt: skip
+        header_, seconds = done.header, now - done.began
+        note = Note(header_.message, sender.module, header_.origin, len(done.body), 0.0, seconds, outcome, failure)
+        self._notes.handled(note, now)
 
     # --- the end ---------------------------------------------------------------------------------------------------
 

@@ -2,9 +2,10 @@
 
 from collections import Counter
 
+import msgspec
+
 from tca_module.session.session import Session
 from tca_wire.packets.routes import MOST_NOTES, Loss, Note, Noted
-from tca_wire.vocabulary import Outcome
 
 WITHIN = 0.1
 """Seconds after which notes are sent even if there is nothing else to send."""
@@ -21,19 +22,16 @@ class NoteBatch:
 
     def __init__(self) -> None:
         self.due = FAR  #: when they are to be sent
-        self._notes: list[tuple[float, str, str, int, int, float, Outcome, str]] = []
+        self._notes: list[tuple[float, Note]] = []  #: with the times when the messages ended
         self._losses: Counter[str] = Counter()
 
-    def handled(
-        self, ended: float, message: str, sender: str, origin: int, size: int, seconds: float, outcome: Outcome,
-        failure: str,
-    ) -> None:  # fmt: skip
+    def handled(self, note: Note, now: float) -> None:
         """Note that a direct message was handled."""
         if len(self._notes) >= MOST_NOTES:
-            self.lost(NOTES_LOST, ended)
+            self.lost(NOTES_LOST, now)
             return
-        self._notes.append((ended, message, sender, origin, size, seconds, outcome, failure))
-        self.due = min(self.due, ended + WITHIN)
+        self._notes.append((now - note.ago, note))
+        self.due = min(self.due, now + WITHIN)
 
     def lost(self, message: str, now: float) -> None:
         """Note that a direct inform was lost."""
@@ -44,10 +42,7 @@ class NoteBatch:
         """Send them if it is time, or if something else is sent anyway."""
         if not session.is_welcome or (not at_once and now < self.due and not session.outgoing):
             return
-        notes = [
-            Note(message, sender, origin, size, max(0.0, now - ended), seconds, outcome, failure)
-            for ended, message, sender, origin, size, seconds, outcome, failure in self._notes
-        ]
+        notes = [msgspec.structs.replace(note, ago=max(0.0, now - ended)) for ended, note in self._notes]
         session.post(Noted(notes, [Loss(message, number) for message, number in self._losses.items()]))
         self._notes.clear()
         self._losses.clear()
@@ -56,11 +51,7 @@ class NoteBatch:
     def restore(self, said: Noted, now: float) -> None:
         """Keep notes that could not be sent."""
         for note in said.notes:
-            self.handled(now - note.ago, *_what(note))
+            self.handled(note, now)
         for loss in said.losses:
             self._losses[loss.message] += loss.number
             self.due = min(self.due, now + WITHIN)
-
-
-def _what(note: Note) -> tuple[str, str, int, int, float, Outcome, str]:
-    return note.message, note.sender, note.origin, note.size, note.seconds, note.outcome, note.failure

@@ -16,18 +16,7 @@ from tca_module.sending.task_ref import TaskRef, attachment
 from tca_module.sending.watching import Watching
 from tca_module.session.request import Request, unsent
 from tca_wire.constraints import Constraint, Flags, not_before
-from tca_wire.messages.declarations import (
-    NOTHING,
-    Broadcast,
-    Command,
-    D,
-    Goal,
-    Inform,
-    Message,
-    MultiQuery,
-    Query,
-    R,
-)
+from tca_wire.messages.declarations import NOTHING, Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
 
@@ -153,14 +142,9 @@ class Sender(Watching):
         return self._ask(message, data, priority)
 
     def query_notify(
-        self,
-        message: Query[D, R],
-        data: D,
-        callback: "Callable[[Sender, R], object]",
-        on_failure: "Callable[[Sender, Exception], object] | None" = None,
-        *,
-        priority: int = 0,
-    ) -> Notification[R]:
+        self, message: Query[D, R], data: D, callback: "Callable[[Sender, R], object]",
+        on_failure: "Callable[[Sender, Exception], object] | None" = None, *, priority: int = 0,
+    ) -> Notification[R]:  # fmt: skip
         """Ask, and have *callback* called with the reply, or *on_failure* with the error that ``query`` would raise.
 
         Both get a Sender first, which sends under the root. They are called in this thread, one at a time, while it
@@ -177,41 +161,22 @@ class Sender(Watching):
         return PendingReply(*self._question(message, data, priority=priority, is_awaited=False), message)
 
     def _question(
-        self,
-        message: Message[Any, Any],
-        data: Any,
-        *,
-        priority: int = 0,
-        blocking: bool = False,
-        brief: bool = False,
-        maximum: int = 0,
-        if_handled: bool = False,
-        is_awaited: bool = True,
-    ) -> tuple[Connection, Request]:
+        self, message: Message[Any, Any], data: Any, *, priority: int = 0, blocking: bool = False, brief: bool = False,
+        maximum: int = 0, if_handled: bool = False, is_awaited: bool = True,
+    ) -> tuple[Connection, Request]:  # fmt: skip
         check(name_of(message), checks.PRIORITY, priority=priority)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(
-            0,
-            message.name,
-            origin=self._origin,
-            priority=priority,
-            blocking=blocking,
-            maximum=maximum,
-            flags=Flags.NONE,
-            if_handled=if_handled,
-            brief=brief,
-        )
+            0, message.name, origin=self._origin, priority=priority, blocking=blocking, maximum=maximum,
+            flags=Flags.NONE, if_handled=if_handled, brief=brief,
+        )  # fmt: skip
         return connection, connection.request(header, body, wants_answer=True, is_awaited=is_awaited)
 
     def multi_query(
-        self,
-        message: MultiQuery[D, R],
-        data: D = NOTHING,
-        *,
-        maximum: int | None = None,
+        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int | None = None,
         timeout: float | None = QUERY_TIMEOUT,
-    ) -> list[R]:
+    ) -> list[R]:  # fmt: skip
         """Ask every module that handles the message; the replies in the order they came.
 
         Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
@@ -221,13 +186,9 @@ class Sender(Watching):
         return list(self._ask_all(message, data, maximum, timeout, blocking=True))
 
     def multi_query_send(
-        self,
-        message: MultiQuery[D, R],
-        data: D = NOTHING,
-        *,
-        maximum: int | None = None,
+        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int | None = None,
         timeout: float | None = QUERY_TIMEOUT,
-    ) -> PendingReplies[R]:
+    ) -> PendingReplies[R]:  # fmt: skip
         """Ask every module that handles the message; iterate over the result to get the replies as they come. It ends
         as ``multi_query`` does; *timeout* counts from now.
         """

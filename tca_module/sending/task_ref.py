@@ -15,21 +15,7 @@ from tca_module.session.epoch_numbers import first_foreign, with_epoch
 from tca_module.session.request import Request
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
-from tca_wire.packets.headers import (
-    Answer,
-    Attach,
-    Deadline,
-    Inspect,
-    Keep,
-    Kill,
-    Raise,
-    Remove,
-    Retry,
-    Send,
-    Suspend,
-    Tap,
-    WaitFor,
-)
+from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.text.measures import numbered
@@ -82,7 +68,7 @@ class AttachmentRef:
     attached anew when central was restarted.
     """
 
-    def __init__(self, connection: Connection, number: int, header: Attach | Tap) -> None:
+    def __init__(self, connection: Connection, number: int, header: headers.Attach | headers.Tap) -> None:
         self._connection = connection
         self._attachments = connection.session.attachments
         self._standing = self._attachments.of(header)
@@ -103,7 +89,7 @@ class AttachmentRef:
             self._attachments.forget(self._standing, connection.session.epoch)
         try:
             origin = 0 if first_foreign([self._origin], connection.session.epoch) else self._origin
-            connection.call(Remove(0, self.id, origin=origin), f"removing {self.id}")
+            connection.call(headers.Remove(0, self.id, origin=origin), f"removing {self.id}")
         except CentralLost:
             if first_foreign([self.id], connection.session.epoch) is None:
                 raise
@@ -129,7 +115,7 @@ class TaskRef(TaskIntervals):
         self._connection = connection
         self._name = message
         self._origin = origin
-        self._end: tuple[Answer, bytes] | None = None  # how it ended, once that has been waited for
+        self._end: tuple[headers.Answer, bytes] | None = None  # how it ended, once that has been waited for
 
     def __repr__(self) -> str:
         return numbered(self.message or "task", self.id)
@@ -157,13 +143,13 @@ class TaskRef(TaskIntervals):
         """
         return self._reached(point, timeout)[0].outcome
 
-    def _ended(self, timeout: float | None) -> tuple[Answer, bytes]:
+    def _ended(self, timeout: float | None) -> tuple[headers.Answer, bytes]:
         check(f"the wait for {self}", checks.TIMEOUT, timeout=timeout)
         if self._end is None:
             self._end = self._reached(self.achieving.end, timeout)
         return self._end
 
-    def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
+    def _reached(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
         what, request = self._ask(
             point, blocking=True, brief=is_brief(f"the wait for {self}", timeout), is_awaited=True
         )
@@ -179,7 +165,7 @@ class TaskRef(TaskIntervals):
         """Ask to be told when a point is reached: its name for people, and the request."""
         check(f"the wait for {self}", checks.POINT, point=point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        header = WaitFor(0, point, self._origin, blocking, brief)
+        header = headers.WaitFor(0, point, self._origin, blocking, brief)
         return what, self._connection.request(header, wants_answer=True, is_awaited=is_awaited)
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
@@ -194,7 +180,7 @@ class TaskRef(TaskIntervals):
         check(what, checks.SECONDS, delay=delay)
         check(what, checks.SCOPE, scope=scope)
         check(what, checks.POINT_OR_NONE, after=after)
-        return self._steer(Kill(0, self.id, why, scope, after, delay, origin=self._origin), what)
+        return self._steer(headers.Kill(0, self.id, why, scope, after, delay, origin=self._origin), what)
 
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
         """Send *message* if the task is killed after its start, to leave things safe (TDL: ON TERMINATE).
@@ -206,7 +192,7 @@ class TaskRef(TaskIntervals):
         check_class(message, Goal, Command, call="on_termination()")
         body = message.encode_data(data)
         self._connection.declare(message)
-        header = Send(0, message.name, self.id, self._origin, when_killed=True)
+        header = headers.Send(0, message.name, self.id, self._origin, when_killed=True)
         self._connection.call(header, f"on termination of {self}", body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
@@ -217,7 +203,7 @@ class TaskRef(TaskIntervals):
         what = f"a deadline of {self}"
         check(what, checks.DURATION, seconds=seconds)
         check(what, checks.POINT_OR_NONE, point=point)
-        return self._steer(Deadline(0, point or self.achieving.end, seconds, self._origin), what)
+        return self._steer(headers.Deadline(0, point or self.achieving.end, seconds, self._origin), what)
 
     # --- failures --------------------------------------------------------------------------------------------------
 
@@ -233,7 +219,7 @@ class TaskRef(TaskIntervals):
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
-        header = Attach(0, wanted, self.id, origin=self._origin)
+        header = headers.Attach(0, wanted, self.id, origin=self._origin)
         number = self._connection.call(header, f"attaching '{handler.name}' to {self}")
         return AttachmentRef(self._connection, number, header)
 
@@ -242,7 +228,7 @@ class TaskRef(TaskIntervals):
         Returns False if the task had ended or been killed.
         """
         check_raised(failure)
-        header = Raise(0, self.id, failure.name, failure.text, failure.kinds, self._origin)
+        header = headers.Raise(0, self.id, failure.name, failure.text, failure.kinds, self._origin)
         return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
     def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
@@ -258,7 +244,7 @@ class TaskRef(TaskIntervals):
         if message is not None and message.name != self.message:
             raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
         body = message.encode_data(data) if message is not None else b""
-        return self._steer(Retry(0, self.id, message is not None, self._origin), f"a retry of {self}", body)
+        return self._steer(headers.Retry(0, self.id, message is not None, self._origin), f"a retry of {self}", body)
 
     # --- suspending ------------------------------------------------------------------------------------------------
 
@@ -266,11 +252,11 @@ class TaskRef(TaskIntervals):
         """Start nothing more of the task and what is under it; running handlers are told. Returns False if the task had
         ended.
         """
-        return self._steer(Suspend(0, self.id, origin=self._origin), f"suspending {self}")
+        return self._steer(headers.Suspend(0, self.id, origin=self._origin), f"suspending {self}")
 
     def resume(self) -> bool:
         """Let a suspended task go on; does no harm to one that was not. Returns False if the task had ended."""
-        return self._steer(Suspend(0, self.id, resume=True, origin=self._origin), f"resuming {self}")
+        return self._steer(headers.Suspend(0, self.id, resume=True, origin=self._origin), f"resuming {self}")
 
     # --- what is remembered ----------------------------------------------------------------------------------------
 
@@ -284,11 +270,11 @@ class TaskRef(TaskIntervals):
         At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too late") if the task
         has ended. Beyond 64 MiB the oldest records are forgotten, with all under them.
         """
-        self._connection.call(Keep(0, self.id, origin=self._origin), f"keeping {self}")
+        self._connection.call(headers.Keep(0, self.id, origin=self._origin), f"keeping {self}")
 
     def release(self) -> None:
         """Undo ``keep`` for this module; does no harm to a task that was not kept."""
-        self._connection.call(Keep(0, self.id, release=True, origin=self._origin), f"releasing {self}")
+        self._connection.call(headers.Keep(0, self.id, release=True, origin=self._origin), f"releasing {self}")
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
         """The ended tasks under it that are kept, in the order of their ends."""
@@ -329,7 +315,7 @@ class TaskRef(TaskIntervals):
     ) -> "Iterator[tuple[TaskInfo, TaskRef]]":
         check(f"the tasks of {self}", checks.MESSAGE_OR_NAME, message=message)
         name = message.name if isinstance(message, Message) else message or ""
-        header = Inspect(0, self.id, relation, name)
+        header = headers.Inspect(0, self.id, relation, name)
         asked = f"{_RELATIONS.get(relation, relation)} of {self}" if self.id != ROOT else "tasks"
         request = answered(self._connection, header, f"the question for the {asked}")
         for row in msgspec.msgpack.decode(request.answers[-1][1]):

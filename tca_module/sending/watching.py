@@ -62,13 +62,9 @@ class Watching(CentralServices):
         return TaskRef(self._connection(), "root", ROOT, self._origin).descendants(message)
 
     def on_failure(
-        self,
-        failure: Failure[Any] | None,
-        handler: ExceptionHandler[Any],
-        *,
-        of: Message[Any, Any] | TaskRef | None = None,
-        maximum: int | None = None,
-    ) -> AttachmentRef:
+        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *,
+        of: Message[Any, Any] | TaskRef | None = None, maximum: int | None = None,
+    ) -> AttachmentRef:  # fmt: skip
         """Let *handler* handle *failure* (None: any) of all tasks of a message, of one task and those below it, or
         (of=None) of all tasks, at most *maximum* times for each task it is attached to (None: any number).
 
@@ -90,12 +86,9 @@ class Watching(CentralServices):
         return AttachmentRef(connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header)
 
     def tap(
-        self,
-        condition: Condition,
-        tapped: Message[Any, Any] | TaskRef,
-        listener: Message[Any, Any],
+        self, condition: Condition, tapped: Message[Any, Any] | TaskRef, listener: Message[Any, Any],
         **options: Unpack[Watched],
-    ) -> AttachmentRef:
+    ) -> AttachmentRef:  # fmt: skip
         """Send *listener*, with the tapped data, whenever the condition comes true of a message or task (TCA 8.5:
         TapMessage, TapReference).
 
@@ -141,15 +134,8 @@ class Watching(CentralServices):
         if is_task:
             epoch = connection.session.epoch
             flags, constraints = self._ordering.place(epoch, is_goal=False, sequential=sequential)
-        header = Send(
-            0,
-            monitor.name,
-            self._parent,
-            self._origin,
-            flags,
-            [*constraints, *options.get("constraints", [])],
-            watch=watch,
-        )
+        constraints += options.get("constraints", [])
+        header = Send(0, monitor.name, self._parent, self._origin, flags, constraints, watch=watch)
         task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
         if is_task:
             self._ordering.add(task_id, sequential=sequential)

@@ -4,13 +4,12 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.checks import FLAG, MESSAGE, PENDING, check, check_function, name_of
+from tca_module.checks import FLAG, MESSAGE, PENDING, check, check_function, is_async, name_of
 from tca_module.errors import NIL, MisuseError, Stopped, TaskKilled
 from tca_module.sending.handler_errors import ORDINARY, Misfit, failed, handler_error
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
 from tca_module.session.open_deliveries import task_is_killed
-from tca_module.signatures import is_async
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.declarations import D, Inform, Message, Query, R, Variable

@@ -31,17 +31,6 @@ from tca_module.session.request import (
     refers_to_tasks,
 )
 from tca_wire.packets import headers
-from tca_wire.packets.headers import (
-    PROTOCOL_VERSION,
-    Fail,
-    Hello,
-    Register,
-    Reply,
-    Send,
-    SetVariable,
-    ToCentral,
-    ToModule,
-)
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import EntranceGone, Route
 from tca_wire.points import ROOT
@@ -58,18 +47,18 @@ REPEAT = 1.0
 """Seconds between two such questions."""
 
 # Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
-_ARE_YOU_THERE = Register(0, [], [])
+_ARE_YOU_THERE = headers.Register(0, [], [])
 
 _REPLIES_KEPT = 8
 """Replies to be said again after a break, until a further delivery shows that they arrived; more than one if nested."""
 
-Item = tuple[ToCentral, bytes]
+Item = tuple[headers.ToCentral, bytes]
 
 
 class Session:
     """The state of one connection to central."""
 
-    def __init__(self, hello: Hello, attachments: LastingAttachments | None = None) -> None:
+    def __init__(self, hello: headers.Hello, attachments: LastingAttachments | None = None) -> None:
         """*attachments*: of the module, where it has several connections; the first one attaches them anew."""
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
         self._newest = HELLO_NUMBER
@@ -124,16 +113,16 @@ class Session:
         request.header = msgspec.structs.replace(request.header, number=self._newest)
         self._requests[self._newest] = request
 
-    def post(self, header: ToCentral, body: bytes = b"") -> bool:
+    def post(self, header: headers.ToCentral, body: bytes = b"") -> bool:
         """Say something that has no answer; False if it is lost because central is not there."""
         check_fields(header)
         if not self.is_welcome:
-            self.dropped += isinstance(header, Send | SetVariable)
+            self.dropped += isinstance(header, headers.Send | headers.SetVariable)
             return False
         self.outgoing.append((header, body))
         return True
 
-    def reply(self, header: Reply | Fail, body: bytes) -> None:
+    def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """A handler ended. Nothing is said of a delivery that central has forgotten."""
         if not self.open_deliveries.end(header.delivery):
             return
@@ -182,7 +171,9 @@ class Session:
 
     def is_recalled(self, header: Any) -> bool:
         """Whether a request that is given up unheard is killed: a task is, for nobody else could find it."""
-        declared = self._messages.get(header.message) if isinstance(header, Send) and not header.when_killed else None
+        declared = (
+            self._messages.get(header.message) if isinstance(header, headers.Send) and not header.when_killed else None
+        )
         return declared is not None and declared.message_class.is_task
 
     @property
@@ -209,14 +200,16 @@ class Session:
         """Begin with Hello again: the connection broke, or central does not know it."""
         self.breaks += 1
         self.is_welcome = False
-        self.dropped += sum(isinstance(h, Send | SetVariable) and not h.number for h, _ in self.outgoing)
+        self.dropped += sum(
+            isinstance(h, headers.Send | headers.SetVariable) and not h.number for h, _ in self.outgoing
+        )
         for header, _ in self.outgoing:
             if (request := self._requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
         self.outgoing.clear()
         self._asked = float("-inf")
 
-    def receive(self, header: ToModule, body: bytes, now: float) -> None:
+    def receive(self, header: headers.ToModule, body: bytes, now: float) -> None:
         """Take in what central said."""
         self.heard = now
         self._ON[type(header)](self, header, body)
@@ -237,7 +230,7 @@ class Session:
         if is_back and (self._messages or self._handlers) and (self.redeclaration.is_over or not is_new):
             handlers = list(self._handlers.values()) if self.redeclaration.is_over else []
             # Number 0: a new number would be higher than those repeated below, which central would take for answered.
-            self.outgoing.append((Register(0, list(self._messages.values()), handlers), b""))
+            self.outgoing.append((headers.Register(0, list(self._messages.values()), handlers), b""))
         for request in self._requests.values():
             request.repeated = request.was_sent
             self._send(request)
@@ -256,7 +249,7 @@ class Session:
     def _declare_handlers(self) -> None:
         """A new central has been told."""
         if self._handlers:
-            self.outgoing.append((Register(0, [], list(self._handlers.values())), b""))
+            self.outgoing.append((headers.Register(0, [], list(self._handlers.values())), b""))
 
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""
@@ -279,10 +272,10 @@ class Session:
 
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
         request = self._requests.get(header.number)
-        was_not_sent = request is not None and isinstance(request.header, Send) and not header.id
+        was_not_sent = request is not None and isinstance(request.header, headers.Send) and not header.id
         if request is not None and (was_not_sent or not request.wants_answer):
             asked = request.header
-            what = numbered(asked.message if isinstance(asked, Send) else "number", header.id)
+            what = numbered(asked.message if isinstance(asked, headers.Send) else "number", header.id)
             request.accepted = number = EpochNumber(header.id, self.epoch, what)
             if request.settled is None and is_lasting(asked):
                 self.attachments.add(asked, self._messages, number)
@@ -306,8 +299,8 @@ class Session:
     def _not_welcome(self, header: headers.Refused) -> None:
         """Central refused Hello; with number 0 if it could not even read it, because it is of another version."""
         if not header.number:
-            text = f"central speaks another protocol than this module's {PROTOCOL_VERSION}: use one version of TCA for \
-both (it says: {header.text})"
+            other = f"central speaks another protocol than this module's {headers.PROTOCOL_VERSION}"
+            text = f"{other}: use one version of TCA for both (it says: {header.text})"
             header = msgspec.structs.replace(header, text=text)
         if self.epoch and self.refused is None:
             self.complaints.append(f"central was restarted, and refuses this module: {header.text}")
@@ -358,9 +351,9 @@ both (it says: {header.text})"
         self.open_deliveries.came(header.delivery, is_suspended=header.suspended)
         self.deliveries.append((header, body))
 
-    def _said(self) -> list[tuple[Reply | Fail, bytes]]:
+    def _said(self) -> list[tuple[headers.Reply | headers.Fail, bytes]]:
         """The replies that central may not have got yet."""
-        return [(reply, body) for reply, body in self._replies if isinstance(reply, Reply | Fail)]
+        return [(reply, body) for reply, body in self._replies if isinstance(reply, headers.Reply | headers.Fail)]
 
     def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
         self.open_deliveries.kill(header.delivery, header.why)

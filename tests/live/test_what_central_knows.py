@@ -13,11 +13,7 @@ from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 from module.real_central import RealCentral
 
 from tca_live import questions as commands
-from tca_module import (
-    Module,
-    Variable,
-    connect,
-)
+from tca_module import Module, Variable, connect
 
 SOON = 10.0
 

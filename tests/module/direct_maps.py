@@ -4,12 +4,7 @@ from collections.abc import Callable
 
 from module.real_central import RealCentral, until
 
-from tca_module import (
-    Command,
-    Inform,
-    Module,
-    Query,
-)
+from tca_module import Command, Inform, Module, Query
 from tca_wire.journal.facts import Delivered, HandledDirectly, LostDirectly
 
 HEIGHT = Query("height", float, reply=float)

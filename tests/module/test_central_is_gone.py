@@ -7,15 +7,7 @@ from tca_module.errors import CentralLost, Timeout
 from tca_module.sending.task_ref import TaskRef
 from tca_module.session.session import QUIET
 from tca_wire.packets import headers
-from tca_wire.packets.headers import (
-    Deliver,
-    Hello,
-    Register,
-    Send,
-    ToCentral,
-    Unknown,
-    Welcome,
-)
+from tca_wire.packets.headers import Deliver, Hello, Register, Send, ToCentral, Unknown, Welcome
 from tca_wire.points import ROOT, Moment, Point, TaskId
 
 

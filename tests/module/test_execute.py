@@ -3,18 +3,7 @@
 from typing import Any
 
 import pytest
-from module.gait_messages import (
-    ALARM,
-    HEALTH,
-    MOVE_LEG,
-    POSITION,
-    REST,
-    STANCE,
-    TEMPERATURE,
-    WALK,
-    Arc,
-    Footfall,
-)
+from module.gait_messages import ALARM, HEALTH, MOVE_LEG, POSITION, REST, STANCE, TEMPERATURE, WALK, Arc, Footfall
 
 from tca_module import Client, Module, Outcome, QueryFailed, SentTask
 from tca_module.session.session import Session

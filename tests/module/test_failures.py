@@ -7,18 +7,7 @@ import pytest
 from module.gait_messages import COLLISION, EXHAUSTED, MOVE_LEG, REST, STOP, WALK, Arc, Footfall
 from module.robot import Robot
 
-from tca_module import (
-    BadData,
-    CentralLost,
-    Client,
-    Command,
-    Failure,
-    Outcome,
-    Query,
-    Task,
-    TaskFailed,
-    TaskKilled,
-)
+from tca_module import BadData, CentralLost, Client, Command, Failure, Outcome, Query, Task, TaskFailed, TaskKilled
 from tca_wire.journal.facts import Failed
 
 SOON = 5.0

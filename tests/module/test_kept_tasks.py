@@ -4,18 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tca_module import (
-    Client,
-    Command,
-    ExceptionHandler,
-    Failure,
-    Goal,
-    Module,
-    Outcome,
-    Task,
-    TaskFailed,
-    connect,
-)
+from tca_module import Client, Command, ExceptionHandler, Failure, Goal, Module, Outcome, Task, TaskFailed, connect
 from tca_module.testing import LocalCentral
 
 SOON = 10.0

@@ -10,17 +10,7 @@ import time
 import pytest
 from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
 
-from tca_module import (
-    Client,
-    Module,
-    Outcome,
-    QueryFailed,
-    Stopped,
-    Task,
-    TaskFailed,
-    TaskKilled,
-    connect,
-)
+from tca_module import Client, Module, Outcome, QueryFailed, Stopped, Task, TaskFailed, TaskKilled, connect
 from tca_module.errors import NoCentral
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import HandlerRemoved

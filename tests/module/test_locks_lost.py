@@ -8,16 +8,7 @@ from pathlib import Path
 import pytest
 from module.real_central import RealCentral
 
-from tca_module import (
-    Client,
-    Command,
-    LockLost,
-    Module,
-    Outcome,
-    Task,
-    TaskFailed,
-    connect,
-)
+from tca_module import Client, Command, LockLost, Module, Outcome, Task, TaskFailed, connect
 from tca_module.testing import LocalCentral
 
 pytestmark = pytest.mark.usefixtures("attentive")

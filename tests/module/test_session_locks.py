@@ -5,14 +5,7 @@ from module.test_session import HELLO, hear, said, welcome, welcomed
 
 from tca_module.session.request import Request
 from tca_module.session.session import Session
-from tca_wire.packets.headers import (
-    Accepted,
-    Answer,
-    Lock,
-    Release,
-    Taken,
-    Unknown,
-)
+from tca_wire.packets.headers import Accepted, Answer, Lock, Release, Taken, Unknown
 
 
 @pytest.fixture

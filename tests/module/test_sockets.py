@@ -12,18 +12,7 @@ import pytest
 from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 from module.real_central import RealCentral, until
 
-from tca_module import (
-    Callback,
-    CentralLost,
-    Command,
-    LaterReply,
-    MisuseError,
-    Module,
-    Outcome,
-    Task,
-    Timeout,
-    connect,
-)
+from tca_module import Callback, CentralLost, Command, LaterReply, MisuseError, Module, Outcome, Task, Timeout, connect
 from tca_module.sockets.transport import DealerTransport
 
 pytestmark = pytest.mark.usefixtures("attentive")

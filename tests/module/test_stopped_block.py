@@ -12,17 +12,7 @@ import pytest
 from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
 from module.real_central import RealCentral
 
-from tca_module import (
-    Client,
-    MisuseError,
-    Module,
-    Outcome,
-    QueryFailed,
-    Task,
-    TaskFailed,
-    Timeout,
-    connect,
-)
+from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, Task, TaskFailed, Timeout, connect
 from tca_module.testing import LocalCentral
 
 SOON = 10.0

@@ -7,16 +7,7 @@ import pytest
 from module.gait_messages import MOVE_LEG, REST, STANCE, STEP, STOP, WALK, Arc, Footfall
 from module.robot import Robot
 
-from tca_module import (
-    Client,
-    Constraint,
-    MisuseError,
-    Outcome,
-    Refused,
-    Task,
-    Timeout,
-    this,
-)
+from tca_module import Client, Constraint, MisuseError, Outcome, Refused, Task, Timeout, this
 from tca_wire.journal.facts import WaitBegan, WaitEnded
 from tca_wire.points import Moment, Point
 

@@ -7,16 +7,9 @@ from pathlib import Path
 from typing import assert_type
 
 import pytest
-from module.gait_messages import (
-    REST,
-    STANCE,
-    TEMPERATURE,
-)
+from module.gait_messages import REST, STANCE, TEMPERATURE
 
-from tca_module import (
-    Module,
-    Task,
-)
+from tca_module import Module, Task
 
 MISTAKES = """
 from module.gait_messages import ALARM, COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMPERATURE, WALK, Arc, Footfall

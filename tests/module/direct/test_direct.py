@@ -19,15 +19,7 @@ from module.direct_maps import (
 )
 from module.real_central import SOON, RealCentral, until
 
-from tca_module import (
-    BadData,
-    Client,
-    LaterReply,
-    Module,
-    QueryFailed,
-    Refused,
-    Task,
-)
+from tca_module import BadData, Client, LaterReply, Module, QueryFailed, Refused, Task
 from tca_wire.journal.facts import HandledDirectly, HandlerRemoved, LostDirectly
 from tca_wire.vocabulary import Condition, Outcome, Refusal
 

@@ -10,17 +10,7 @@ import zmq
 from module.direct_maps import HEIGHT, WALK, a_map, ask_until_direct
 from module.real_central import SOON, RealCentral, until
 
-from tca_module import (
-    Broadcast,
-    CentralLost,
-    Client,
-    Command,
-    MisuseError,
-    Module,
-    MultiQuery,
-    Variable,
-    connect,
-)
+from tca_module import Broadcast, CentralLost, Client, Command, MisuseError, Module, MultiQuery, Variable, connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Delivered
 
