@@ -30,7 +30,10 @@ _LEVELS = {"failed": _ERROR, "killed": _WARNING, "dropped": _WARNING, "refused":
 
 _TEXT, _INT, _NUMBER, _FLAG = ({"type": kind} for kind in ("string", "integer", "number", "boolean"))
 _TIME = object_schema("time", sec=_INT, nsec=_INT)
-_FACTS = object_schema("tca.Fact", t=_NUMBER, cause=_INT, kind=_TEXT)
+_CAUSE = object_schema(
+    "cause", kind=_TEXT, module=_TEXT, connection=_INT, number=_INT, message=_TEXT, origin=_INT, due=_TEXT, about=_INT
+)
+_FACTS = object_schema("tca.Fact", t=_NUMBER, entry=_INT, cause=_CAUSE, kind=_TEXT)
 _TASKS = object_schema(
     "tca.Task", id=_INT, name=_TEXT, parent=_INT, sender=_TEXT, state=_TEXT, failure=_TEXT, handled=_FLAG
 )

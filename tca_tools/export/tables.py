@@ -7,15 +7,18 @@ import json
 from collections.abc import Callable, Iterator
 from enum import StrEnum
 from itertools import chain, pairwise
+from math import inf
 from operator import itemgetter
 from typing import Any, NamedTuple
 
-from tca_tools.run.records import Failure, HandlerWait, Message
+from tca_tools.run.records import Failure, HandlerWait, Handling, Message, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import fate, has_coped, went_on
+from tca_tools.why.waits import Wait, of_handler_wait, waits_of
 from tca_wire.points import MOMENTS, describe_moments
 from tca_wire.text.bodies import plain_data
 from tca_wire.vocabulary import CENTRAL, Outcome
+from tca_wire.waits import WaitKind
 
 
 class Kind(StrEnum):
@@ -69,25 +72,25 @@ def _failures(run: Run) -> Iterator[Row]:
         if failure
     ]
     for time, message, failure in sorted(found, key=itemgetter(0)):
-        became, by = fate(run, message, time), _raised_by(run, message, time, failure)
         yield (
-            message.id, message.name, time, failure.name, failure.words or None, by, str(became),
-            went_on(run, message, time),
+            message.id, message.name, time, failure.name, failure.words or None,
+            *_raised_by(run, message, time, failure), str(fate(run, message, time)), went_on(run, message, time),
         )  # fmt: skip
 
 
-def _raised_by(run: Run, message: Message, time: float, failure: Failure) -> str | None:
-    """The module that raised a failure: that of the handler which failed with it, or who did it beside that; or
-    "central". None: the journal does not tell.
+def _raised_by(run: Run, message: Message, time: float, failure: Failure) -> tuple[str | None, int | None]:
+    """The module that raised a failure, or "central", and the delivery whose handler did: the one that failed with it,
+    or whoever did it beside that. None: the journal does not tell.
     """
     for one in run.raised.get(message.id, ()):
         if (one.time, one.failure) == (time, failure):
-            return one.by or None
-    failed = next(
-        (handling for handling in message.handlings if handling.end == time and handling.outcome is Outcome.FAILED),
-        None,
-    )
-    return CENTRAL if failed is None or failed.is_lost else failed.module
+            return one.by or None, _delivery(one.asker)
+    failed = next((run for run in message.handlings if run.end == time and run.outcome is Outcome.FAILED), None)
+    return (CENTRAL, None) if failed is None or failed.is_lost else (failed.module, _delivery(failed))
+
+
+def _delivery(handling: Handling | None) -> int | None:
+    return handling.delivery or None if handling else None
 
 
 def _started(message: Message) -> float | None:
@@ -104,7 +107,8 @@ def _tasks(run: Run) -> Iterator[Row]:
         depths[task.id] = depths.get(task.parent, 0) + 1
         reached = [task.reached.get(moment) for moment in MOMENTS]
         known = (task.id, task.name, task.parent, depths[task.id], str(task.state))
-        yield *known, *reached, task.killed, task.killed_by or None, task.is_suspended
+        killed = (task.killed, task.killed_by or None, _delivery(task.killer), task.killed_for or None)
+        yield *known, *reached, *killed, task.is_suspended
 
 
 def _states(run: Run) -> Iterator[Row]:
@@ -119,32 +123,37 @@ def _handlings(run: Run) -> Iterator[Row]:
             handling.message_id or None, handling.delivery or None, handling.name, handling.module, handling.resource,
             handling.start, handling.end, handling.outcome and str(handling.outcome),
             has_coped(run, handling) if handling.outcome is Outcome.FAILED else None, handling.direct_from or None,
+            handling.slot or None, handling.is_nested, handling.priority,
         )  # fmt: skip
 
 
 def _queueings(run: Run) -> Iterator[Row]:
     for queueing in run.queueings:
         name = run.name(queueing.message_id)
-        yield queueing.message_id, name, queueing.module, queueing.resource, queueing.start, queueing.end
+        where = (queueing.module, queueing.resource)
+        yield queueing.message_id, name, *where, queueing.priority, queueing.start, queueing.end
 
 
 def _waits(run: Run) -> Iterator[Row]:
-    for handling in run.handlings:
-        for wait in handling.waits:
-            end = handling.end if wait.end is None else wait.end
-            yield handling.module, handling.resource, handling.delivery or None, *_wait(run, wait), wait.start, end
-    for module in run.modules.values():
-        for wait in module.waits:
-            yield module.name, None, None, *_wait(run, wait), wait.start, wait.end
+    found = [(message.id, wait) for message in run.messages.values() for wait in waits_of(run, message.id)]
+    found += [(0, of_handler_wait(run, wait)) for module in run.modules.values() for wait in module.waits]
+    for number, wait in sorted(found, key=lambda one: one[1].start):
+        if wait.kind is not WaitKind.RUNNING:
+            is_other = wait.kind not in (WaitKind.RESOURCE, WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION)
+            on = (wait.on.number, run.name(wait.on.number)) if is_other else (None, None)
+            moment = ", ".join(describe_moments(wait.on.moment)) if is_other and wait.on.moment else None
+            yield (
+                number or None, *_place(wait), str(wait.kind), *on, moment, wait.start,
+                None if wait.end == inf else wait.end,
+            )  # fmt: skip
 
 
-def _wait(run: Run, wait: HandlerWait) -> tuple[str, int, str, str | None]:
-    """What is waited for: a reply, a task's moment, or a lock or reservation."""
-    claim = run.claims.get(wait.awaited)
-    if claim:
-        return "reservation" if claim.is_reserved else "lock", wait.awaited, claim.module, None
-    moment = ", ".join(describe_moments(wait.moment)) if wait.moment else None
-    return "task" if wait.moment else "reply", wait.awaited, run.name(wait.awaited), moment
+def _place(wait: Wait) -> tuple[str | None, str | None, int | None]:
+    """Module, resource and delivery: of the handler that waits, or where a message is queued."""
+    record = wait.record.by if isinstance(wait.record, HandlerWait) else wait.record
+    if isinstance(record, Handling | Queueing):
+        return record.module or None, record.resource or None, getattr(record, "delivery", 0) or None
+    return record if isinstance(record, str) else None, None, None
 
 
 def _claims(run: Run) -> Iterator[Row]:
@@ -185,7 +194,7 @@ TABLES = (
         {
             "id": _INT, "name": _TEXT, "parent": _INT, "depth": _INT, "state": _TEXT,
             **{describe_moments(moment)[0].replace(" ", "_"): _SECONDS for moment in MOMENTS},
-            "killed": _TEXT, "killed_by": _TEXT, "suspended": _FLAG,
+            "killed": _TEXT, "killed_by": _TEXT, "killed_from": _INT, "killed_for": _INT, "suspended": _FLAG,
         },
         _tasks,
     ),
@@ -195,6 +204,7 @@ TABLES = (
         {
             "message": _INT, "delivery": _INT, "name": _TEXT, "module": _TEXT, "resource": _TEXT, "start": _SECONDS,
             "end": _SECONDS, "outcome": _TEXT, "handled": _FLAG, "direct_from": _TEXT,
+            "slot": _INT, "nested": _FLAG, "priority": _INT,
         },
         _handlings,
     ),
@@ -202,20 +212,24 @@ TABLES = (
         "failures",
         {
             "message": _INT, "name": _TEXT, "time": _SECONDS, "failure": _TEXT, "text": _TEXT, "raised_by": _TEXT,
+            "raised_from": _INT,
             "fate": _TEXT, "handled": _FLAG,
         },
         _failures,
     ),
     Table(
         "queueings",
-        {"message": _INT, "name": _TEXT, "module": _TEXT, "resource": _TEXT, "start": _SECONDS, "end": _SECONDS},
+        {
+            "message": _INT, "name": _TEXT, "module": _TEXT, "resource": _TEXT, "priority": _INT, "start": _SECONDS,
+            "end": _SECONDS,
+        },
         _queueings,
     ),
     Table(
         "waits",
         {
-            "module": _TEXT, "resource": _TEXT, "delivery": _INT, "kind": _TEXT, "awaited": _INT, "name": _TEXT,
-            "moment": _TEXT, "start": _SECONDS, "end": _SECONDS,
+            "message": _INT, "module": _TEXT, "resource": _TEXT, "delivery": _INT, "kind": _TEXT, "on": _INT,
+            "name": _TEXT, "moment": _TEXT, "start": _SECONDS, "end": _SECONDS,
         },
         _waits,
     ),

@@ -105,19 +105,21 @@ def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> 
 
 
 def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
-    """Each wanted fact as an aligned line: time, kind, words, data."""
+    """Each wanted fact as an aligned line: time, kind, words, data; the first of an entry says what that came from."""
     wording, width = Wording(), line_width()
     for entry in entries:
+        cause = f"  ({wording.cause(entry.cause)})" if entry.cause else ""
         for fact in entry.facts:
             words = wording.words(fact)  # also of what is not shown: it may name what is
             if is_wanted(fact):
-                yield _text_line(entry.time, fact, words, width)
+                yield _text_line(entry.time, fact, words, cause, width)
+                cause = ""
 
 
-def _text_line(time: float, fact: Fact, words: str, width: int | None) -> str:
+def _text_line(time: float, fact: Fact, words: str, cause: str, width: int | None) -> str:
     kind, data = kind_of(fact), data_text(getattr(fact, "body", b""))
     start = f"{time:10.3f}  "
-    rest = f"{kind:{_KIND_WIDTH}}  {printable(words)}" + (f"  {data}" if data else "")
+    rest = f"{kind:{_KIND_WIDTH}}  {printable(words)}" + (f"  {data}" if data else "") + printable(cause)
     rest = cut(rest.rstrip(), None if width is None else width - len(start))
     return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in BAD_NEWS else rest)
 

@@ -86,9 +86,9 @@ class _Log:
 
     # --- a line ------------------------------------------------------------------------------------------------------
 
-    def _start(self, kind: str, number: int, more: str = "") -> str:
+    def _start(self, kind: str, number: int, more: str = "", name: str = "?") -> str:
         known = self._known.get(number)
-        name = printable(known.name) if known else "?"
+        name = printable(known.name if known else name)
         return f"{kind:<{_CLASS_WIDTH}} {name:>{_NAME_WIDTH}} {{{number}}}:{more}"
 
     def _timed(self, line: str) -> str:
@@ -209,7 +209,7 @@ class _Log:
         yield printable(f"Will Terminate {name} when all references to it are released: {why}")
 
     def _dropped(self, fact: facts.Dropped) -> Iterator[str]:
-        yield self._timed(self._start("  Dropped", fact.id, f" {printable(fact.why)}"))
+        yield self._timed(self._start("  Dropped", fact.id, f" {printable(fact.why)}", fact.message))
 
     def _retried(self, fact: facts.Retried) -> Iterator[str]:
         yield self._timed(self._start("  Retry", fact.task, printable(by_whom(fact.by))))

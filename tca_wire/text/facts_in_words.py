@@ -6,8 +6,9 @@ from typing import Any
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
+from tca_wire.journal.causes import Cause, ConnectionLost, TimeOver
 from tca_wire.points import ROOT, Point, describe_moments
-from tca_wire.vocabulary import CENTRAL, Scope
+from tca_wire.vocabulary import CENTRAL, Due, Scope
 
 _COMMAND = "tca "
 """How the modules are called that commands of the command line are: "tca kill"."""
@@ -32,6 +33,15 @@ class Wording:
             self._names.setdefault(fact.id, self._names.get(fact.message_id) or self._known(fact.message_id))
         say = _SAY.get(type(fact))
         return say(self, fact) if say else ""
+
+    def cause(self, cause: Cause) -> str:
+        """What an entry came from: ``Kill by user, in the handler of walk {1}``."""
+        if isinstance(cause, TimeOver):
+            return _DUE[cause.due] + (f" of {self._name(cause.about)}" if cause.about else "")
+        if isinstance(cause, ConnectionLost):
+            return f"a connection of {cause.module} was lost"
+        handler = f", in the handler of {self._name(cause.origin)}" if cause.origin else ""
+        return f"{cause.message or 'no message'}{by_whom(cause.module)}{handler}"
 
     def _name(self, number: int) -> str:
         return f"{self._names.get(number) or self._known(number)} {{{number}}}"
@@ -90,14 +100,18 @@ class Wording:
         return self._constraints(fact.constraints)
 
     def _queued(self, fact: facts.Queued) -> str:
-        return f"{self._name(fact.message_id)} for {place(fact.module, fact.resource) or 'a handler'}"
+        where = place(fact.module, fact.resource) or "a handler"
+        return f"{self._name(fact.message_id)} for {where}{_priority(fact.priority)}"
 
     def _unqueued(self, fact: facts.Unqueued) -> str:
         return self._name(fact.id)
 
     def _delivered(self, fact: facts.Delivered) -> str:
         copy = f" of message {{{fact.message_id}}}" if fact.id != fact.message_id else ""
-        return f"{self._name(fact.id)}{copy} to {place(fact.module, fact.resource)}"
+        slot = f", slot {fact.slot}" if fact.slot > 1 else ""
+        nested = ", while another message waits there" * fact.is_nested
+        where = f"{place(fact.module, fact.resource)}{slot}{nested}"
+        return f"{self._name(fact.id)}{copy} to {where}{_priority(fact.priority)}"
 
     def _returned(self, fact: facts.Returned) -> str:
         return f"{self._name(fact.id)}: {fact.outcome}"
@@ -265,6 +279,21 @@ def raised_by(by: str) -> str:
 def place(module: str, resource: str) -> str:
     """A module's resource: only the module's name where both are named alike."""
     return module if resource in ("", module) else f"{module} / {resource}"
+
+
+_DUE = {
+    Due.RELEASE: "end of a delay",
+    Due.DEADLINE: "deadline",
+    Due.KILL: "time of the kill",
+    Due.TEST: "time of the next test",
+    Due.WATCHED: "end of the watch",
+    Due.LOOK: "look for deadlocks",
+    Due.CLAIM: "timeout of a lock",
+}
+
+
+def _priority(priority: int) -> str:
+    return f", priority {priority}" if priority else ""
 
 
 def _copy_of(fact: facts.Failed | facts.Dropped) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 from click.testing import Result
+from tools.runs import encoded, walk
 from tools.story import Story, stumbling, walking
 
 from tca_tools.log.__main__ import KINDS
@@ -96,7 +97,7 @@ def test_json_has_a_fact_a_line(tca: Tca, tmp_path: Path) -> None:
     assert {row["kind"] for row in rows} == set(KINDS)
     assert next(row for row in rows if row["kind"] == "received") == {
         "t": 0.0,
-        "cause": 1,
+        "entry": 1,
         "kind": "received",
         "id": 1,
         "message": "walk",
@@ -110,6 +111,17 @@ def test_json_has_a_fact_a_line(tca: Tca, tmp_path: Path) -> None:
         "about": 0,
         "data": {"metres": 2.5},
     }
+
+
+def test_what_entries_came_from_is_told(tca: Tca, tmp_path: Path) -> None:
+    path = tmp_path / "walk.tcaj"
+    path.write_bytes(encoded(walk()))
+    lines = tca("log", "show", path).stdout.splitlines()
+    assert any(line.endswith("(Send by planner, in the handler of walk {3})") for line in lines)
+    assert any(line.endswith("(end of a delay of look {6})") for line in lines)
+    rows = [json.loads(line) for line in tca("log", "show", path, "--json").stdout.splitlines()]
+    asked = next(row for row in rows if row["kind"] == "received" and row["message"] == "step")
+    assert (asked["cause"]["kind"], asked["cause"]["message"], asked["cause"]["origin"]) == ("request", "Send", 3)
 
 
 def test_json_has_constraints_as_points(tca: Tca, run: Path) -> None:

@@ -4,6 +4,7 @@ from typing import Any
 
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
+from tca_tools.why.waits import of_handler_wait
 from tca_wire.points import describe_moments
 from tca_wire.text.bodies import plain_data
 
@@ -50,7 +51,12 @@ def of_handling(run: Run, handling: Handling) -> Details:
 
 def of_wait(run: Run, wait: HandlerWait) -> Details:
     """What a handler waits for."""
-    return {"for": run.describe(wait.awaited), "until": ", ".join(describe_moments(wait.moment or 0)) or None}
+    kind = of_handler_wait(run, wait).kind
+    return {
+        "kind": str(kind),
+        "for": run.describe(wait.awaited),
+        "until": ", ".join(describe_moments(wait.moment or 0)) or None,
+    }
 
 
 def flows_from(message: Message) -> list[int]:
