@@ -8,20 +8,19 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from tca_tools.analysis.advised import Advice, Sum, Topic, Words
-from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.concurrency import Overlap
 from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import Kind
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.slow_waits import bottleneck, on_waits
+from tca_tools.analysis.steps import Causes, Doing
 from tca_tools.analysis.summary import span_of
-from tca_tools.analysis.words import listed, moment, seconds
-from tca_tools.analysis.words import times as say_times
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, Span
 from tca_tools.why.coping import GOOD_FATES
 from tca_wire.text.facts_in_words import by_whom, place
+from tca_wire.text.measures import duration, listed, run_time, times
 
 _NOTHING = 1e-9
 """What saves less is no advice."""
@@ -82,10 +81,10 @@ def _on_failures(window: Span, path: CriticalPath, kind: Kind, called: str) -> A
     cost = Cover(spans).within(*window)
     longest = max(cases, key=lambda case: case.cost, default=kind.cases[0])
     text = (
-        f"'{kind.message}' failed {say_times(len(cases))} on the {called}; what it had done until then and what "
-        f"was done about it took {seconds(cost)}. Without these failures it would be shorter by at most that"
+        f"'{kind.message}' failed {times(len(cases))} on the {called}; what it had done until then and what "
+        f"was done about it took {duration(cost)}. Without these failures it would be shorter by at most that"
     )
-    example = f"{longest.of}, at {moment(longest.time)}, {seconds(longest.cost)}" + (
+    example = f"{longest.of}, at {run_time(longest.time)}, {duration(longest.cost)}" + (
         longest.text and f": {longest.text}"
     )
     return Advice(
@@ -98,7 +97,7 @@ def _on_failures(window: Span, path: CriticalPath, kind: Kind, called: str) -> A
 
 
 def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice:
-    chance, times = overlap.example, len(overlap.chances)
+    chance, number = overlap.example, len(overlap.chances)
     on_path = {(id(step.handling), step.start) for step in path.steps} if path else set()
     saved_on_path = sum(
         min(one.saving, sum(step.seconds for step in one.steps if (id(step.handling), step.start) in on_path))
@@ -109,17 +108,17 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
     first = run.name(chance.first)
     pair = f"one '{first}' and the next" if first == second else f"'{first}' and '{second}'"
     text = (
-        f"{acting} stood idle {say_times(times)} between {pair}, {seconds(overlap.idle)} in all. For "
-        f"{seconds(overlap.planning)} of that {listed(planners)} planned what comes next. Planning it while the one "
-        f"before is executed would save at most {seconds(overlap.saving)}"
+        f"{acting} stood idle {times(number)} between {pair}, {duration(overlap.idle)} in all. For "
+        f"{duration(overlap.planning)} of that {listed(planners)} planned what comes next. Planning it while the one "
+        f"before is executed would save at most {duration(overlap.saving)}"
     )
     example = (
-        f"{moment(chance.start)} to {moment(chance.end)}, between {run.describe(chance.first)} and "
+        f"{run_time(chance.start)} to {run_time(chance.end)}, between {run.describe(chance.first)} and "
         f"{run.describe(chance.second)}: {chance.reason}"
     )
     title = f"Plan the next while {acting} acts"
     return Advice(
-        Topic.OVERLAP, title, text, overlap.saving, saved_on_path, times, example, chance.remedy,
+        Topic.OVERLAP, title, text, overlap.saving, saved_on_path, number, example, chance.remedy,
         (chance.start, chance.end),
     )  # fmt: skip
 
@@ -135,15 +134,15 @@ def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
     drain = queue.length / queue.rate_out
     text = (
         f"More comes for {where} than it handles: {queue.rate_in:.3g} messages a second come, {queue.rate_out:.3g} are "
-        f"handled. From {moment(queue.start)} to {moment(queue.end)} its queue grew to {queue.length:,}, most of them "
-        f"'{queue.message}'; who came last would have to wait for {seconds(drain)}, and whoever comes later longer"
+        f"handled. From {run_time(queue.start)} to {run_time(queue.end)} its queue grew to {queue.length:,}, most of "
+        f"them '{queue.message}'; the last one would have to wait for {duration(drain)}, and later ones longer"
     )
     remedy = (
         f"let it handle {queue.needed:,} at a time instead of {queue.capacity:,} (capacity=), if its handlers do not "
         "get in each other's way, let a second module share its messages in a pool, handle each faster, send fewer, or "
         "let only the newest wait (pending=)"
     )
-    example = f"the oldest of the queue had waited {seconds(queue.longest)} at {moment(queue.end)}"
+    example = f"the oldest of the queue had waited {duration(queue.longest)} at {run_time(queue.end)}"
     longest = Cover([(queue.end - queue.longest, queue.end)]).within(*run)
     saving = max(longest, waits.saving if waits else 0.0)
     seconds_on_path = waits.on_path if waits else 0.0
@@ -163,7 +162,7 @@ def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[
             on_path[_STANDING[step.doing], run.name(step.message_id)] += Cover([(step.start, step.end)]).within(*window)
     for (topic, name), sums in _stood(run).items():
         saving = sums.within(*window)
-        known = {"name": name, "times": say_times(sums.times), "seconds": seconds(saving)}
+        known = {"name": name, "times": times(sums.times), "seconds": duration(saving)}
         title, text, remedy = (words.format(**known) for words in _standing_words(run, topic, name, sums))
         moves_end = min(on_path[topic, name], saving)
         yield Advice(topic, title, text, saving, moves_end, sums.times, sums.words, remedy, sums.longest)
@@ -175,7 +174,7 @@ def _stood(run: Run) -> dict[tuple[Topic, str], Sum]:
 
     def add(topic: Topic, message_id: int, since: float, end: float | None, who: str) -> None:
         until = run.time if end is None else end
-        words = f"{who}, from {moment(since)}, {seconds(until - since)}"
+        words = f"{who}, from {run_time(since)}, {duration(until - since)}"
         found[topic, run.name(message_id)].add(since, until, words)
 
     for queueing in run.queueings:

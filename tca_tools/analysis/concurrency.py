@@ -14,15 +14,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import nextafter
 
-from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import named
 from tca_tools.analysis.resources import Key, capacity_of
+from tca_tools.analysis.steps import Causes, Doing, Step
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover
-from tca_tools.why.waiting import why_waiting
-from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_tools.why.wait_words import told
+from tca_tools.why.waits import waits_now
+from tca_wire.points import ROOT, Moment, Point
+from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import Role
 
 _PLANNING = (Moment.START_HANDLING, Moment.START_PLANNING)
@@ -203,8 +205,9 @@ def _why(run: Run, held: Step) -> tuple[str, str]:
         )
         return f"{who} waited for {what}", remedy
     task = run.tasks[held.message_id]
-    reasons = why_waiting(RunAt(run, nextafter(held.start, 0.0)), TaskId(task.id))
-    return f"{task} was held {' and '.join(reasons)}", _remedy(run, task, held.start)
+    at = RunAt(run, nextafter(held.start, 0.0))
+    reasons = several_in_words(told(at, waits_now(at, task.id)))
+    return f"{task} was held {reasons}", _remedy(run, task, held.start)
 
 
 def _quoted(run: Run, number: int) -> str:

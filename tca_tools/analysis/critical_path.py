@@ -5,22 +5,25 @@ only way to end sooner, and it helps until another path is the longest.
 """
 
 from dataclasses import dataclass, field
-from math import nextafter
+from math import inf, nextafter
 
-from tca_tools.analysis.causes import Causes, Doing, Step
-from tca_tools.analysis.given_up import still_handled
-from tca_tools.analysis.releases import released, released_by
+from tca_tools.analysis.given_up import still_handled_in_words
+from tca_tools.analysis.long_waits import handler_wait_in_words
+from tca_tools.analysis.releases import ended_at, in_words, released
 from tca_tools.analysis.standing import going_on
+from tca_tools.analysis.steps import Causes, Doing, Step
 from tca_tools.analysis.summary import is_over, mattering
-from tca_tools.analysis.words import moment, seconds
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import HandlerWait, Message, Queueing, Suspension, Task
+from tca_tools.run.records import Message, Queueing, Task
 from tca_tools.run.whole_run import UNKNOWN, Run
-from tca_tools.why.story import awaited
-from tca_tools.why.waiting import of_blocker, why_waiting
-from tca_tools.why.whereabouts import kept_busy, why_in_vain
-from tca_wire.points import ROOT, Moment, TaskId
+from tca_tools.why.wait_words import told, wait_for
+from tca_tools.why.waits import waits_now, waits_of
+from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import by_whom, place
+from tca_wire.text.measures import duration, run_time
+from tca_wire.text.waits_in_words import in_words as clause
+from tca_wire.text.waits_in_words import several_in_words
+from tca_wire.waits import WaitKind
 
 
 @dataclass(slots=True)
@@ -134,20 +137,25 @@ def why_then(run: Run, step: Step) -> str:
         return why
     if step.resumed:
         who = "sender" if step.doing is Doing.OUTSIDE else "handler"
-        return f"its {who} waited {awaited(run, step.resumed)}{_in_vain(run, step.resumed)}"
+        still = still_handled_in_words(run, step.resumed.awaited, step.start)
+        return f"its {who} waited {handler_wait_in_words(run, step.resumed)}{still}"
+    if message is None:
+        return ""
     if queueing := queueing_before(run, step):
-        still = still_handled(RunAt(run, nextafter(step.start, 0.0)), message.id, step.start) if message else ""
-        return _in_queue(queueing, step.start) + (f"; {still}" if still else "")
-    if message is None or message.received == step.start:
-        return _made_for(run, message) if message and message.role else ""
-    if isinstance(message, Task):
-        reasons = why_waiting(RunAt(run, nextafter(step.start, 0.0)), TaskId(message.id))
-        return f"it waited {' and '.join(reasons)}{released(run, message, step.start)}" if reasons else ""
-    return ""
+        return _in_queue(queueing, step.start) + still_handled_in_words(run, message.id, step.start)
+    if message.received == step.start and message.role:
+        return _made_for(run, message)
+    return _released(run, message, step) if isinstance(message, Task) else ""
+
+
+def _released(run: Run, message: Task, step: Step) -> str:
+    """What it waited for until the step began."""
+    waits = ended_at(run, message, step.start)
+    return f"it waited {in_words(run, waits, step.start)}{released(run, message, step.start)}" if waits else ""
 
 
 def _in_queue(queueing: Queueing, until: float) -> str:
-    waited = seconds(until - queueing.start)
+    waited = duration(until - queueing.start)
     if not queueing.module:
         return f"{waited} without a module that handles it"
     return f"{waited} in the queue for {place(queueing.module, queueing.resource)}"
@@ -158,79 +166,46 @@ def _made_for(run: Run, message: Message) -> str:
     about, text = run.tasks.get(message.about), f"{message.role} for {run.describe(message.about)}"
     if about is None or about.received >= message.received:
         return text
-    at = RunAt(run, nextafter(message.received, 0.0))
-    held = next((words for words, _ in released_by(at, about, message.received)), "")
-    return f"{text}, which waited {held}{released(run, about, message.received)}" if held else text
-
-
-def _in_vain(run: Run, wait: HandlerWait) -> str:
-    """``, in vain``, with what is known of why; "" if what was waited for came."""
-    end = run.time if wait.end is None else wait.end
-    if why := run.deadlock(wait) or why_in_vain(run, wait):
-        still = still_handled(RunAt(run, nextafter(end, 0.0)), wait.awaited, end)
-        return f", in vain: {why}" + (f"; {still}" if still else "")
-    claim, task = run.claims.get(wait.awaited), run.tasks.get(wait.awaited)
-    came = claim.granted if claim else task.reached.get(wait.moment) if task and wait.moment else end
-    return ", in vain" if came is None or came > end else ""
+    waits = ended_at(run, about, message.received)
+    held = f", which waited {in_words(run, waits[:1], message.received)}" if waits else ""
+    return text + held + released(run, about, message.received) * bool(held)
 
 
 def _why_delayed(run: Run, message: Message, step: Step) -> str:
     """Which delay it was; of one that is not over, until when it lasts."""
-    for hold in message.holds if isinstance(message, Task) else ():
-        over = run.time if hold.over is None else hold.over
-        if hold.constraint.delay and over == step.end:
-            at = RunAt(run, step.start)
-            words = of_blocker(at, at.tasks[message.id], hold)
-            if hold.over is not None:
-                return f"it waited {words}"
-            is_absolute = hold.constraint.before.task == ROOT
-            due = hold.constraint.delay + (0.0 if is_absolute else step.start)
-            due_at = "" if is_absolute else f": that is at {moment(due)}"
-            since = "from now" if run.is_live else "after the journal ends"
-            later = f", {seconds(due - run.time)} {since}" if due > run.time else ""
-            return f"it waits {words}{due_at}{later}"
-    return ""
+    delays = (one for one in waits_of(run, message.id) if one.kind is WaitKind.DELAY)
+    delay = next((one for one in delays if min(one.end, run.time) == step.end), None)
+    if delay is None:
+        return ""
+    told = wait_for(RunAt(run, step.start), delay)
+    is_open, due = delay.end == inf, told.seconds or 0.0
+    since = "from now" if run.is_live else "after the journal ends"
+    later = f", {duration(due - run.time)} {since}" if is_open and due > run.time else ""
+    return f"it wait{'s' if is_open else 'ed'} {clause(told)}{later}"
 
 
 def _why_suspended(_run: Run, message: Message, step: Step) -> str:
     suspensions = message.suspensions if isinstance(message, Task) else []
-    return next((_suspended(one, step) for one in suspensions if _covers(one, step)), "")
+    for one in suspensions:
+        if one.start <= step.start and (one.end is None or one.end >= step.end):
+            text = by_whom(one.by) + f" at {run_time(one.start)}" * (one.start < step.start)
+            return f"suspended{text}" if text else ""
+    return ""
 
 
-def _covers(suspension: Suspension, step: Step) -> bool:
-    """Whether a step is a suspension, or the later part of one."""
-    return suspension.start <= step.start and (suspension.end is None or suspension.end >= step.end)
-
-
-def _suspended(suspension: Suspension, step: Step) -> str:
-    """Who suspended it, and when if that was before the step."""
-    text = by_whom(suspension.by) + f" at {moment(suspension.start)}" * (suspension.start < step.start)
-    return f"suspended{text}" if text else ""
-
-
-def _why_queued(run: Run, message: Message, step: Step) -> str:
+def _why_standing(run: Run, message: Message, step: Step) -> str:
+    """What it waits for when the journal ends, or the step."""
     at = RunAt(run, nextafter(step.end, 0.0))
-    why = kept_busy(at, step.module, step.resource, message)
-    still = still_handled(at, message.id, step.end)
-    where = place(step.module, step.resource)
-    return f"for {where}, {why}" + (f"; {still}" if still else "") if why else ""
-
-
-def _why_held(run: Run, message: Message, _step: Step) -> str:
-    return f"it waits {' and '.join(why_waiting(RunAt(run), TaskId(message.id)))}"
-
-
-def _why_locked(run: Run, message: Message, _step: Step) -> str:
-    waits = message.handling.waits if message.handling else []
-    return f"its handler waits {awaited(run, waits[-1])}" if waits else ""
+    words = several_in_words(told(at, waits_now(at, message.id)))
+    return f"it waits {words}{still_handled_in_words(run, message.id, step.end)}" if words else ""
 
 
 _WHY = {
     Doing.DELAY: _why_delayed,
     Doing.SUSPENDED: _why_suspended,
-    Doing.QUEUED: _why_queued,
-    Doing.HELD: _why_held,
-    Doing.LOCKED: _why_locked,
+    Doing.QUEUED: _why_standing,
+    Doing.HELD: _why_standing,
+    Doing.LOCKED: _why_standing,
 }
 """What there is to say of steps in which nothing was done."""
 

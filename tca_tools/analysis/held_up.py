@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
-from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
 from tca_tools.analysis.locks import Locks
+from tca_tools.analysis.long_waits import is_in_vain
+from tca_tools.analysis.steps import Causes, Doing, Step
 from tca_tools.run.records import Claim, HandlerWait, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, Span
-from tca_tools.why.whereabouts import why_in_vain
 from tca_wire.text.facts_in_words import called, place
 
 
@@ -107,7 +107,7 @@ class _Waits:
             return None  # the questions that a reply needs itself are part of the wait for it
         if (wanted := self.run.claims.get(wait.awaited)) is not None:
             return self._of_claim(wanted, wait, step)
-        reason = Reason.IN_VAIN if why_in_vain(self.run, wait) else Reason.REPLY
+        reason = Reason.IN_VAIN if is_in_vain(self.run, wait) else Reason.REPLY
         return Before(reason, self.run.name(wait.awaited), wait.start, step.start)
 
     def _in_queue(self, queueing: Queueing, step: Step) -> Before:

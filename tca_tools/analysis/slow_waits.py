@@ -2,21 +2,17 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
-from math import nextafter
 
 from tca_tools.analysis.advised import Advice, Sum, Topic, Words, length
-from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.critical_path import CriticalPath
-from tca_tools.analysis.given_up import still_handled
+from tca_tools.analysis.given_up import still_handled_in_words
 from tca_tools.analysis.held_up import HeldUp, Reason, held_up
+from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.resources import Use
-from tca_tools.analysis.words import moment, percent, seconds
-from tca_tools.analysis.words import times as say_times
-from tca_tools.run.at_time import RunAt
+from tca_tools.analysis.steps import Causes, Doing
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Span
-from tca_tools.why.story import awaited
-from tca_tools.why.whereabouts import why_in_vain
+from tca_wire.text.measures import duration, percent, run_time, times
 
 
 def on_waits(
@@ -33,8 +29,8 @@ def on_waits(
             delays[run.name(step.message_id)].add(step.start, step.end, run.describe(step.message_id))
     for name, total in delays.items():
         saving = total.within(*window)
-        often = say_times(total.times)
-        title, text, remedy = _filled(_DELAY, name=name, times=often, seconds=seconds(saving), path=called)
+        often = times(total.times)
+        title, text, remedy = _filled(_DELAY, name=name, times=often, seconds=duration(saving), path=called)
         yield Advice(
             Topic.DELAY, title, text, saving, saving, total.times, total.words, remedy, total.longest
         )  # fmt: skip
@@ -52,10 +48,10 @@ def _on_wait(run: Run, held: HeldUp, use: Use | None, window: Span, called: str)
         least = use.worked / (use.capacity + 1)
         rest = max(length(use.window) - least, 0.0)
         if window[1] >= use.window[1] and saving > rest:
-            saving, but = rest, f": what it has to do would still take {seconds(least)}"
-    most = "that" if seconds(saving) == seconds(held.seconds) else seconds(saving)
+            saving, but = rest, f": what it has to do would still take {duration(least)}"
+    most = "that" if duration(saving) == duration(held.seconds) else duration(saving)
     title, text, remedy = _filled(
-        _WORDS[held.reason], name=held.name, times=say_times(held.times), seconds=seconds(held.seconds),
+        _WORDS[held.reason], name=held.name, times=times(held.times), seconds=duration(held.seconds),
         busy=busy, most=most, but=but, path=called,
     )  # fmt: skip
     example, longest = _longest(run, held), (held.longest.start, held.longest.end)
@@ -69,19 +65,16 @@ def _filled(words: Words, **known: str) -> Words:
 def _longest(run: Run, held: HeldUp) -> str:
     """The longest of some waits, in words, with what is known of why."""
     step, longest = held.step, held.longest
-    asked, why = step.message_id, ""
+    asked = step.message_id
     if longest.queueing is None and step.resumed:
-        what = f"the handler of {run.describe(asked)} waited {awaited(run, step.resumed)},"
+        what = f"the handler of {run.describe(asked)} waited {handler_wait_in_words(run, step.resumed)},"
         asked = step.resumed.awaited
-        if in_vain := why_in_vain(run, step.resumed):
-            why = f", in vain: {in_vain}"
     else:
         what = f"{run.describe(asked)} waited"
-    words = f"{what} {seconds(longest.seconds)}, until {moment(longest.end)}{why}"
+    words = f"{what} {duration(longest.seconds)}, until {run_time(longest.end)}"
     if longest.claim:
         words += f"; {longest.claim.sender} had {'it' if longest.claim.granted is not None else 'asked for it'}"
-    still = still_handled(RunAt(run, nextafter(longest.end, 0.0)), asked, longest.end)
-    return words + (f"; {still}" if still else "")
+    return words + still_handled_in_words(run, asked, longest.end)
 
 
 _TOPICS = {

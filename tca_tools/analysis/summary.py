@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.analysis.words import counted, moment
 from tca_tools.run.records import OVER, Message, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import STANDINGS, standing
+from tca_wire.text.measures import counted, run_time
 from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import CENTRAL
 
@@ -151,7 +151,7 @@ def _outcome(run: Run, top: list[Task], counts: Counter[State], failures: int) -
     if living:
         subject = "The task" if len(top) == 1 else f"{living:,} of {len(top):,} top-level tasks"
         is_one = living == 1
-        still = f"{'is' if is_one else 'are'} still running, as of {moment(run.time)}"
+        still = f"{'is' if is_one else 'are'} still running, as of {run_time(run.time)}"
         parts.append(f"{subject} {still if run.is_live else 'had not ended when the journal did'}")
     if watching := sum(stands_by(run.tasks[task]) and not is_over(run.tasks[task]) for task in run.top):
         verb = f"still watch{'es' * (watching == 1)}" if run.is_live else "still watched"

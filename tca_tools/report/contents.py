@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advised import Advice
-from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import (
     CriticalPath,
@@ -17,9 +16,10 @@ from tca_tools.analysis.critical_path import (
     why_then,
 )
 from tca_tools.analysis.failures import Kind, failures
+from tca_tools.analysis.long_waits import WaitsOfKind, long_waits
 from tca_tools.analysis.resources import Use, uses
+from tca_tools.analysis.steps import Causes, Doing
 from tca_tools.analysis.summary import Summary, summary
-from tca_tools.analysis.waits import Waits, waits
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story
 
@@ -65,7 +65,7 @@ class Contents:
     kinds: list[Kind]
     stories: dict[int, list[Sentence]]
     """Of some failing messages: their whole stories, cut."""
-    waits: list[Waits]
+    waits: list[WaitsOfKind]
     uses: list[Use]
     path: ShownPath | None
     longest: ShownPath | None
@@ -100,7 +100,7 @@ def contents(run: Run) -> Contents:
         handling,
         kinds,
         _stories(run, kinds),
-        waits(run, _WAITS),
+        long_waits(run, _WAITS),
         use,
         _shown(run, path) if path else None,
         _shown(run, other) if other else None,

@@ -7,14 +7,15 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from tca_tools.analysis import words
-from tca_tools.analysis.causes import Doing
 from tca_tools.analysis.failures import Kind
+from tca_tools.analysis.long_waits import KINDS
+from tca_tools.analysis.steps import Doing
 from tca_tools.report.contents import Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
 from tca_tools.terminal import cut
 from tca_tools.why.coping import GOOD_FATES, HANDLED
+from tca_wire.text.measures import counted, duration, percent, run_time
 from tca_wire.text.printable import first_line, printable
 
 _HERE = Path(__file__).parent
@@ -40,9 +41,10 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
             style=Markup((_HERE / "page.css").read_text()),  # noqa: S704 - a file of ours
             verdict=_verdict(found),
             began=_clock(found.summary.began, found.summary.start),
-            now=f"{_clock(found.summary.began, found.summary.now)} ({words.moment(found.summary.now)})",
+            now=f"{_clock(found.summary.began, found.summary.now)} ({run_time(found.summary.now)})",
             is_good_fate=lambda fate: fate in GOOD_FATES,
             doing=_DOING,
+            kinds_of_waits=KINDS,
             longest_said=_LONGEST_SAID,
             shown_stories=lambda kind: _stories_of(kind, found),
             whole_texts=lambda kind: _texts_of(kind, found.cases_shown),
@@ -107,10 +109,10 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters |= {
-        "seconds": words.seconds,
-        "moment": words.moment,
-        "percent": words.percent,
-        "counted": words.counted,
+        "duration": duration,
+        "run_time": run_time,
+        "percent": percent,
+        "counted": counted,
         "looks": lambda standing: "s-handled" if standing == HANDLED else f"s-{standing}",
         "short": lambda text, width=_LONGEST_TEXT: cut(first_line(str(text)), width),
     }

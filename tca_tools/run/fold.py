@@ -26,7 +26,7 @@ from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.text.facts_in_words import called
-from tca_wire.vocabulary import Outcome, Refusal
+from tca_wire.vocabulary import Outcome, Refusal, Role
 
 
 class History(ReactionFold):
@@ -156,6 +156,8 @@ class History(ReactionFold):
             self._constrain(fact)
         else:
             self.messages[fact.id] = Message(*known, role=fact.role, about=fact.about, by=by)
+        if fact.role is Role.CONDITION:
+            self.conditions.setdefault(fact.about, self.messages[fact.id])
         if by is not None and fact.message_class.has_reply:
             by.asked = by.asked or []
             by.asked.append(self.messages[fact.id])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Self
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.text.facts_in_words import kill_reason, place
+from tca_wire.text.facts_in_words import GAVE_UP, kill_reason, place
 from tca_wire.vocabulary import MessageClass, Outcome, Role, Scope
 
 
@@ -307,6 +307,11 @@ class Message:
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
+
+    @property
+    def was_given_up(self) -> bool:
+        """Whether its sender waited no longer for the answer."""
+        return self.dropped.startswith(GAVE_UP)
 
     def was(self, name: str, moment: float) -> Any:
         """What one of its fields was at a moment."""

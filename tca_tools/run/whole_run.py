@@ -45,6 +45,8 @@ class Reactions:
         """For tasks that are to be killed, or must be done by a time: that."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
         """For each monitor when its condition was tested, and whether it held."""
+        self.conditions: dict[int, Message] = {}
+        """For each monitor the first query that asked for its condition."""
         self.farewells: dict[int, list[Farewell]] = {}
         """By task the messages that were to be sent if it was killed."""
         self.askers: dict[int, Handling] = {}

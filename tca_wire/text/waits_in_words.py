@@ -18,6 +18,9 @@ _REACHED = {
 }
 _OF_SEVERAL = {"is": "are", "has": "have"}
 
+_CAUSES = 3
+"""How many causes of one wait are named."""
+
 Waits = Sequence[WaitFor]
 
 
@@ -62,6 +65,31 @@ def whereabouts(query: WaitFor) -> str:
     if where.kind is WaitKind.RESOURCE:
         return f"it is queued {_resource([where])}"
     return f"{place(where.module, where.resource)} handles it{_and_waits(where)}"
+
+
+def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
+    """The causes of one wait, one after the other or at once, with how many seconds each took: ``for legs, busy with
+    grip {3} (3 s); busy with move {4} (2 s); and 2 more (520 ms)``. Those that took longest are named.
+    """
+    lengths: dict[WaitFor, float] = {}
+    for wait, seconds in causes:
+        lengths[wait] = lengths.get(wait, 0.0) + seconds
+    if len(lengths) == 1:
+        return _clause([next(iter(lengths))], None)
+    longest = sorted(lengths, key=lambda wait: -lengths[wait])[:_CAUSES]
+    named = [wait for wait in lengths if wait in longest]
+    told = [f"{_clause([wait], None)} ({duration(lengths[wait])})" for wait in named[:1]]
+    told += [f"{_after(named[0], wait)} ({duration(lengths[wait])})" for wait in named[1:]]
+    if more := [seconds for wait, seconds in lengths.items() if wait not in longest]:
+        told.append(f"and {len(more):,} more ({duration(sum(more))})")
+    return "; ".join(told)
+
+
+def _after(first: WaitFor, wait: WaitFor) -> str:
+    """Another cause of the same wait: what is the same is not said again."""
+    if wait.kind in (WaitKind.RESOURCE, WaitKind.LOCK) and wait.because and first.kind is wait.kind:
+        return _keepers(wait.because)
+    return _clause([wait], None)
 
 
 def reached(moment: int, number: int = 1) -> str:
@@ -123,10 +151,14 @@ def _lock(waits: Waits) -> str:
 
 def _kept(because: Waits) -> str:
     """What keeps others out of a resource: ``, busy with walk {3} and 2 more``, ``, which panel has locked``."""
+    return f", {_keepers(because)}" if because else ""
+
+
+def _keepers(because: Waits) -> str:
     running = [one for one in because if one.kind is WaitKind.RUNNING]
     parts = [f"busy with {_names(running)}"] if running else []
     parts += [f"which {_keeper(one, is_first=not running)}" for one in because if one.kind is not WaitKind.RUNNING]
-    return f", {', and '.join(parts)}" if parts else ""
+    return ", and ".join(parts)
 
 
 def _keeper(wait: WaitFor, *, is_first: bool) -> str:

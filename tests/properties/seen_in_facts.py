@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import inf
 from typing import Any, NamedTuple
 
-from tca_tools.analysis.causes import Step
+from tca_tools.analysis.steps import Step
 from tca_wire.journal import facts
 from tca_wire.points import Moment
 

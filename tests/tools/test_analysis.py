@@ -6,15 +6,14 @@ import pytest
 from tools.made_robots import caught, commanding, fail, near, recovering, stepping
 from tools.story import Story, mopping, stumbling, walking
 
-from tca_tools.analysis import words
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advised import Topic
-from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
+from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.analysis.resources import uses
+from tca_tools.analysis.steps import Causes
 from tca_tools.analysis.summary import summary
-from tca_tools.analysis.waits import WaitKind, waits
 from tca_tools.export.tables import TABLES
 from tca_tools.run.records import State
 from tca_tools.run.whole_run import Run
@@ -23,6 +22,7 @@ from tca_tools.why.coping import Fate
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.waits import WaitKind
 
 
 def test_a_good_run() -> None:
@@ -186,7 +186,7 @@ def test_waits_for_replies_and_tasks_name_who_was_slow() -> None:
     found = {kind.kind: kind for kind in waits(commanding().fold())}
     assert near(found[WaitKind.REPLY].number, found[WaitKind.REPLY].seconds) == (2, 0.8)
     reply, task = found[WaitKind.REPLY].longest[0], found[WaitKind.TASK].longest[0]
-    assert (reply.who, reply.what) == ("the handler of walk {1}", "for the reply to where {2} from eye")
+    assert (reply.who, reply.what) == ("the handler of walk {1}", "for the reply to where {2}, which eye handles")
     assert task.what == "until move {3} is achieved"
 
 
@@ -202,16 +202,16 @@ def test_waits_for_locks_and_for_nobody() -> None:
 
 def test_a_suspended_task_waits_from_when_on_nothing_of_it_runs() -> None:
     found = {kind.kind: kind for kind in waits(mopping().fold())}
-    (wait,) = found[WaitKind.SUSPENDED].longest
+    (wait,) = found[WaitKind.RESUME].longest
     assert (wait.who, wait.start, wait.end, wait.is_open) == ("mop floor {1}", 3.0, 9.0, False)
     assert wait.what == "until it is resumed; suspended at 2.000 s, what ran then ran on"
-    by = {kind.kind: kind for kind in waits(mopping("panel").fold())}[WaitKind.SUSPENDED].longest[0].what
+    by = {kind.kind: kind for kind in waits(mopping("panel").fold())}[WaitKind.RESUME].longest[0].what
     assert by == "until it is resumed; suspended by panel at 2.000 s, what ran then ran on"
     (nobody,) = found[WaitKind.HANDLER].longest
     assert (nobody.who, nobody.start, nobody.is_open) == ("fly {5}", 1.6, True)
-    (still,) = (kind for kind in waits(mopping().fold(4.0)) if kind.kind is WaitKind.SUSPENDED)
+    (still,) = (kind for kind in waits(mopping().fold(4.0)) if kind.kind is WaitKind.RESUME)
     assert (still.longest[0].seconds, still.longest[0].is_open) == (1.0, True)
-    assert not any(kind.kind is WaitKind.SUSPENDED for kind in waits(mopping().fold(2.5)))  # a sweep runs on
+    assert not any(kind.kind is WaitKind.RESUME for kind in waits(mopping().fold(2.5)))  # a sweep runs on
 
 
 def test_a_handler_that_waits_for_what_is_suspended_under_it_does_not_work() -> None:
@@ -220,7 +220,7 @@ def test_a_handler_that_waits_for_what_is_suspended_under_it_does_not_work() -> 
     story.delivered(walk, "planner").say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
     move = story.command("move", "planner", walk)
     story.say(facts.WaitBegan("planner", walk, TaskId(move), Moment.END_ACHIEVING)).at(5.0)
-    (wait,) = next(kind for kind in waits(story.fold()) if kind.kind is WaitKind.SUSPENDED).longest
+    (wait,) = next(kind for kind in waits(story.fold()) if kind.kind is WaitKind.RESUME).longest
     assert (wait.who, wait.start, wait.end) == ("walk {1}", 2.0, 5.0)
     assert wait.what.startswith("until it is resumed; suspended by panel at 1.000 s")
 
@@ -232,7 +232,7 @@ def test_advice_on_what_nobody_could_work_on() -> None:
     path = critical_path(history, causes, history.tasks[1])
     suspended, drone = advice(history, causes, path, [], [], [], at_least=0.1)
     assert near(suspended.topic, suspended.saving, suspended.on_path) == (Topic.SUSPENDED, 6.0, 6.0)
-    assert suspended.example == "mop floor {1} suspended by panel, from 3.000 s, 6.00 s"
+    assert suspended.example == "mop floor {1} suspended by panel, from 3.000 s, 6 s"
     assert near(drone.topic, drone.saving, drone.on_path) == (Topic.HANDLER, 10.4, 0)
     assert drone.text == "'fly' waited once for a module that handles it, 10.4 s in all, and none ever came"
     assert drone.title == "Nobody handles 'fly'"
@@ -280,27 +280,3 @@ def test_spans() -> None:
     assert (one.total, two.total) == (6.0, 2.0)
     assert [one.within(*window) for window in ((0, 6), (-5, 1), (5, 9), (3, 3), (7, 8))] == [6, 1, 1, 0, 0]
     assert (two.within(1.5, 3.5), two.within(9, 1), Cover([]).within(0, 1)) == (1.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("length", "said"),
-    [
-        (0, "0 s"),
-        (0.00032, "320 us"),
-        (0.0042, "4.2 ms"),
-        (0.042, "42 ms"),
-        (0.42, "0.42 s"),
-        (42, "42.0 s"),
-        (725, "12:05 min"),
-        (119346, "33:09:06 h"),
-    ],
-)
-def test_lengths_in_words(length: float, said: str) -> None:
-    assert words.seconds(length) == said
-
-
-def test_other_words() -> None:
-    assert [words.times(number) for number in (1, 2, 12000)] == ["once", "twice", "12,000 times"]
-    assert [words.counted(number, "task") for number in (1, 2000)] == ["1 task", "2,000 tasks"]
-    assert (words.listed(["a"]), words.listed(["a", "b", "c"])) == ("a", "a, b and c")
-    assert (words.percent(0.5), words.percent(0.012)) == ("50%", "1.2%")

@@ -3,12 +3,13 @@
 from tools.story import QUERY, Story
 from tools.test_critical_path import path_of, steps_of
 
-from tca_tools.analysis.waits import WaitKind, waits
+from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
+from tca_wire.waits import WaitKind
 
 
 def asking() -> Run:
@@ -69,9 +70,9 @@ def test_the_longest_waits_say_that_they_were_in_vain() -> None:
     (replies,) = (one for one in waits(asking()) if one.kind is WaitKind.REPLY)
     assert (replies.number, round(replies.seconds, 6)) == (3, 1.4)
     assert {one.what for one in replies.longest} == {
-        "for the reply to where {2}, in vain: map had it, and had not answered",
-        "for the reply to where {3}, in vain: it was queued for map, busy with where {2}",
-        "for the reply to look {4}, in vain: no module handled it",
+        "for the reply to where {2}, which map handles, in vain",
+        "for the reply to where {3}, which is queued for map, busy with where {2}, in vain",
+        "for the reply to look {4}, which no module handles, in vain",
     }
 
 

@@ -6,11 +6,11 @@ from tools.story import THIS, Story, walking
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advised import Advice, Topic
-from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.concurrency import Overlap, overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
+from tca_tools.analysis.steps import Causes
 from tca_tools.analysis.summary import summary
 from tca_tools.run.whole_run import Run
 from tca_wire.constraints import sequential_achievement
@@ -121,8 +121,8 @@ def test_the_advice_in_words_with_its_numbers() -> None:
     (one,) = advised(stepping().fold(), at_least=0.5)
     assert (one.topic, one.title, one.times) == (Topic.OVERLAP, "Plan the next while legs acts", 2)
     assert one.text == (
-        "legs stood idle twice between one 'move' and the next, 2.00 s in all. For 2.00 s of that planner planned what "
-        "comes next. Planning it while the one before is executed would save at most 2.00 s"
+        "legs stood idle twice between one 'move' and the next, 2 s in all. For 2 s of that planner planned what "
+        "comes next. Planning it while the one before is executed would save at most 2 s"
     )
     assert near(one.saving, one.on_path) == (2.0, 2.0)
     assert (
@@ -132,7 +132,7 @@ def test_the_advice_in_words_with_its_numbers() -> None:
 
 def test_questions_on_the_critical_path() -> None:
     asked = next(one for one in advised(commanding().fold()) if one.topic is Topic.QUERY)
-    assert asked.text.startswith("The critical path waits twice for the reply to 'where', 0.80 s in all.")
+    assert asked.text.startswith("The critical path waits twice for the reply to 'where', 800 ms in all.")
     assert asked.saving == pytest.approx(0.8)
 
 
@@ -149,8 +149,8 @@ def test_a_resource_that_all_queue_for() -> None:
             story.delivered(moves[number + 1], "legs")
     (one,) = advised(story.fold())
     assert near(one.topic, one.saving) == (Topic.CAPACITY, 3.0)  # with two slots 6 s of moves still take three
-    assert "stands twice in the queue for legs, 4.00 s in all. It is busy 100% of the time, with 1 at a" in one.text
-    assert one.text.endswith("would save at most 3.00 s: what it has to do would still take 3.00 s")
+    assert "stands twice in the queue for legs, 4 s in all. It is busy 100% of the time, with 1 at a" in one.text
+    assert one.text.endswith("would save at most 3 s: what it has to do would still take 3 s")
 
 
 def test_a_lock_that_is_held_long() -> None:
@@ -161,7 +161,7 @@ def test_a_lock_that_is_held_long() -> None:
     story.at(6.0).returned(move).reached(move, Moment.END_ACHIEVING)
     (one,) = advised(story.fold())
     assert near(one.topic, one.saving) == (Topic.LOCK, 3.0)
-    assert one.example == "move {1} waited 3.00 s, until 5.000 s; eye had it"
+    assert one.example == "move {1} waited 3 s, until 5.000 s; eye had it"
 
 
 def test_failures_cost_what_was_done_in_vain_and_what_was_done_about_them() -> None:

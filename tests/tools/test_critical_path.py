@@ -7,8 +7,8 @@ import pytest
 from tools.made_robots import commanding, looking_ahead, near, recovering, stepping
 from tools.story import QUERY, Story, mopping, stumbling, walking
 
-from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
+from tca_tools.analysis.steps import Causes, Doing
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
@@ -96,7 +96,7 @@ def test_each_step_says_why_it_did_not_begin_sooner() -> None:
     why = [why_then(run, step) for step in critical_path(run, Causes(run), task).steps]
     assert why == [
         "",
-        "0.10 s in the queue for planner",
+        "100 ms in the queue for planner",
         "",
         "it waited until step {2} is achieved",
         "",
@@ -288,7 +288,7 @@ def test_a_run_that_stands_because_of_a_delay_says_until_when() -> None:
     story.command("move", "user", walk, after(first, Moment.END_ACHIEVING, 30.0))
     path, why, because = standing(story.at(12.0))
     assert path == [("move", "legs", 1.0, 2.0), ("delay", "", 2.0, 12.0)]
-    assert why == "it waits until 30.0 s after move {2} is achieved: that is at 32.000 s, 20.0 s after the journal ends"
+    assert why == "it waits until 32.000 s, 20 s after the journal ends"
     assert because == []
 
 
@@ -331,7 +331,7 @@ def test_a_run_that_stands_because_of_a_lock_that_somebody_has_taken_outside_of_
     story.delivered(walk, "a").at(3.0).say(facts.Claimed(78, "legs", "legs", False, "a", walk))
     path, why, _ = standing(story.at(9.0))
     assert path[-2:] == [("walk", "a", 2.0, 3.0), ("locked", "user", 3.0, 9.0)]
-    assert why == "its handler waits for the lock of legs {78}, but user has locked it"
+    assert why == "it waits for the lock of legs {78}, which user has locked"
 
 
 def test_a_run_that_stands_because_a_monitor_watches() -> None:

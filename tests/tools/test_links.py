@@ -4,8 +4,8 @@ import msgspec
 from tools.story import QUERY, Story
 from tools.test_critical_path import path_of
 
-from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path, why_then
+from tca_tools.analysis.steps import Causes
 from tca_tools.report.contents import contents
 from tca_tools.run.whole_run import Run
 from tca_wire.constraints import sequential_achievement
@@ -89,7 +89,7 @@ def test_a_question_to_many_that_is_given_up_stood_in_a_queue() -> None:
         ("go", "m", 1.0, 2.0), ("look", "eye", 2.0, 3.0), ("go", "m", 3.0, 4.0), ("queued", "eye", 4.0, 5.0),
         ("go", "m", 5.0, 6.0),
     ]  # fmt: skip
-    assert f"for eye, busy with look {{2}}; {STILL}" in whys(run, 1)
+    assert any(f"for eye, busy with look {{2}}; {STILL}" in why for why in whys(run, 1))
 
 
 def test_who_goes_on_with_what_was_given_up_is_named() -> None:

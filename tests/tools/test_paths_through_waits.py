@@ -8,9 +8,9 @@ from tools.story import QUERY, Story
 from tools.test_critical_path import path_of
 
 from tca_tools.analysis.advice import advice
-from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path, why_then
 from tca_tools.analysis.failures import failures
+from tca_tools.analysis.steps import Causes
 from tca_tools.log.classic import classic_lines
 from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents
@@ -161,7 +161,7 @@ def test_a_lock_is_waited_for_while_somebody_is_at_work_there() -> None:
     run = told.at(6.0).fold()
     path = critical_path(run, Causes(run), run.tasks[go])
     assert [(run.name(step.message_id), step.start, step.end) for step in path.steps] == [("hog", 1.0, 6.0)]
-    assert path.because == ["the handler of go {2} waits for the lock of n {50}, but n is busy with hog {1}"]
+    assert path.because == ["the handler of go {2} waits for the lock of n {50}, busy with hog {1}"]
 
 
 def test_who_says_goodbye_when_all_is_done_is_not_missed() -> None:

@@ -24,6 +24,7 @@ from tca_tools.run.fold import History
 from tca_tools.why.coping import HANDLED
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
+from tca_wire.text.measures import duration
 from tca_wire.vocabulary import Outcome
 
 VOID = {"meta", "link", "br", "img", "path", "rect", "line", "hr"}
@@ -166,7 +167,7 @@ def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: R
     assert "fly : nobody handled it" in shown.text  # where the time went
     for words in ("Nobody handles 'fly'", "'mop floor' is suspended for a while", "Suspended tasks"):
         assert words in shown.text
-    assert "1 wait, 6.00 s" in shown.text
+    assert "1 wait, 6 s" in shown.text
     assert "Nothing was found" not in shown.text
 
 
@@ -277,7 +278,7 @@ def test_numbers_of_the_page_are_those_of_the_analysis(reported: Reported) -> No
     found, shown = contents(stepping().fold()), reported(stepping())
     assert found.path is not None
     for share in found.path.shares:
-        assert f"{share.seconds:.2f} s" in shown.text
+        assert duration(share.seconds) in shown.text
 
 
 def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:

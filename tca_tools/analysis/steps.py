@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing, Suspension, Task
+from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT, Moment
 from tca_wire.vocabulary import Role
@@ -239,8 +239,7 @@ class Causes:
         """A delay of a task was over then, or a suspension, or one began."""
         for hold in task.holds:
             if hold.over == time:
-                before = hold.constraint.before
-                return self._delayed(task, before.task, before.moment, hold.added, time)
+                return self._delayed(task, hold, time)
         for suspension in task.suspensions:
             if suspension.end == time and (stood := _stood(suspension, time)):
                 return stood, _At(stood.start, suspension.cause)
@@ -268,10 +267,10 @@ class Causes:
             last = max([last, *(span.end for span in spans if span.end is not None and span.end < time)])
         return _waited(last, time, Doing.UNKNOWN, task.id)
 
-    def _delayed(self, task: Task, before: int, moment: Moment, added: float, time: float) -> tuple[Step, _At]:
+    def _delayed(self, task: Task, hold: Hold, time: float) -> tuple[Step, _At]:
         """Back to the point after which the delay counts; counted from the time that it was asked for, to that."""
-        start, cause = delay_of(self._run, task, before, moment, added)
-        start = start if start < time else min(added, time)
+        start, cause = delay_of(self._run, task, hold)
+        start = start if start < time else min(hold.added, time)
         return Step(start, time, Doing.DELAY, task.id, ""), _At(start, cause)
 
     def _monitored(self, message: Message, time: float) -> tuple[Step | None, _At | None]:
@@ -310,10 +309,11 @@ def _before(step: Step, since: float) -> _At:
     return _At(since, step.message_id, step.handling if step.resumed else None)
 
 
-def delay_of(run: Run, task: Task, before: int, moment: Moment, added: float) -> tuple[float, int]:
-    """When a delay of a task began that counts from a moment of task *before*; and the message with which it did."""
-    other = run.tasks.get(before) if before != ROOT else None
-    return (other.reached.get(moment, added), other.id) if other else (added, task.id)
+def delay_of(run: Run, task: Task, hold: Hold) -> tuple[float, int]:
+    """When the delay of a constraint began; and the message with which it did."""
+    before = hold.constraint.before
+    other = run.tasks.get(before.task) if before.task != ROOT else None
+    return (other.reached.get(before.moment, hold.added), other.id) if other else (hold.added, task.id)
 
 
 def _waited(start: float, end: float, doing: Doing, message: int, where: Queueing | None = None) -> tuple[Step, _At]:

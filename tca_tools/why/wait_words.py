@@ -1,0 +1,378 @@
+"""Waits as people are told of them: names are filled in, what keeps a resource busy, and what all waits lead to.
+
+Here a ``Wait`` becomes a ``WaitFor``; the words of that are in tca_wire/text/waits_in_words.py. ``reasons`` are the
+clauses of what a task waits for now, ``in_the_end`` is what they lead to, ``coming`` what is to happen to it.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import msgspec
+
+from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.records import OVER, Ahead, Claim, Handling, Hold, Message, Queueing, State
+from tca_tools.why.ends import MOST, End, Ends
+from tca_tools.why.keepers import Keepers, kept_out
+from tca_tools.why.waits import Wait, keepers_of, next_node, steps, waits_now
+from tca_wire.points import ROOT, describe_moments
+from tca_wire.text.facts_in_words import by_whom, place
+from tca_wire.text.measures import counted, duration, listed, run_time
+from tca_wire.text.waits_in_words import clauses, reached
+from tca_wire.vocabulary import MessageClass, Scope
+from tca_wire.waits import WaitFor, WaitKind
+
+NAMED = 3
+"""How many of several are named."""
+
+
+class Age(NamedTuple):
+    """Since when something is so."""
+
+    since: float
+    """Since when its cause is the cause."""
+    begun: float
+    """Since when it waits in all, for whatever reason."""
+
+
+# --- a wait, with names ----------------------------------------------------------------------------------------------
+
+
+def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[WaitFor]:
+    """Waits with names; of many of one kind the first ones, and how many more there are. *however*: until tasks end,
+    in whatever way.
+    """
+    groups: dict[object, list[Wait]] = {}
+    for wait in waits:
+        delay = wait.record.constraint.delay if isinstance(wait.record, Hold) else 0.0
+        is_alone = delay or wait.kind in _ALONE
+        groups.setdefault(id(wait) if is_alone else (wait.kind, wait.on.moment), []).append(wait)
+    found = []
+    for group in groups.values():
+        found += _some([wait_for(at, wait, however=however) for wait in group[:NAMED]], len(group))
+    return found
+
+
+_ALONE = (WaitKind.RESOURCE, WaitKind.LOCK, WaitKind.REPLY, WaitKind.DELAY, WaitKind.LISTENER)
+"""Each is told with what keeps it up."""
+
+
+def _some(waits: list[WaitFor], number: int) -> list[WaitFor]:
+    """The first of so many; the last of them says how many more there are."""
+    more = number - len(waits)
+    return [*waits[:-1], msgspec.structs.replace(waits[-1], more=more)] if more > 0 else waits
+
+
+def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
+    """One wait with names, and with what keeps a resource or a query busy at that moment."""
+    if isinstance(wait.record, Queueing):
+        return of_queueing(at, wait.record, keepers_of(at, wait))
+    if (make := _MADE.get(wait.kind)) is not None:
+        return make(at, wait)
+    moment = 0 if however and wait.kind is WaitKind.SUBTASK else wait.on.moment
+    return WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number), moment)
+
+
+def _of_constraint(at: RunAt, wait: Wait) -> WaitFor:
+    assert isinstance(wait.record, Hold)
+    hold = wait.record
+    before, delay = hold.constraint.before, hold.constraint.delay
+    if wait.kind is WaitKind.DELAY:
+        met = 0.0 if before.task == ROOT else at.reached_at(before) or hold.added
+        return WaitFor(wait.kind, seconds=met + delay)
+    module = hold.tap.by if hold.tap else ""
+    name = at.run.name(before.task)
+    return WaitFor(wait.kind, before.task, name, int(before.moment), module=module, seconds=delay or None)
+
+
+def _of_reply(at: RunAt, wait: Wait) -> WaitFor:
+    query = at.run.messages.get(wait.on.number)
+    answered, because = where(at, query) if query else (0, ())
+    return WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number), answered=answered, because=because)
+
+
+def _of_suspension(at: RunAt, wait: Wait) -> WaitFor:
+    return WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number))
+
+
+def _of_run(at: RunAt, wait: Wait) -> WaitFor:
+    """Its own handler; or one under it, while it is suspended."""
+    return WaitFor(wait.kind) if wait.holds else WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number))
+
+
+def _of_lock(at: RunAt, wait: Wait) -> WaitFor:
+    return of_claim(at, at.run.claims[wait.on.number], keepers_of(at, wait))
+
+
+def _of_condition(at: RunAt, wait: Wait) -> WaitFor:
+    monitor = wait.on.number
+    tests = [holds for time, holds in at.run.tests.get(monitor, ()) if time <= at.moment]
+    asked = at.run.conditions.get(monitor)
+    is_demon = at.run.tasks[monitor].message_class is MessageClass.DEMON_MONITOR
+    name = "" if is_demon else (asked if asked and asked.received <= at.moment else at.run.tasks[monitor]).name
+    return WaitFor(WaitKind.CONDITION, name=name, holds=tests[-1] if tests else None)
+
+
+_MADE: dict[WaitKind, Callable[[RunAt, Wait], WaitFor]] = {
+    WaitKind.CONSTRAINT: _of_constraint,
+    WaitKind.LISTENER: _of_constraint,
+    WaitKind.DELAY: _of_constraint,
+    WaitKind.REPLY: _of_reply,
+    WaitKind.LOCK: _of_lock,
+    WaitKind.RESUME: _of_suspension,
+    WaitKind.CONDITION: _of_condition,
+    WaitKind.RUNNING: _of_run,
+}
+"""Kinds of waits that are told by more than a point of a task."""
+
+
+def of_claim(at: RunAt, claim: Claim, by: Keepers) -> WaitFor:
+    """A lock or reservation that is waited for."""
+    what = "reservation" if claim.is_reserved else "lock"
+    because = (*_running(at, by.runs), *([_keeper(at, by.claim)] if by.claim else []))
+    return WaitFor(WaitKind.LOCK, claim.id, what, module=claim.module, resource=claim.resource, because=because)
+
+
+def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
+    """A stay in a queue, with what keeps the resource busy."""
+    if not queueing.module:
+        return WaitFor(WaitKind.HANDLER, name=at.run.name(queueing.message_id))
+    because = _kept_by(at, queueing, by)
+    return WaitFor(WaitKind.RESOURCE, module=queueing.module, resource=queueing.resource, because=because)
+
+
+def _kept_by(at: RunAt, queueing: Queueing, by: Keepers) -> tuple[WaitFor, ...]:
+    if by.claim is not None:
+        return (_keeper(at, by.claim),)
+    if not by.runs and not at.capacity(queueing.module, queueing.resource):
+        return (WaitFor(WaitKind.HANDLER),)
+    return _running(at, by.runs)
+
+
+def _running(at: RunAt, runs: tuple[Handling, ...]) -> tuple[WaitFor, ...]:
+    found = [WaitFor(WaitKind.RUNNING, run.message_id, at.run.name(run.message_id)) for run in runs[:NAMED]]
+    return tuple(_some(found, len(runs)))
+
+
+def _keeper(at: RunAt, claim: Claim) -> WaitFor:
+    """Who has a resource for himself, or wants it first; and for which message."""
+    kind = WaitKind.LOCKED if at.is_granted(claim) else WaitKind.LOCK
+    what = "reservation" if claim.is_reserved else "lock"
+    whose: tuple[WaitFor, ...] = ()
+    if claim.by is not None:
+        is_over = claim.by.end is not None and claim.by.end <= at.moment
+        how = WaitKind.TASK if is_over else WaitKind.RUNNING
+        whose = (WaitFor(how, claim.by.message_id, at.run.name(claim.by.message_id)),)
+    return WaitFor(kind, claim.id, what, module=claim.sender, resource=claim.resource, because=whose)
+
+
+def where(at: RunAt, query: Message) -> tuple[int, tuple[WaitFor, ...]]:
+    """Where a query is that is waited for; of one to many how many have answered, and where the others are."""
+    if query.answered is not None and query.answered <= at.moment:
+        return 0, ()
+    if query.message_class is MessageClass.MULTI_QUERY:
+        runs, queueings = at.copies_of(query)
+        answered = sum(run.end is not None and run.end <= at.moment for run in query.handlings)
+    else:
+        (run, queueing), answered = (at.handling_of(query), at.queueing_of(query)), 0
+        queueings, runs = [queueing] if queueing else [], [run] if run and not queueing else []
+    found = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
+    for one in queueings:
+        by = kept_out(at, one.module, one.resource, query) if one.module else Keepers()
+        found.append(of_queueing(at, one, by))
+    return answered, tuple(found)
+
+
+# --- what a task waits for now ---------------------------------------------------------------------------------------
+
+
+def reasons(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[str]:
+    """What keeps a task waiting, in words that go behind ``how``: ``["until take steps {2} is achieved"]``."""
+    return clauses(told_now(at, task, shown(at, task, with_children=with_children)))
+
+
+def told_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
+    """What a task waits for now, with names."""
+    return told(at, waits, however=task.state is State.ENDING or task.is_retried)
+
+
+def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
+    """What a task waits for as it is shown: a handler that runs is shown by its state, and so are those of what is
+    under it, without its children.
+    """
+    waits = waits_now(at, task.id)
+    if not waits and task.handling and task.state is not State.ENDING:
+        return []
+    is_ending = task.state is State.ENDING
+    kept = [one for one in waits if one.kind is not WaitKind.RUNNING or is_ending or not one.holds]
+    if not with_children and not is_ending:
+        kept = [one for one in kept if one.kind is not WaitKind.SUBTASK]
+    return kept
+
+
+def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
+    """The queries that its handler has sent, and goes on, without their replies."""
+    if task.wait or not task.handling:
+        return []
+    found = []
+    for query in task.asking[: NAMED + 1]:
+        answered, because = where(at, query)
+        found.append(WaitFor(WaitKind.REPLY, query.id, query.name, answered=answered, because=because))
+    return found[:NAMED]
+
+
+def how(task: TaskAt, verb: str = "waits") -> str:
+    """What goes before the reasons of a task: "waits", "suspended by operator panel,", "watches"."""
+    if task.watches and task.state is not State.ENDING:
+        return "watches"
+    if is_told_with_state(task) and task.suspension:
+        return f"suspended{by_whom(task.suspension.by)},"
+    return verb
+
+
+def is_told_with_state(task: TaskAt) -> bool:
+    """Whether it is suspended, and known by whom: that is told with what it waits for."""
+    return task.state is State.SUSPENDED and bool(task.suspension and by_whom(task.suspension.by))
+
+
+def age_of(waits: list[Wait]) -> Age | None:
+    """Since when a task waits for all of these, and since when it waits in all."""
+    return Age(max(one.start for one in waits), min(one.since for one in waits)) if waits else None
+
+
+# --- in the end ------------------------------------------------------------------------------------------------------
+
+
+class Last(NamedTuple):
+    """What a task waits for in the end: ``for paint {3}, which no module handles, and for 1 other``."""
+
+    thing: str
+    number: int
+    which: str
+    """Why it waits for nothing else, behind its name: "no module handles", "is suspended"."""
+    that: str
+    """The same as a sentence of its own: "no module handles that", "that is suspended"."""
+    more: int
+    """How many others there are."""
+
+    def __str__(self) -> str:
+        return f"for {self.thing}, which {self.which}{self.others}"
+
+    @property
+    def brief(self) -> str:
+        """Without why."""
+        return f"for {self.thing}{self.others}"
+
+    @property
+    def others(self) -> str:
+        """``, and for 2 others``."""
+        return f", and {self._others}" if self.more else ""
+
+    @property
+    def behind(self) -> str:
+        """What is said behind its name: ``no module handles that; in the end also for 2 others``."""
+        return f"{self.that}; in the end also {self._others}" if self.more else self.that
+
+    @property
+    def _others(self) -> str:
+        return f"for {counted(self.more, 'other')}" if self.more < MOST else f"for {MOST} or more others"
+
+
+def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
+    """What a task waits for in the end; None if it waits for nothing else, if ``reasons`` say as much, or if it is not
+    found *within* so many waits.
+    """
+    ends = () if task.state in OVER else Ends.at(at).of(task.id, within)
+    if ends and ends[0].kind is not WaitKind.CIRCLE:
+        ends = tuple(end for end in ends if end.number != task.id)
+    if not ends or _is_said(at, task, ends):
+        return None
+    return last_of(at, ends[0], len(ends) - 1)
+
+
+def _is_said(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
+    """Whether each is what it waits for next, and no more is to be said of it than is said there."""
+    nexts, _ = steps(at, next_node(at, task.id))
+    for claim in [at.run.claims[one.number] for one in nexts if one.number in at.run.claims]:
+        if at.is_granted(claim) or claim.by is task.handling:  # who has it is told, or what keeps the task from it
+            nexts = nexts + steps(at, next_node(at, claim.id))[0]
+    next_ones = {one.number for one in nexts}
+    return next_ones >= {end.number for end in ends} and all(_is_plain(at, task, end) for end in ends)
+
+
+def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
+    """Whether there is nothing to say of it but its name."""
+    if end.kind is WaitKind.RESUME:
+        return task.state is State.SUSPENDED
+    return end.kind in (None, WaitKind.RUNNING, WaitKind.LOCKED) or end.number not in at.tasks
+
+
+def last_of(at: RunAt, end: End, more: int = 0) -> Last:
+    """One end in words, and how many more there are."""
+    run = at.run
+    if (claim := run.claims.get(end.number)) is not None:
+        does = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}"
+        return Last(f"the {claim}", end.number, does, f"{does} that", more)
+    thing = at.describe(end.number)
+    query = run.messages.get(end.number)
+    late = not_answered(at, query) if query and query.message_class is MessageClass.MULTI_QUERY else ""
+    if late and end.kind is not WaitKind.CIRCLE:
+        return Last(thing, end.number, late, f"{late} that", more)
+    if does := "no module handles" if end.kind is WaitKind.HANDLER else _handled_by(at, end):
+        return Last(thing, end.number, does, f"{does} that", more)
+    which = _why_last(at, end)
+    return Last(thing, end.number, which, f"that {which}", more)
+
+
+def _handled_by(at: RunAt, end: End) -> str:
+    """Who handles it, where that goes on."""
+    message = at.run.messages.get(end.number)
+    is_of_one = message and end.kind is WaitKind.RUNNING and message.message_class is not MessageClass.MULTI_QUERY
+    run = at.handling_of(message) if message and is_of_one else None
+    return f"{place(run.module, run.resource)} handles" if run else ""
+
+
+def _why_last(at: RunAt, end: End) -> str:
+    task = at.tasks.get(end.number)
+    if end.kind is WaitKind.CIRCLE:
+        others = [at.describe(one) for one in Ends.at(at).circle(end.number) if one != end.number]
+        return f"waits for itself by way of {listed(others)}"
+    if task is None:
+        return "has not been answered"
+    if end.kind is WaitKind.RESUME and task.suspension:
+        return f"is suspended{by_whom(task.suspension.by)}"
+    found = reasons(at, task)
+    if end.kind is WaitKind.DELAY:
+        found = clauses(told(at, [one for one in waits_now(at, task.id) if one.kind is WaitKind.DELAY])) or found
+    return f"{how(task)} {', and '.join(found)}" if found else f"is {task.standing}"
+
+
+def not_answered(at: RunAt, query: Message) -> str:
+    """Who has not answered a query to many: ``arm and legs have not answered``; "" if all have."""
+    names = [place(one.module, one.resource) for one in where(at, query)[1]]
+    return f"{listed(names)} {'has' if len(names) == 1 else 'have'} not answered" if names else ""
+
+
+# --- what is to come -------------------------------------------------------------------------------------------------
+
+
+def coming(at: RunAt, task: TaskAt) -> list[str]:
+    """What is to happen to a task at a time or after a point: ``deadline: end achieving by 9.500 s``."""
+    return [said for one in task.ahead if (said := of_ahead(at, task, one))]
+
+
+def of_ahead(at: RunAt, task: TaskAt, ahead: Ahead) -> str:
+    """One of them; "" if it is not to come any more."""
+    if ahead.moment is not None:
+        due = ahead.set_at + ahead.seconds
+        is_to_come = ahead.moment not in task.reached and due > at.time
+        return f"deadline: {describe_moments(ahead.moment)[0]} by {run_time(due)}" if is_to_come else ""
+    who = f"{_SCOPES[ahead.scope]} to be killed{by_whom(ahead.by)}"
+    if ahead.after is not None and not at.has_reached(ahead.after):
+        later = f"{duration(ahead.seconds)} after" if ahead.seconds else "when"
+        return f"{who} {later} {at.describe(ahead.after.task)} {reached(ahead.after.moment)}"
+    since = max(ahead.set_at, (at.reached_at(ahead.after) or ahead.set_at) if ahead.after else ahead.set_at)
+    due = since + ahead.seconds
+    return f"{who} at {run_time(due)}" if due > at.time else ""
+
+
+_SCOPES = {Scope.TASK: "is", Scope.DESCENDANTS: "what is under it is", Scope.SIBLINGS: "its siblings are"}
