@@ -43,7 +43,7 @@ _CALLS: dict[type[Message[Any, Any]], str] = {
 
 
 class Kind(NamedTuple):
-    """What an argument must be."""
+    """The kind of value that an argument must be: in words, and as a test."""
 
     words: str
     fits: Callable[[Any], bool]

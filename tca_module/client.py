@@ -1,4 +1,4 @@
-"""The client: what a script that handles nothing sends with."""
+"""Client: a script that handles nothing sends with it."""
 
 from typing import Any, Literal, Self
 

@@ -282,7 +282,7 @@ class Module(Sender):
             if not warned and time.monotonic() - since > _WARN_AFTER:
                 warned = True
                 names = ", ".join(f"'{message.name}'" for message in required)
-                self._log.warning("waits until each of %s is handled, as it requires; see 'tca messages'", names)
+                self._log.warning("waits for handlers of %s, which it requires; see 'tca messages'", names)
 
     def _open_slots(self, incarnation: str, patience: float, attachments: LastingAttachments) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:

@@ -78,7 +78,7 @@ class LocalCentral:
                 transport.arrive(pack_item(Closing("restarted")))
 
     def close(self) -> None:
-        """End, with its thread: whoever still waits for an answer learns it. Twice does no harm."""
+        """End, with its thread; waiting programs notice. Twice does no harm."""
         with self._due:
             self._is_closed = True
             self._due.notify()

@@ -40,10 +40,10 @@ class Socket(Protocol):
     """Where packets of many senders arrive."""
 
     is_paused: bool
-    """What arrives is left where it is."""
+    """Packets stay where they are."""
 
     def receive(self) -> tuple[bytes, list[bytes]] | None:
-        """Who sent the next packet, and its frames; None if there is none."""
+        """The sender and the frames of the next packet; None if there is none."""
 
     def send(self, to: bytes, packet: bytes) -> bool:
         """Whether it left."""
@@ -132,7 +132,7 @@ class Inbox:
                 self._refuse(address, str(error))
 
     def _refuse(self, address: bytes, text: str, number: int = 0, refusal: Refusal = Refusal.PROTOCOL) -> None:
-        self._log.warning("refused what came directly: %s", text)
+        self._log.warning("refused a direct message: %s", text)
         self._socket.send(address, pack_item(Refused(number, refusal, text)))
 
     def _take_in(self, address: bytes, header: Any, body: bytes) -> None:

@@ -22,7 +22,7 @@ OpenSocket = Callable[[str], Socket]
 
 
 class Waits(Protocol):
-    """Who waits for packets from central, and for what comes beside."""
+    """Waits for packets from central, and for others beside them."""
 
     def add(self, beside: Socket) -> None:
         """Wait for this, too."""

@@ -1,1 +1,1 @@
-"""What a handler or script does: send, order, wait, steer other tasks."""
+"""The calls of a handler or script: send, order, wait, steer other tasks."""

@@ -1,4 +1,4 @@
-"""Who is there, as central tells it: modules, their resources, the handlers of a message. Plain records."""
+"""Records of the modules, their resources and the handlers of messages, as central tells them."""
 
 import msgspec
 
@@ -9,7 +9,7 @@ class ResourceInfo(msgspec.Struct, frozen=True):
     name: str = msgspec.field(name="resource")
     capacity: int
     handling: tuple[int, ...]
-    """What it handles now: ids as in the journal."""
+    """The messages that it handles now: ids as in the journal."""
     waiting: int
     """Number of messages that wait for it."""
     locked_by: str = ""
@@ -31,7 +31,7 @@ class ModuleInfo(msgspec.Struct, frozen=True):
 
 
 class HandlerInfo(msgspec.Struct, frozen=True):
-    """That a module handles a message."""
+    """A module that handles a message."""
 
     module: str
     resource: str

@@ -1,4 +1,4 @@
-"""What can be sent: the same calls for a handler's Task, a Module and a Client."""
+"""Sender: the calls that send, the same for a handler's Task, a Module and a Client."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager

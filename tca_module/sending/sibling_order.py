@@ -14,7 +14,7 @@ from tca_wire.points import THIS, TaskId
 
 
 class _Block:
-    """What the next element of a block comes after."""
+    """A block, and the tasks that its next element comes after."""
 
     def __init__(self, around: "_Block | None") -> None:
         self.after: list[TaskId] = around.after[:] if around else []  #: achieved before the next element is

@@ -57,7 +57,7 @@ class TaskPoint(Point, frozen=True):
 
 def _checked(point: Point) -> Point:
     if isinstance(point, LaterPoint):
-        msg = f"nothing can be before {point}: write a + seconds <= b, the seconds with the point that comes first"
+        msg = f"{point} can't come second: write a + seconds <= b"
         raise MisuseError(msg)
     check("a constraint", POINT, point=point)
     return point

@@ -34,7 +34,7 @@ class TaskInfo(NamedTuple):
     held: dict[str, int]
     """The moments that constraints hold back, and how many of them."""
     module: str
-    """Whose handler has it now."""
+    """The module whose handler has it now."""
     suspended: bool
     killed: str
     failure: str

@@ -1,1 +1,1 @@
-"""How a module handles messages: threads, handlers, callbacks, coroutines."""
+"""A module at work: threads, handlers, callbacks, coroutines."""

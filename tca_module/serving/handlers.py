@@ -17,7 +17,7 @@ from tca_wire.packets.headers import Fail, Reply
 from tca_wire.packets.parts import HandlerFormat
 
 Coming = Coroutine[Any, Any, R | LaterReply[R]]
-"""What calling an ``async def`` handler gives."""
+"""The coroutine of an ``async def`` handler."""
 
 
 class HandlerDecorator(Protocol[D, R]):
@@ -57,7 +57,7 @@ class HandlerDecoratorWithoutData(Protocol[R]):
 
 
 Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]
-"""What central is told of how a handler ended; or who will say it."""
+"""The end of a handler as central is told it, or the LaterReply that will tell it."""
 
 
 class Handler:
@@ -83,7 +83,7 @@ class Handler:
 
     @property
     def format(self) -> HandlerFormat:
-        """What central is told of this handler."""
+        """This handler, as central is told of it."""
         return HandlerFormat(self.message.name, self.resource, self.pool, self.pending, self.direct)
 
     def _checked_pending(self, pending: int | None) -> int:

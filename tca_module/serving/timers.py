@@ -1,4 +1,4 @@
-"""Which timers are due when. Knows no clock and no thread: time is passed in, in seconds."""
+"""Timers: which are due when. Knows no clock and no thread: time is passed in, in seconds."""
 
 import heapq
 import itertools
@@ -52,14 +52,14 @@ class Timers(Generic[T]):
             heapq.heapify(self._heap)
 
     def take_due(self, now: float) -> list[T]:
-        """What has become due, in that order. It is not due again before it ``was_done``."""
+        """The things that have become due, in that order. None is due again before it ``was_done``."""
         due = []
         while self.next() <= now:
             due.append(heapq.heappop(self._heap)[2])
         return due
 
     def was_done(self, thing: T, now: float) -> bool:
-        """What was due has been done, by now; whether it will be due again."""
+        """A thing that was due has been done, by now; whether it will be due again."""
         timer = self._timers.pop(thing, None)
         if timer is None or not timer.go_on(now):
             return False

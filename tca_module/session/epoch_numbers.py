@@ -80,7 +80,7 @@ def first_foreign(numbers: Iterable[int], epoch: str) -> EpochNumber | None:
 
 def forgotten_text(what: str) -> str:
     """The text that something was forgotten with a central, and what to do."""
-    return f"{what} is lost: {RESTARTED}; whoever wants it sends it again"
+    return f"{what} is lost: {RESTARTED}; send it again"
 
 
 def check_epoch(numbers: Iterable[int], epoch: str) -> None:

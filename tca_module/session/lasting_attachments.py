@@ -44,7 +44,7 @@ def is_lasting(header: Any) -> bool:
 
 
 class LastingAttachments:
-    """Those that are wanted, in the order in which they were attached."""
+    """The wanted attachments, in the order in which they were attached."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -65,13 +65,13 @@ class LastingAttachments:
             self._wanted[key] = LastingAttachment(header, _formats(header, known), number)
 
     def of(self, header: Attach | Tap) -> LastingAttachment | None:
-        """What a request has attached; None if it was to a task, or has been removed."""
+        """The attachment that a request has made; None if it was to a task, or has been removed."""
         with self._lock:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
     def unknown_to(self, epoch: str) -> list[LastingAttachment]:
-        """What the central of that epoch must be told, oldest first; also newer ones that it knows, so that the order
-        stays.
+        """The attachments that the central of that epoch must be told, oldest first; also newer ones that it knows, so
+        that the order stays.
         """
         with self._lock:
             wanted = list(self._wanted.values())
@@ -93,7 +93,9 @@ class LastingAttachments:
                 self._unwanted.append(standing)
 
     def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
-        """What the central of that epoch knows, and a connection removed that did not know that; each once."""
+        """The attachments that the central of that epoch still has, though a connection that did not know it removed
+        them; each once.
+        """
         if not self._unwanted:
             return []
         with self._lock:

@@ -1,4 +1,4 @@
-"""What a restarted central is told anew, and in which order.
+"""Tells a restarted central anew what it has forgotten, in order.
 
 First the messages; then the exception handlers and wiretaps, oldest first; then the module waits for the messages it
 requires. Only when all that is accepted are its handlers declared: other modules may rely on its attachments. What is
@@ -130,7 +130,7 @@ class Redeclaration:
             self._tell()
         elif now >= self._due:
             names = ", ".join(f"'{name}'" for name in self.required)
-            self._say_once(f"waits until each of {names} is handled, as it requires; see 'tca messages'")
+            self._say_once(f"waits for handlers of {names}, which it requires; see 'tca messages'")
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:

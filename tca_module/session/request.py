@@ -18,13 +18,13 @@ _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 _HARMLESS = (
     headers.WaitFor | headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
 )
-"""What changes nothing that a second time could change again."""
+"""Requests that may be made twice: the second changes nothing."""
 
 _ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled
-"""What asks how things stand now: after a restart as before."""
+"""Questions of how things stand now: after a restart as before."""
 
 _WAITS_FOR_OTHERS = Send | headers.WaitFor | headers.Lock | headers.WaitUntilHandled
-"""What central answers when others have done something."""
+"""Requests that central answers when others have done something."""
 
 _WITHOUT_TASKS = (
     Register
@@ -35,7 +35,7 @@ _WITHOUT_TASKS = (
     | headers.WaitUntilHandled
     | headers.Unlock
 )
-"""What any central understands, whatever it remembers."""
+"""Requests that any central understands, whatever it remembers."""
 
 
 class Request:
@@ -95,7 +95,7 @@ class Request:
 
 
 def _advice(header: Any) -> str:
-    """What to do where a request was lost."""
+    """Advice for a request that was lost."""
     if isinstance(header, headers.WaitFor):
         return "send the task again"
     return "begin anew" if refers_to_tasks(header) else "ask again"

@@ -164,7 +164,7 @@ class Session:
         return self.request(headers.GiveUp(number, origin=origin_of(request.header)), wants_answer=True)
 
     def fate_of(self, request: Request) -> str:
-        """What becomes of a request that was given up, in words."""
+        """The fate of a request that was given up, in words."""
         if self.is_recalled(request.header):
             return "is killed as soon as central answers, if it had heard of it"
         return "may yet be done, if central had heard of it"

@@ -57,7 +57,7 @@ class EntranceSocket:
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) and not self.is_paused
 
     def receive(self) -> tuple[Address, list[bytes]] | None:
-        """Who sent the next packet, and its frames; None if there is none."""
+        """The sender and the frames of the next packet; None if there is none."""
         if not int(self._socket.getsockopt(EVENTS)) & POLLIN:
             return None
         address, *frames = self._socket.recv_multipart(DONTWAIT)

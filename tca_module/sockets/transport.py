@@ -146,7 +146,7 @@ class DealerTransport:
             self._socket.connect(address)
         except zmq.ZMQError as error:
             self._socket.close(linger=0)
-            msg = f"{address!r} is no address of central ({error}): 'ipc:///path/of/socket' or 'tcp://host:port' is"
+            msg = f"central's address must be 'ipc:///path/of/socket' or 'tcp://host:port', not {address!r} ({error})"
             raise MisuseError(msg) from None
         self._pulse: Pulse | None = pulse_to(address)  #: None when closed
         self.pulse = self._pulse.name

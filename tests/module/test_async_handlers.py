@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 
 import pytest
-from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, WALK, Arc, Footfall
+from module.gait_messages import COLLISION, MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, WALK, Arc, Footfall
 
 from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, Task, TaskFailed, TaskKilled
 from tca_module.testing import LocalCentral
@@ -70,21 +70,6 @@ def test_plain_handlers_and_coroutines_mix_in_one_slot(legs: Module, user: Clien
     with legs.running():
         assert user.query(STANCE, 1.0, timeout=SOON) == [36, 36]
         assert user.command(MOVE_LEG, 1).result(SOON) == Footfall(36, 0.0)
-
-
-def test_questions_are_awaited_together(legs: Module, eyes: Module, user: Client) -> None:
-    both = threading.Barrier(2)
-    eyes_too = Module("eyes too", eyes.central)
-    for module in (eyes, eyes_too):
-        module.handles(STANCE, pool="eyes")(lambda _, radius: [int(radius)] if both.wait(SOON) >= 0 else [])
-
-    @legs.handles(TEMPERATURE)
-    async def temperature(task: Task) -> float:
-        one, other = await asyncio.gather(task.query_send(STANCE, 20.0), task.query_send(STANCE, 3.0))
-        return float(one[0] + other[0])
-
-    with legs.running(), eyes.running(), eyes_too.running():
-        assert user.query(TEMPERATURE, timeout=SOON) == 23
 
 
 def test_tasks_are_awaited(legs: Module, eyes: Module, user: Client, central: LocalCentral) -> None:
@@ -158,17 +143,6 @@ def test_a_blocking_call_loses_nothing_that_coroutines_wait_for(legs: Module, ey
 
     with legs.running(), eyes.running():
         assert user.query(TEMPERATURE, timeout=SOON) == sum(range(20))
-
-
-def test_everybody_is_asked_one_by_one(legs: Module, eyes: Module, user: Client) -> None:
-    eyes.handles(HEALTH)(lambda _: "well")
-
-    @legs.handles(TEMPERATURE)
-    async def temperature(task: Task) -> float:
-        return float(len(list(task.multi_query_send(HEALTH, timeout=SOON))))
-
-    with legs.running(), eyes.running():
-        assert user.query(TEMPERATURE, timeout=SOON) == 1
 
 
 # --- the end ------------------------------------------------------------------------------------------------------------
@@ -286,15 +260,6 @@ def test_a_failure_that_is_alone_in_its_group_is_that_failure(legs: Module, user
         assert failed.value.data_as(COLLISION) == Footfall(2, 0.5)
         with pytest.raises(TaskFailed, match="handler error: ExceptionGroup"):
             user.command(STOP).result(SOON)
-
-
-def test_data_of_coroutines_are_checked(legs: Module, user: Client) -> None:
-    @legs.handles(STANCE)
-    async def stance(task: Task, radius: float) -> list[int]:
-        return ["left"]  # type: ignore[list-item]
-
-    with legs.running(), pytest.raises(QueryFailed, match="bad data: the handler of query 'stance' must return"):
-        user.query(STANCE, 1.0, timeout=SOON)
 
 
 def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(legs: Module, user: Client) -> None:

@@ -272,7 +272,7 @@ def test_what_a_module_requires_it_requires_after_a_restart_too(
     with safety.running(), legs.running():
         with held_back(safety):
             central.restart("afresh")
-            until(lambda: "waits until each of 'check' is handled, as it requires" in caplog.text, "legs say it")
+            until(lambda: "waits for handlers of 'check', which it requires" in caplog.text, "legs say it")
             assert user.handlers(MOVE) == []
         user.wait_until_handled(MOVE, timeout=SOON)
         assert [one.module for one in user.handlers(CHECK)] == ["safety"]

@@ -182,14 +182,6 @@ def test_a_file_that_was_closed_is_no_longer_waited_for(clock: Clock, caplog: py
     assert called == ["readable"]
 
 
-async def coroutine() -> None:
-    pass
-
-
-def two(callback: Callback, more: int) -> None:
-    pass
-
-
 def test_a_file_has_one_callback(legs: Module, line: tuple[socket.socket, socket.socket]) -> None:
     near, far = line
     first = legs.on_readable(near, print)

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable
 
 import pytest
-from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
+from module.gait_messages import COLLISION, MOVE_LEG, STANCE, TEMPERATURE, Footfall
 
 from tca_module import BadData, Client, LaterReply, Module, Outcome, QueryFailed, Stopped, Task, TaskFailed
 from tca_module.testing import LocalCentral
@@ -79,18 +79,6 @@ def test_an_answer_that_comes_before_the_handler_returns_waits_for_it(
         assert user.query(STANCE, 1.0, timeout=SOON) == [1]
 
 
-def test_another_handler_answers(legs: Module, owed: Owed, user: Client) -> None:
-    @legs.handles(STANCE, resource="other")
-    def stance(task: Task, radius: float) -> list[int]:
-        owed.get(timeout=SOON).reply(Footfall(5, radius))
-        return []
-
-    with legs.running():
-        move = user.command(MOVE_LEG, 5)
-        user.query(STANCE, 0.25, timeout=SOON)
-        assert move.result(SOON) == Footfall(5, 0.25)
-
-
 def test_a_timer_answers(legs: Module, user: Client) -> None:
     """In the thread of the handler itself, which is free meanwhile."""
 
@@ -130,17 +118,6 @@ def test_what_answers_its_own_query_later_is_heard_within_the_wait(legs: Module,
 
     with legs.running():
         assert user.query(STANCE, 1.0, timeout=SOON) == [36]
-
-
-def test_one_of_many_answers_later(legs: Module, user: Client) -> None:
-    @legs.handles(HEALTH)
-    def health(task: Task) -> LaterReply[str]:
-        later = task.reply_later()
-        legs.after(0.0, lambda: later.reply("well"))
-        return later
-
-    with legs.running():
-        assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
 
 
 # --- failures -----------------------------------------------------------------------------------------------------------
@@ -265,18 +242,3 @@ def test_a_connection_that_breaks_fails_what_is_owed(
         later.reply(Footfall(1, 0.0))  # nobody wants it any more, which does no harm
         central.restart("afresh")
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-
-
-def test_goals_wait_for_what_is_owed(legs: Module, user: Client) -> None:
-    owed = queue.Queue[LaterReply[None]]()
-
-    @legs.handles(REST)
-    def rest(task: Task) -> LaterReply[None]:
-        later: LaterReply[None] = task.reply_later()
-        owed.put(later)
-        return later
-
-    with legs.running():
-        rested = user.goal(REST)
-        owed.get(timeout=SOON).reply()
-        rested.result(SOON)

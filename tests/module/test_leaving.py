@@ -10,7 +10,7 @@ import time
 import pytest
 from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
 
-from tca_module import Client, Module, Outcome, QueryFailed, Stopped, Task, TaskFailed, TaskKilled, connect
+from tca_module import Client, Module, Outcome, Stopped, Task, TaskFailed, TaskKilled, connect
 from tca_module.errors import NoCentral
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import HandlerRemoved
@@ -160,23 +160,6 @@ def test_an_error_in_the_block_is_not_hidden_behind_a_handler(
     assert pending.receive(SOON) == []
     (said,) = caplog.messages
     assert said.startswith("module 'legs' ends (Wrong: no map), and waits for its handler of 'stance' to return")
-
-
-def test_a_query_whose_handler_was_told_is_not_answered_halfway(legs: Module, user: Client) -> None:
-    begun = threading.Event()
-
-    @legs.handles(STANCE)
-    def stance(task: Task, _radius: float) -> list[int]:
-        begun.set()
-        while not task.cancelled:
-            pass
-        return [1]
-
-    pending = user.query_send(STANCE, 1.0)
-    with legs.running():
-        assert begun.wait(SOON)
-    with pytest.raises(QueryFailed, match="module lost"):
-        pending.receive(SOON)
 
 
 def test_without_central_nobody_reads_a_traceback(legs: Module, central: LocalCentral) -> None:

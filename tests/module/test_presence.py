@@ -137,7 +137,7 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
         assert awaited == {"stance": ["planner"], "move leg": ["planner"]}
         started.stop()
     assert [record.message for record in caplog.records] == [
-        "waits until each of 'stance', 'move leg' is handled, as it requires; see 'tca messages'"
+        "waits for handlers of 'stance', 'move leg', which it requires; see 'tca messages'"
     ]
     assert started.error == []
     assert [info.name for info in user.modules()] == ["user"]

@@ -25,24 +25,6 @@ from tca_wire.journal.facts import Dropped, Received
 SOON = 5.0
 
 
-def test_a_query_gets_its_reply(legs: Module, user: Client) -> None:
-    @legs.handles(STANCE)
-    def stance(task: Task, radius: float) -> list[int]:
-        return [round(radius), len(task.message), task.id]
-
-    with legs.running():
-        assert user.query(STANCE, 3.0) == [3, 6, 0]
-
-
-def test_a_message_without_data_needs_no_argument(legs: Module, user: Client) -> None:
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> float:
-        return 36.6
-
-    with legs.running():
-        assert user.query(TEMPERATURE) == 36.6
-
-
 def test_a_query_waits_for_a_module_that_comes_later(legs: Module, user: Client) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     pending = user.query_send(TEMPERATURE)

@@ -186,7 +186,7 @@ def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -
     for now in (1.0, 1.0 + PATIENCE, 2.0 + PATIENCE):
         session.heard = now
         session.tend(now, now)
-    assert session.complaints == ["waits until each of 'check' is handled, as it requires; see 'tca messages'"]
+    assert session.complaints == ["waits for handlers of 'check', which it requires; see 'tca messages'"]
     hear(session, Answer(7))
     assert said(session) == [HANDLERS]
 

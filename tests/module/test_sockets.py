@@ -54,7 +54,7 @@ def test_a_socket_does_not_take_what_nobody_is_there_for(address: str) -> None:
 
 
 def test_an_address_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(MisuseError, match=r"'somewhere' is no address of central .*'tcp://host:port' is"):
+    with pytest.raises(MisuseError, match=r"central's address must be .*'tcp://host:port', not 'somewhere'"):
         connect("user", "somewhere")
 
 

@@ -117,7 +117,7 @@ CALLS: dict[str, Callable[[Had], object]] = {
 
 LOST = (
     r"^(walk|work|cups) \{[123]\} is lost: central was restarted and has forgotten its tree; "
-    "whoever wants it sends it again$"
+    "send it again$"
 )
 
 

@@ -110,15 +110,6 @@ def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
     assert constraints[2] == ["end planning task 5 <= start achieving task 5"]
 
 
-def test_a_child_out_of_sequence_is_waited_for_by_what_follows_it_in_a_block(robot: Robot, user: Client) -> None:
-    with user.sequence():
-        user.goal(STEP, 1)
-        user.goal(STEP, 2, sequential=False)
-        user.goal(STEP, 3)
-    constraints = [{one.before.task for one in fact.constraints} for fact in robot.received("step")]
-    assert constraints == [set(), set(), {1, 2}]
-
-
 def test_own_points_can_be_constrained(robot: Robot, user: Client) -> None:
     """What the handler's task plans is not done before the handler has returned."""
 

@@ -2,13 +2,11 @@
 
 import queue
 import threading
-from typing import Any
 
 import pytest
 from module.gait_messages import POSITION, Arc
 
 from tca_module import Client, Module, Task, Variable, VariableNotSet, connect
-from tca_module.session.request import refers_to_tasks
 from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received
@@ -40,26 +38,6 @@ def test_a_variable_that_was_never_set(user: Client) -> None:
     assert user.swap_variable(MODE, "walking") is None
     assert user.swap_variable(MODE, "idle", "?") == "walking"
     assert user.get_variable(MODE) == "idle"
-
-
-def test_exchanging_at_the_same_time_loses_nothing(central: LocalCentral) -> None:
-    """A ticket counter: each value is got by one."""
-    counter, got = Variable("count", int), queue.SimpleQueue[int | None]()
-
-    def exchange(first: int) -> None:
-        with connect("user", central) as client:
-            for number in range(first, first + 50):
-                got.put(client.swap_variable(counter, number))
-
-    threads = [threading.Thread(target=exchange, args=(100 * number,)) for number in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(SOON)
-    values = [got.get(timeout=SOON) for _ in range(150)]
-    with connect("user", central) as client:
-        values.append(client.get_variable(counter))
-    assert len(set(values)) == 151
 
 
 def test_to_handle_a_variable_is_to_watch_it(central: LocalCentral, user: Client) -> None:
@@ -126,21 +104,3 @@ def test_what_a_break_does_to_requests() -> None:
     assert not got.is_over
     assert got.header.number == 4  # asked anew
     assert swapped.lost == "the connection to central broke before the answer came"
-
-
-def test_a_restart_of_central_loses_the_values(central: LocalCentral, user: Client) -> None:
-    user.set_variable(MODE, "walking")
-    central.restart("second")
-    assert user.get_variable(MODE, "unknown") == "unknown"
-
-
-@pytest.mark.parametrize(
-    ("header", "refers"),
-    [
-        (headers.GetVariable(1, "pose"), False),
-        (headers.SetVariable(1, "pose", 7), False),
-        (headers.Ask(1, "tree"), False),
-    ],
-)
-def test_variables_belong_to_no_task(header: Any, *, refers: bool) -> None:
-    assert refers_to_tasks(header) is refers
