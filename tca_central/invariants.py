@@ -237,9 +237,13 @@ def _check_what_lies_ahead(central: State) -> None:
     """Whatever waits for a time or a point is about a living task, which knows it: it goes when that task ends."""
     tree = central.tree
     everyone = [tree.root, *tree.tasks.values()]
+    timers = set(central.clock.pending())
     for task in everyone:
         for what, waits_for in task.rare.pending.items() if task.rare else ():
-            is_there = what in (waits_for.waiters or ()) if isinstance(waits_for, Task) else waits_for.subject is what
+            if isinstance(waits_for, Task):
+                is_there = what in (waits_for.waiters or ())
+            else:
+                is_there = waits_for in timers and waits_for.subject is what
             assert is_there, f"{task}: {what} will never happen"
         for waiter in task.waiters or ():
             if isinstance(waiter, Ending):

@@ -24,14 +24,15 @@ from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.stability import WEIGHT
 from robots.ambler_sim.vocabulary import BodyMove, LegMove, Stance, TerrainSpec
 
-BACKENDS = [
-    "kinematic",
-    pytest.param("pybullet", marks=pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")),
-]
+NO_PHYSICS = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")
+BACKENDS = ["kinematic", pytest.param("pybullet", marks=NO_PHYSICS)]
+on_both = pytest.mark.parametrize("robot", BACKENDS, indirect=True)
+"""Of the other tests those with physics are of the soak."""
+
 HILLS = TerrainSpec(seed=2, slope=0.15, length=20.0)
 
 
-@pytest.fixture(params=BACKENDS)
+@pytest.fixture(params=["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])])
 def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
     backend: Backend = request.param
     made = make_robot(backend, terrain=HILLS)
@@ -52,6 +53,7 @@ def greatest_shift(before: Stance, after: Stance, *, without: int = -1) -> float
     return max(math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) for a, b in pairs if a.leg != without)
 
 
+@on_both
 def test_it_stands_level_on_six_feet(robot: Robot) -> None:
     readings = robot.readings()
     assert sum(readings.loads) == pytest.approx(WEIGHT, rel=0.1)
@@ -59,6 +61,7 @@ def test_it_stands_level_on_six_feet(robot: Robot) -> None:
     assert math.degrees(max(abs(readings.roll), abs(readings.pitch))) < 0.3
 
 
+@on_both
 def test_three_steps_bring_it_one_and_a_half_metres_on(robot: Robot) -> None:
     reports = take_steps(robot, an_arc(), 3)
     pose = robot.stance().pose
@@ -70,6 +73,7 @@ def test_three_steps_bring_it_one_and_a_half_metres_on(robot: Robot) -> None:
     assert robot.time > 15
 
 
+@on_both
 def test_feet_land_where_they_were_sent_and_the_others_stay(robot: Robot) -> None:
     before, move = robot.stance(), the_first_leg_move(robot)
     footfall = robot.move_leg(move)
@@ -101,6 +105,7 @@ def test_progress_is_reported_from_near_zero_to_one(robot: Robot) -> None:
     assert seen[-1] > 0.9
 
 
+@on_both
 def test_a_stopped_leg_is_put_down_where_it_is_and_steps_again(robot: Robot) -> None:
     move = the_first_leg_move(robot)
     asked: list[float] = []
@@ -137,6 +142,7 @@ def test_a_body_move_out_of_reach_is_refused_before_anything_moves(robot: Robot)
     assert (robot.stance(), robot.time) == (before, time)
 
 
+@on_both
 def test_another_robot_goes_on_from_a_saved_snapshot(robot: Robot, tmp_path: Path) -> None:
     reports = take_steps(robot, an_arc(), 2)
     save_snapshot(robot.state(), tmp_path / "robot.json")
