@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -23,7 +23,7 @@ from tca_central.control import kills_and_suspension as control
 from tca_central.control import revoking as taking
 from tca_central.deadlock import resolve as deadlocks
 from tca_central.errors import RequestError
-from tca_central.events import BadBytes, Effect, Event, Received, Record, Tick, Transmit
+from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
 from tca_central.failing import attaching, failures
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
@@ -74,76 +74,89 @@ class Central(State):
         self.clock.now = max(self.clock.now, event.time)
         effects: list[Effect] = []
         while (timer := self.clock.take()) is not None:
+            effects += self._let_fire(timer, event.time)
+        if not isinstance(event, Tick):
             self.events += 1
-            TIMERS[timer.due](self, timer.subject)
-            effects += self._settled(event.time, causes.TimeOver, timer.due, _subject_of(timer))
-        if isinstance(event, Tick):
-            return effects
-        self.events += 1
-        connection = self.registry.connections.get(event.connection)
-        if isinstance(event, Received):
-            header = event.header
-            self.origin = self._origin(connection, header)
-            self._on_message(event, connection)
-            connection = connection or self.registry.connections.get(event.connection)
-            told = getattr(header, "number", 0), type(header).__name__, self.origin
-            effects += self._settled(event.time, causes.Request, *_named(connection), *told)
-            self.origin = 0
-        elif isinstance(event, BadBytes):
-            self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
-            effects += self._settled(event.time, causes.Request, *_named(connection), 0, "")
-        elif connection is not None:
-            joining.leave(self, connection, event.why, lost=True)
-            effects += self._settled(event.time, causes.ConnectionLost, *_named(connection))
+            effects += self._receive(event) if isinstance(event, Received) else self._on_line(event)
         return effects
 
     # --- an event ----------------------------------------------------------------------------------------------
 
-    def _settled(self, time: float, kind: Callable[..., causes.Cause], *cause: Any) -> list[Effect]:
-        """Let all that follows happen, too; what is to be done about it and its cause."""
+    def _let_fire(self, timer: Timer, time: float) -> list[Effect]:
+        self.events += 1
+        due, about = timer.due, _subject_of(timer)
+        TIMERS[due](self, timer.subject)
         self._settle()
-        if self.facts and (self.blocked or self.claims):
-            deadlocks.has_happened(self)
-        effects, self.messages = self.messages, []
-        if self.facts:
-            entry = facts.Entry(self.events, time, self.facts[:], kind(*cause))
-            effects = [Record(entry, self.failed), *effects]
-            self.facts.clear()
-            if self.failed:
-                self.failed = {}
-        return effects
+        return self._effects(time, causes.TimeOver(due, about))
 
-    def _origin(self, connection: Connection | None, header: Any) -> int:
-        """The delivery whose handler sends this, if the module has it."""
-        read = ORIGINS[type(header)]
-        origin: int = read(header) if read is not None else 0
-        asking = self.dispatcher.attended.get(origin) if origin else None
-        if asking is None or asking.slot is None or connection is None:
-            return 0
-        return origin if asking.slot.module is connection.module else 0
+    def _on_line(self, event: BadBytes | ConnectionLost) -> list[Effect]:
+        """Something happened to a connection."""
+        cause: causes.Cause
+        connection = self.registry.connections.get(event.connection)
+        if isinstance(event, BadBytes):
+            cause = causes.Request(*_named(connection), 0, "")
+            self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
+        elif connection is not None:
+            cause = causes.ConnectionLost(*_named(connection))
+            joining.leave(self, connection, event.why, lost=True)
+        else:
+            return []
+        self._settle()
+        return self._effects(event.time, cause)
 
-    def _on_message(self, event: Received, connection: Connection | None) -> None:
+    def _receive(self, event: Received) -> list[Effect]:
+        """A connection sent something. What can't be done is refused and leaves nothing behind."""
         header = event.header
-        number = getattr(header, "number", 0)
-        if connection is None:
-            if isinstance(header, headers.Hello):
-                self._guarded(event.connection, header.number, lambda: joining.hello(self, event.connection, header))
-            else:
-                self.messages.append(Transmit(event.connection, headers.Unknown(number)))
-            return
-        if number and number <= connection.last_number and not isinstance(header, headers.Hello):
-            self._repeat(connection, number)
-            return
-        connection.last_number = max(connection.last_number, number)
-        handler = HANDLERS[type(header)]
-        self._guarded(connection.id, number, lambda: handler(self, connection, header, event.body))
-
-    def _guarded(self, connection_id: Any, number: int, do: Callable[[], None]) -> None:
-        """A request that can't be done is refused and leaves nothing behind."""
+        kind = KINDS[type(header)]
+        number: int = header.number if kind.has_number else 0  # type: ignore[union-attr]
+        connection = self.registry.connections.get(event.connection)
         try:
-            do()
+            if connection is None:
+                self._greet(event, number)
+                connection = self.registry.connections.get(event.connection)
+            elif number and number <= connection.last_number and type(header) is not headers.Hello:
+                self._repeat(connection, number)
+            else:
+                connection.last_number = max(connection.last_number, number)
+                if kind.origin is not None and (origin := kind.origin(header)):
+                    self.origin = self._checked(connection, origin)
+                kind.handler(self, connection, header, event.body)
         except RequestError as error:
-            self._refuse(connection_id, number, error.refusal, error.text)
+            self._refuse(event.connection, number, error.refusal, error.text)
+        self._settle()
+        if not self.facts:
+            self.origin = 0
+            effects, self.messages = self.messages, []
+            return effects
+        module, place = _named(connection)
+        cause = causes.Request(module, place, number, kind.name, self.origin)
+        self.origin = 0
+        return self._effects(event.time, cause)
+
+    def _checked(self, connection: Connection, origin: int) -> int:
+        """The delivery that a connection names, if its module has it; else 0."""
+        asking = self.dispatcher.attended.get(origin)
+        is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
+        return origin if is_its else 0
+
+    def _effects(self, time: float, cause: causes.Cause) -> list[Effect]:
+        """What is to be done about what has just happened."""
+        effects, self.messages = self.messages, []
+        if not self.facts:
+            return effects
+        if self.blocked or self.claims:
+            deadlocks.has_happened(self)
+        entry = facts.Entry(self.events, time, self.facts[:], cause)
+        self.facts.clear()
+        failed, self.failed = self.failed, {}
+        return [Record(entry, failed), *effects]
+
+    def _greet(self, event: Received, number: int) -> None:
+        """Somebody speaks who has not said hello."""
+        if isinstance(event.header, headers.Hello):
+            joining.hello(self, event.connection, event.header)
+        else:
+            self.messages.append(Transmit(event.connection, headers.Unknown(number)))
 
     def _refuse(self, connection_id: Any, number: int, refusal: Refusal, text: str) -> None:
         connection = self.registry.connections.get(connection_id)
@@ -257,12 +270,6 @@ def _subject_of(timer: Timer) -> int:
     return int(subject.id if isinstance(subject, Claim) else subject.task.id)
 
 
-def _origin_reader(kind: type[msgspec.Struct]) -> Callable[[Any], int] | None:
-    """What reads, from a message of a kind, the delivery whose handler sends it; None if it does not say."""
-    name = next((name for name in ("origin", "delivery") if name in kind.__struct_fields__), "")
-    return attrgetter(name) if name else None
-
-
 def _first_of(startable: list[Task]) -> list[Task]:
     """Those of several startable tasks that go before all others: all of one kind."""
     stranded = [task for task in startable if task.is_stranded]
@@ -310,8 +317,25 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
 }
 """One row per message: what happens when it arrives."""
 
-ORIGINS = {kind: _origin_reader(kind) for kind in HANDLERS}
-"""For each message what reads, from one, the delivery whose handler sends it."""
+
+class _Kind(NamedTuple):
+    """What is known of a message of the protocol."""
+
+    handler: Callable[[Central, Connection, Any, bytes], None]
+    name: str
+    has_number: bool
+    origin: Callable[[Any], int] | None
+    """What reads, from one, the delivery whose handler sends it."""
+
+
+def _kind_of(header: type[msgspec.Struct]) -> _Kind:
+    fields = header.__struct_fields__
+    origin = next((name for name in ("origin", "delivery") if name in fields), "")
+    read = attrgetter(origin) if origin else None
+    return _Kind(HANDLERS[header], header.__name__, "number" in fields, read)
+
+
+KINDS = {header: _kind_of(header) for header in HANDLERS}
 
 
 TIMERS: dict[Due, Callable[[Central, Any], None]] = {
