@@ -4,6 +4,7 @@ Costs a walk over everything; for tests. The schemas are those of the paper's se
 the scan contradicts itself (a child's constraints inside its parent's) we take what TCA did: children inherit.
 """
 
+import itertools
 from collections import Counter
 
 from tca_central.control.kills_and_suspension import Ending
@@ -35,6 +36,7 @@ def check_invariants(central: State) -> None:
     for task in tree.tasks.values():
         _check_place(central, task)
         _check_family(task)
+        _check_guard(central, task)
         _check_order(task)
         assert held_counts(task) == dict(held.get(task.id, {})), f"{task}: held by {held_counts(task)}"
         assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders.get(task.id, set()), f"{task}"
@@ -107,6 +109,17 @@ def _check_place(central: State, task: Task) -> None:
     assert task.unplanned == sum(
         child.is_goal and not child.reached & END_PLANNING for child in (task.children or {}).values()
     ), f"{task}: {task.unplanned} children to plan"
+
+
+def _check_guard(central: State, task: Task) -> None:
+    """Between a task and its guard, if that counts, nothing has exception handlers."""
+    guard = task.guard
+    if guard is None or guard.age != central.tree.guards.age:
+        return
+    between = [*itertools.takewhile(lambda one: one is not guard.task, task.lineage())]
+    is_above = any(one is guard.task for one in (*task.lineage(), central.tree.root))
+    assert is_above, f"{task}: its guard is not above it"
+    assert not any(one.has_exception_handlers for one in between), f"{task}: {between} are passed over"
 
 
 def _check_family(task: Task) -> None:

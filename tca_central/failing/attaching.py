@@ -62,7 +62,12 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: st
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
     handler = central.registry.messages[wanted.handler]
     attached = Attached(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by)
+    is_first = not others
     others.append(attached)
+    if isinstance(place, Task):
+        central.tree.guards.attached_to(place)
+    elif is_first and central.tree.tasks:
+        central.tree.guards.begin_age()
     central.attached[attached.id] = attached
     task, message = (TaskId(place.id), "") if isinstance(place, Task) else (ROOT, place.name)
     central.facts.append(facts.Attached(attached.id, attached.failure, handler.name, task, message, attached.maximum))

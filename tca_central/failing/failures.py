@@ -120,7 +120,7 @@ def _search_on(central: State, handler: Task | None) -> None:
 def _ask(central: State, task: Task, failure: Failure, below: Recovery | None = None) -> Task | None:
     """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
     task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
-    around = _enclosing(task)
+    around = next(task.recoveries(), None)
     passed = around.context.passed if around is not None else below.passed if below is not None else {}
     trouble = _find(central, task, failure, below, passed)
     if trouble is None:
@@ -160,19 +160,19 @@ def _find(
 
 def _candidates(central: State, task: Task, below: Recovery | None) -> Iterator[tuple[Task, Attached]]:
     """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
-    for at in (*task.lineage(), central.tree.root):
+    start: Task | None = task
+    if below is not None:
+        yield from _rest(below.at, below.attached)
+        start = below.at.parent
+    for at in central.tree.guards.above(start) if start is not None else ():
         own = at.rare.attached if at.rare else []
-        if below is None:
-            yield from ((at, attached) for group in (own, at.message.attached) for attached in reversed(group))
-        elif at is below.at:
-            yield from _rest(at, own, below.attached)
-            below = None
+        yield from ((at, attached) for group in (own, at.message.attached) for attached in reversed(group))
 
 
-def _rest(at: Task, own: list[Attached], after: Attached) -> Iterator[tuple[Task, Attached]]:
+def _rest(at: Task, after: Attached) -> Iterator[tuple[Task, Attached]]:
     """The exception handlers of one task that come after *after*, which may have been removed meanwhile."""
     is_own = isinstance(after.place, Task)
-    for attached in reversed(own) if is_own else ():
+    for attached in reversed(at.rare.attached) if is_own and at.rare is not None else ():
         if attached.id < after.id:
             yield at, attached
     for attached in reversed(at.message.attached):
@@ -183,23 +183,17 @@ def _rest(at: Task, own: list[Attached], after: Attached) -> Iterator[tuple[Task
 def _nested(task: Task) -> dict[int, int]:
     """For each attachment, how many of the tasks above are calls of it."""
     found: dict[int, int] = {}
-    for above in task.lineage():
-        if isinstance(above.context, Recovery):
-            attachment = above.context.attached.id
-            found[attachment] = found.get(attachment, 0) + 1
+    for handler in task.recoveries():
+        attachment = handler.context.attached.id
+        found[attachment] = found.get(attachment, 0) + 1
     return found
-
-
-def _enclosing(task: Task) -> Task | None:
-    """The exception handler that a task is, or that is the nearest above it."""
-    return next((above for above in task.lineage() if above.role is Role.EXCEPTION), None)
 
 
 def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
     """Nobody takes care of a failure. One that was not raised by choice keeps the exception handler around it from
     deciding, which is killed: that handler, if somebody else is to be asked now. Any other ends the top-level task.
     """
-    undecided = None if NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) else _enclosing(task)
+    undecided = None if NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) else next(task.recoveries(), None)
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=task.id)
     if undecided is None:
@@ -227,8 +221,8 @@ def _also(first: Failure, undecided: Task, why: str) -> Failure:
 
 def _end_all(central: State, task: Task, failure: Failure, verdict: Verdict) -> None:
     """The top-level task ends, and its sender is told of the failure."""
-    top = task.top_level()
-    exceptions = [above for above in task.lineage() if above.role is Role.EXCEPTION]
+    top = task.top or task
+    exceptions = list(task.recoveries())
     is_of_its_handler = any(one.parent is top for one in exceptions)
     if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
+from tca_central.model.guards import Guard, Guards
 from tca_central.model.intervals import STARTS
 from tca_central.model.registry import Attached, Connection, Delivery, MessageType, Module, Tap
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
@@ -52,10 +53,10 @@ class Task(Delivery):
     What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
     """
 
-    __slots__ = ("again", "children", "delayed", "failure", "followers", "had_others", "held", "is_dealt_with",
-                 "is_free", "is_goal", "is_watcher", "killed", "last_child", "leaders", "parent", "rare", "reached",
-                 "requested", "result", "returned", "survives", "suspended", "unplanned", "waiters",
-                 "watchers")  # fmt: skip
+    __slots__ = ("again", "children", "delayed", "failure", "followers", "guard", "had_others", "held",
+                 "is_dealt_with", "is_free", "is_goal", "is_watcher", "killed", "last_child", "leaders", "parent",
+                 "rare", "reached", "recovery", "requested", "result", "returned", "survives", "suspended", "top",
+                 "unplanned", "waiters", "watchers")  # fmt: skip
 
     def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
         super().__init__(task_id, message, body, sender)
@@ -67,6 +68,9 @@ class Task(Delivery):
         self.survives = False  #: is not killed when something above it is
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.parent: Task | None = None  #: None: the root
+        self.top: Task | None = None  #: the ancestor right under the root; None: it is that itself
+        self.recovery: Task | None = None  #: the nearest exception handler above it
+        self.guard: Guard | None = None  #: the nearest task at or above it that has exception handlers
         self.children: dict[int, Task] | None = None  #: those that have not ended, oldest first
         self.last_child: Task | None = None  #: the one that constraint flags of the next child refer to
         self.unplanned = 0  #: number of children that are not planned yet
@@ -117,6 +121,18 @@ class Task(Delivery):
         return self.had_others or (self.rare is not None and self.rare.guests == self.watchers)
 
     @property
+    def has_exception_handlers(self) -> bool:
+        """Whether any are attached to it or to its message."""
+        return bool(self.message.attached) or (self.rare is not None and bool(self.rare.attached))
+
+    def recoveries(self) -> Iterator["Task"]:
+        """The exception handlers that it is, or is under, nearest first."""
+        handler = self if self.role is Role.EXCEPTION else self.recovery
+        while handler is not None:
+            yield handler
+            handler = handler.recovery
+
+    @property
     def is_running(self) -> bool:
         """Whether a handler has it."""
         return self.slot is not None
@@ -134,11 +150,6 @@ class Task(Delivery):
         while task is not None and task.id > number:
             task = task.parent
         return task if task is not None and ROOT < task.id == number else None
-
-    def top_level(self) -> "Task":
-        """The ancestor right under the root, or this task itself."""
-        *_, top = self.lineage()
-        return top
 
 
 class Siblings:
@@ -213,6 +224,7 @@ class TaskTree:
     def __init__(self, root_message: MessageType) -> None:
         self.root = Task(ROOT, root_message, b"", None)
         self.root.reached = STARTS
+        self.guards = Guards(self.root)
         self.tasks: dict[int, Task] = {}
         self.suspended: dict[int, tuple[float, str]] = {}  #: by themselves: since when, by whom; oldest first
         self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
@@ -241,6 +253,9 @@ class TaskTree:
             parent.children = {}
         parent.children[task.id] = task
         self.tasks[task.id] = task
+        task.top = None if parent is self.root else parent.top or parent
+        task.recovery = parent if parent.role is Role.EXCEPTION else parent.recovery
+        self.guards.add(task)
         parent.watchers += task.is_watcher
         if task.rare is not None and task.rare.is_guest:
             parent.more.guests += 1
@@ -264,6 +279,7 @@ class TaskTree:
     def detach(self, task: Task) -> None:
         """Take an ended task out."""
         del self.tasks[task.id]
+        task.guard = None  # which may refer to the task
         self.suspended.pop(task.id, None)
         if task in self.across:
             del self.across[task]

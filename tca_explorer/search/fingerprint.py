@@ -43,6 +43,7 @@ IGNORED = {
         "newest", "tasks",  # ids are only names; all tasks are met as children
         "suspended",  # for people
         "across",  # says no more than the constraints
+        "guards",  # nor than what is attached
     },
     "Holds": {
         "ending",  # empty between events
@@ -66,7 +67,7 @@ IGNORED = {
         "ticket",  # marks void entries of the queue, which are left out
         "since",  # for people
     },
-    "Task": {"parent"},  # met as a child of it
+    "Task": {"parent", "top", "recovery", "guard"},  # met as a child of it; what follows from that
     "Rare": {"void_followers", "offspring"},  # when to look through them; its children once more
     "Siblings": {"_order"}, "Agenda": {"_facts"},
     "Resource": {"_sent_by"},  # the same queue in other words
