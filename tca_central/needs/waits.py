@@ -307,9 +307,13 @@ class Ends:
 
     def end_of(self, node: Node) -> WaitFor | None:
         """What a node waits for in the end, by the first wait of each; None if that was too far to look."""
+        if self.edges <= 0:
+            return None
         trail: dict[Node, None] = {}
         end: WaitFor | None = None
         while end is None:
+            if isinstance(node, Place) and not node.task.reached & START_HANDLING and not node.task.killed:
+                node = next_of(node.task)
             if node in trail:
                 end = self._circle(node, trail)
             elif node in self._known:

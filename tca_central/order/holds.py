@@ -41,6 +41,7 @@ _PLAN_FIRST, _DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)
 _BITS = 24  # per counter of ``held``: 16 million constraints on one point
 _COUNTER = (1 << _BITS) - 1
 _SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
+_BEGINNINGS = sum(_COUNTER << shift for moment, shift in _SHIFT.items() if moment & STARTS)
 
 VOID_ENTRIES = 32
 """Entries of who waits for whom that may be kept when they are void, beyond as many as there are others."""
@@ -318,6 +319,11 @@ def _constraint(leader: Task, its_moment: int, follower: Task, moment: int, dela
 def is_held(task: Task, moment: int) -> bool:
     """Whether a constraint holds that moment of a task back."""
     return bool(task.held >> _SHIFT[moment] & _COUNTER)
+
+
+def is_held_back(task: Task) -> bool:
+    """Whether constraints hold one of its beginnings back."""
+    return bool(task.held & _BEGINNINGS)
 
 
 def held_counts(task: Task) -> dict[int, int]:

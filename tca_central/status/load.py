@@ -15,15 +15,14 @@ from tca_central.model.registry import Connection, Delivery, MessageType, Module
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import Granting, Node, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import Ends, next_of, waits_of
-from tca_central.order.holds import held_counts
+from tca_central.order.holds import is_held_back
 from tca_central.state import PresenceWait, State
-from tca_wire.points import Moment
 from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
 SHOWN_WAITS = 50
 LOOKED_AT = 10_000
 """Living tasks, the oldest, among which those that are held are looked for and counted: nothing need be noted of it."""
-_EDGES = 5_000
+_EDGES = 10_000
 """Of the graph of needs, that are looked at for what tasks wait for in the end."""
 _ENDS = 10
 
@@ -136,8 +135,8 @@ def _blocking(central: State, connection: Connection, origin: int, node: Node, s
 def _held(central: State) -> list[Task]:
     """Tasks whose beginnings constraints hold back, those first that were sent or last handled first."""
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
-    held = (task for task in oldest if task.held and task.slot is None and task.queues is None and not task.killed)
-    return sorted((task for task in held if held_counts(task).keys() & _BEGINNINGS), key=lambda task: task.since)
+    held = [one for one in oldest if is_held_back(one) and one.slot is None and one.queues is None and not one.killed]
+    return sorted(held, key=lambda task: task.since)
 
 
 def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
@@ -196,6 +195,3 @@ def _handler_of(central: State, task: Task, slot: Connection) -> WaitFor:
     if not because and asked:
         because = tuple(waits_of(central, Waiting(slot, asked[-1])))
     return WaitFor(WaitKind.RUNNING, module=slot.module.name, because=because)
-
-
-_BEGINNINGS = {int(Moment.START_HANDLING), int(Moment.START_PLANNING), int(Moment.START_ACHIEVING)}
