@@ -35,14 +35,17 @@ timeout_option = click.option("--timeout", metavar="SECONDS", type=SECONDS, help
 @click.command(epilog=_HOW)
 @click.argument("name")
 @data_argument
-@click.option("--wait", is_flag=True, help="Wait for the end of the goal or command; exit code 1 unless it is done.")
+@click.option("--wait", is_flag=True, help="Wait until the goal or command has ended; exit code 1 unless it is done.")
 @timeout_option
 @central_option
 @json_option
 def send(
     name: str, data: tuple[str, ...], timeout: float | None, central: str | None, *, wait: bool, in_json: bool
 ) -> None:
-    """Send a message of any class. Of a goal or command the task's number is printed; of a query the reply."""
+    """Send a message of any class.
+
+    It prints the task of a goal or command, or the reply to a query.
+    """
     with talking("send", central) as client:
         message: Any = client.declared(name)
         if isinstance(message, Query | MultiQuery):
@@ -67,13 +70,16 @@ def send(
 @click.argument("name")
 @data_argument
 @timeout_option
-@click.option("--maximum", metavar="N", type=click.IntRange(min=1), help="Of a multi-query: enough replies.")
+@click.option("--maximum", metavar="N", type=click.IntRange(min=1), help="Stop after so many replies to a multi-query.")
 @central_option
 @json_option
 def query(
     name: str, data: tuple[str, ...], timeout: float | None, maximum: int | None, central: str | None, *, in_json: bool
 ) -> None:
-    """Ask a query, and print the reply; of a multi-query each reply, as it comes."""
+    """Ask a query and print the reply.
+
+    It prints each reply to a multi-query as it comes.
+    """
     with talking("query", central) as client:
         message = client.declared(name)
         if not isinstance(message, Query | MultiQuery):
@@ -89,12 +95,15 @@ def query(
 @central_option
 @json_option
 def get_variable(variable: str, central: str | None, *, in_json: bool) -> None:
-    """Print the value of a shared variable; exit code 1 if it was never set."""
+    """Print the value of a shared variable.
+
+    The exit code is 1 if it was never set.
+    """
     with talking("get", central) as client:
         try:
             value = client.get_variable(_variable(client, variable))
         except VariableNotSet:
-            msg = f"variable '{variable}' was never set: 'tca set' does, or who should set it does not run"
+            msg = f"variable '{variable}' was never set: set it with 'tca set', or start the module that sets it"
             raise click.ClickException(msg) from None
         click.echo(as_json(value) if in_json else as_text(value))
 

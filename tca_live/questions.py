@@ -13,7 +13,7 @@ from tca_live.shared import as_json, central_option, json_option, plain, talking
 from tca_module.client import Client
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import decode_untyped
-from tca_wire.text.measures import counted, duration
+from tca_wire.text.measures import counted, duration, numbered
 from tca_wire.text.printable import printable
 from tca_wire.text.waits_in_words import in_words, several_in_words, waiter_in_words
 from tca_wire.waits import CommonEnd, Waiter, WaitKind
@@ -92,7 +92,7 @@ def _why(waiter: Waiter, now: float, *, has_end: bool) -> str:
 
 @_question("modules")
 def modules(client: Client) -> tuple[Any, str]:
-    """List the modules that are connected, and what their resources do."""
+    """List the connected modules, and what their resources do."""
     known = [module for module in client.status("modules") if module["module"] != client.name]
     rows: Rows = []
     for module in known:
@@ -108,7 +108,7 @@ def modules(client: Client) -> tuple[Any, str]:
 
 @_question("messages")
 def messages(client: Client) -> tuple[Any, str]:
-    """List the messages that have been declared, and who handles them."""
+    """List the declared messages, and who handles them."""
     known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
     rows = [
         [
@@ -129,7 +129,10 @@ def _handler(handler: dict[str, Any]) -> str:
 
 @_question("variables")
 def variables(client: Client) -> tuple[Any, str]:
-    """List the shared variables: their values, who set them last and who watches them."""
+    """List the shared variables with their values.
+
+    Each line says who set it last, and who watches it.
+    """
     known = sorted(client.status("variables"), key=lambda variable: str(variable["variable"]))
     for variable in known:
         variable["value"] = _plain(variable["value"])
@@ -148,9 +151,10 @@ def variables(client: Client) -> tuple[Any, str]:
 
 @_question("attached")
 def attached(client: Client) -> tuple[Any, str]:
-    """List the exception handlers, wiretaps and monitors in force: where they are, and which modules put them there.
+    """List the exception handlers, wiretaps and monitors in force.
 
-    They stay when these modules leave; 'tca detach NUMBER' takes one away.
+    Each line says where it is attached, and by which modules. It stays when they leave: 'tca detach NUMBER' takes it
+    away.
     """
     known = client.status("attached")
     handlers = [
@@ -175,7 +179,7 @@ def attached(client: Client) -> tuple[Any, str]:
         _table(["number", "monitor", "under", "sent by"], monitors),
     ]
     texts = ["\n".join(table) for table in tables if len(table) > 1]
-    texts += [f"only these are told: there are {cut}"] if (cut := attached_in_all(known)) else []
+    texts += [f"these are only the first: there are {cut}"] if (cut := attached_in_all(known)) else []
     return known, "\n\n".join(texts) or "no exception handlers, wiretaps or monitors"
 
 
@@ -187,10 +191,10 @@ def attached_in_all(known: dict[str, Any]) -> str:
 
 
 def attached_to(one: dict[str, Any]) -> str:
-    """Where something is attached: "task 7 'walk'", "'walk'", "the root"."""
+    """Where something is attached: "walk {7}", "all walk", "the root"."""
     if one["task"]:
-        return f"task {one['task']} '{one['message']}'"
-    return f"'{one['message']}'" if one["message"] else "the root"
+        return numbered(one["message"], one["task"])
+    return f"all {one['message']}" if one["message"] else "the root"
 
 
 def _owners(one: dict[str, Any]) -> str:

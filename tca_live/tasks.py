@@ -14,6 +14,7 @@ from tca_module.errors import Refused
 from tca_module.sending.task_ref import TaskInfo, TaskRef
 from tca_wire.messages.declarations import Failure
 from tca_wire.points import ROOT
+from tca_wire.text.measures import listed, numbered
 from tca_wire.text.plain_data import Bare, PlainFormat
 from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Scope
@@ -27,16 +28,16 @@ task_argument = click.argument("task", metavar="TASK")
 
 @click.command()
 @task_argument
-@click.option("--descendants", is_flag=True, help="Only what is under it, not the task itself.")
-@click.option("--siblings", is_flag=True, help="Only the other children of its parent.")
-@click.option("--in", "delay", metavar="SECONDS", type=SECONDS, default=0.0, help="So many seconds from now.")
-@click.option("--why", metavar="TEXT", default="", help="What those are told who wait for it.")
+@click.option("--descendants", is_flag=True, help="End only what is under it, not the task itself.")
+@click.option("--siblings", is_flag=True, help="End only the other children of its parent.")
+@click.option("--in", "delay", metavar="SECONDS", type=SECONDS, default=0.0, help="Do it so many seconds from now.")
+@click.option("--why", metavar="TEXT", default="", help="The reason, for those who wait for it.")
 @central_option
 def kill(task: str, delay: float, why: str, central: str | None, *, descendants: bool, siblings: bool) -> None:
-    """End a task and all under it.
+    """End a task and everything under it.
 
-    TASK is a task's number, or its message's name if only one such task lives. Handlers that run are told, not
-    interrupted: a task ends when they have returned.
+    TASK is a task's number, or its message's name if only one such task lives. Running handlers are told, not
+    interrupted: the task ends when they have returned.
     """
     if descendants and siblings:
         msg = "--descendants and --siblings are given: kill them one after the other"
@@ -65,10 +66,10 @@ def _killed(handle: TaskRef, scope: Scope, delay: float) -> str:
 @task_argument
 @central_option
 def suspend(task: str, central: str | None) -> None:
-    """Start nothing of a task, and nothing under it, until it is resumed.
+    """Start nothing more of a task until it is resumed.
 
-    TASK is a task's number, or its message's name if only one such task lives. Handlers that run are told; they may
-    hold or finish.
+    TASK is a task's number, or its message's name if only one such task lives. Nothing under it is started either.
+    Running handlers are told; they may hold or finish.
     """
     _switch("suspend", task, central, lambda info: info.suspended, TaskRef.suspend)
 
@@ -77,7 +78,7 @@ def suspend(task: str, central: str | None) -> None:
 @task_argument
 @central_option
 def resume(task: str, central: str | None) -> None:
-    """Let a suspended task, and all under it, go on.
+    """Let a suspended task go on, with everything under it.
 
     TASK is a task's number, or its message's name if only one such task lives.
     """
@@ -107,8 +108,7 @@ def raise_failure(task: str, failure: str, text: str, data: str | None, central:
     """Raise a failure on a task, as if its handler had.
 
     TASK is a task's number, or its message's name if only one such task lives. The nearest exception handler is
-    called; if there is none the top-level task ends. FAILURE is any name: handlers of that failure, and of any, take
-    it. TEXT says for people what happened.
+    called; without one the top-level task ends. FAILURE is any name; TEXT says for people what happened.
     """
     with talking("raise", central) as client:
         handle = find_task(client, task)
@@ -119,12 +119,12 @@ def raise_failure(task: str, failure: str, text: str, data: str | None, central:
 
 @click.command()
 @click.argument("resource")
-@click.option("--module", metavar="NAME", help="Whose resource it is, if several have one of that name.")
+@click.option("--module", metavar="NAME", help="The module that has it, if several have one of that name.")
 @central_option
 def unlock(resource: str, module: str | None, central: str | None) -> None:
-    """Take a lock or reservation of RESOURCE from whoever has it.
+    """Take away a lock or reservation of RESOURCE.
 
-    Who has it is not told, and may still count on it: look at 'tca modules' first.
+    Its holder may still count on it: look at 'tca modules' first.
     """
     with talking("unlock", central) as client:
         was_held = client.unlock(resource, module)
@@ -142,10 +142,10 @@ def _too_late(handle: TaskRef, what: str) -> click.ClickException:
 @click.argument("what")
 @central_option
 def detach(what: str, central: str | None) -> None:
-    """Take away an exception handler or wiretap, or end a monitor, whoever attached it.
+    """Take away an exception handler, wiretap or monitor.
 
-    WHAT is its number in 'tca attached'; or the name of the exception handler, listener or monitor, if only one is
-    called so. What it has sent comes to its own end. Who attached it is not told, and may still count on it.
+    WHAT is its number in 'tca attached', or the name of the exception handler, listener or monitor if only one has it.
+    What it has sent goes on. The module that attached it is not told, and may still count on it.
     """
     with talking("detach", central) as client:
         found = _find_attached(client, what)
@@ -165,7 +165,7 @@ def _find_attached(client: Client, what: str) -> _Attached:
     there, cut = _all_attached(known), attached_in_all(known)
     number = int(what) if what.isdecimal() and what.isascii() else None
     if cut and number is None:
-        msg = f"there are {cut}, of which central tells only the first by name: give the number of what you mean"
+        msg = f"there are {cut}, and central names only the first: give a number, not a name"
         raise click.ClickException(msg)
     found = [one for one in there if (one.name == what if number is None else one.number == number)]
     if len(found) == 1:
@@ -173,10 +173,10 @@ def _find_attached(client: Client, what: str) -> _Attached:
     if cut and number is not None:  # it may be one of those that are not told
         return _Attached(min(number, _HIGHEST), "", f"number {number}")
     if found:
-        msg = f"{len(found)} that are attached are called '{what}': give the number of one, {_listed(found)}"
+        msg = f"{len(found)} of that name are attached: give the number of one, {_listed(found)}"
     else:
-        why = f"nothing that is attached is called '{what}'" if number is None else _not_attached(client, number)
-        msg = f"{why}; " + (f"there are {_listed(there)}" if there else "nothing at all is attached")
+        why = f"nothing called '{what}' is attached" if number is None else _not_attached(client, number)
+        msg = f"{why}; " + (f"attached are {_listed(there)}" if there else "nothing at all is attached")
     raise click.ClickException(printable(msg))
 
 
@@ -184,13 +184,13 @@ def _all_attached(known: dict[str, Any]) -> list[_Attached]:
     found = []
     for one in known["exception_handlers"]:
         failure = f"failure '{one['failure']}'" if one["failure"] else "any failure"
-        text = f"exception handler {one['id']} '{one['handler']}' for {failure} of {attached_to(one)}"
+        text = f"exception handler {numbered(one['handler'], one['id'])} for {failure} of {attached_to(one)}"
         found.append(_Attached(one["id"], one["handler"], text))
     for one in known["wiretaps"]:
-        text = f"wiretap {one['id']} '{one['condition']}' of {attached_to(one)} with listener '{one['listener']}'"
+        text = f"wiretap {numbered(one['listener'], one['id'])} '{one['condition']}' of {attached_to(one)}"
         found.append(_Attached(one["id"], one["listener"], text))
     for one in known["monitors"]:
-        text = f"monitor {one['id']} '{one['monitor']}' under {attached_to(one)}"
+        text = f"monitor {numbered(one['monitor'], one['id'])} under {attached_to(one)}"
         found.append(_Attached(one["id"], one["monitor"], text))
     return found
 
@@ -206,25 +206,23 @@ def _not_attached(client: Client, number: int) -> str:
 
 
 def _listed(found: list[_Attached]) -> str:
-    more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
-    return "; ".join(one.text for one in found[:_SHOWN]) + f"{more}: see 'tca attached'"
+    return f"{listed([one.text for one in found], named=_SHOWN)}: see 'tca attached'"
 
 
 def find_task(client: Client, named: str) -> TaskRef:
     """The living task that a number, or a message's name, means. Raises ClickException if it means none, or many."""
     if named.isdecimal() and named.isascii():
         return _numbered(client, int(named))
-    if not named:
-        msg = "no task is named: give the number of a task, or its message's name"
+    if not named or not named.isprintable():
+        msg = f"'{printable(named)}' is no task: give the number of a task, or its message's name"
         raise click.UsageError(msg)
     found = client.tasks(named)
     if not found:
         msg = f"no living task is called '{named}': {_living(client)}"
         raise click.ClickException(msg)
     if len(found) > 1:
-        numbers = ", ".join(str(handle.id) for handle in found[:_SHOWN])
-        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
-        msg = f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}{more}"
+        numbers = listed([str(handle.id) for handle in found], named=_SHOWN)
+        msg = f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}"
         raise click.ClickException(msg)
     return found[0]
 
@@ -234,9 +232,7 @@ def _living(client: Client) -> str:
     tasks = client.tasks()
     if not tasks:
         return f"no task lives in central at {client.address}"
-    more = f" and {len(tasks) - _SHOWN} more" if len(tasks) > _SHOWN else ""
-    shown = ", ".join(f"{task.id} '{printable(task.message)}'" for task in tasks[:_SHOWN])
-    return f"there live {shown}{more}"
+    return f"living tasks are {listed([printable(str(task)) for task in tasks], named=_SHOWN)}"
 
 
 def _numbered(client: Client, number: int) -> TaskRef:

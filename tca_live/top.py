@@ -32,9 +32,11 @@ _TERMINATED = 128 + signal.SIGTERM
 )  # fmt: skip
 @click.option("--once", is_flag=True, help="Print it once, with the rates of the whole run, and end.")
 def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None:
-    """Watch modules, resources, queues, rates, the longest waits, held and suspended tasks of a running central.
+    """Watch what is busy and what waits, in a running central.
 
-    It ends with q or Ctrl-C. When central is away it says so, and goes on when central is back.
+    Shown are modules, resources, queues, rates, the longest waits, held and suspended tasks.
+
+    Press q or Ctrl-C to end it. It says when central is away, and goes on when central is back.
     """
     if in_json and not once:
         raise click.UsageError("--json prints one answer: ask for --once, too")

@@ -18,6 +18,15 @@ import click
 from click.shell_completion import get_completion_class
 
 COMMANDS = "tca.commands"
+_GROUPS = {
+    "Run": ("central", "status", "top", "modules", "messages", "variables", "attached"),
+    "Send and steer": (
+        "send", "query", "get", "set", "kill", "suspend", "resume", "raise", "unlock", "detach",
+    ),
+    "See a run, live or afterwards": ("view", "tree", "gantt", "report", "replay", "log", "stats", "check", "export"),
+    "Try a robot before it moves": ("explore",),
+}  # fmt: skip
+"""How the help lists the commands; those of other packages come last."""
 _COMPLETION_VARIABLE = "_TCA_COMPLETE"
 _WORDS_OF_CLICK = re.compile(
     r"Invalid |Missing |No such |Got unexpected |Could not open |Option '|Argument '|Value must"
@@ -39,6 +48,23 @@ class CommandLine(click.Group):
         """The command of that name, imported now."""
         found = entry_points(group=COMMANDS, name=cmd_name)
         return super().get_command(ctx, cmd_name) or next(map(_load, found), None)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The commands in groups, each with the first words of its help."""
+        names = self.list_commands(ctx)
+        others = [name for name in names if not any(name in group for group in _GROUPS.values())]
+        column = max(map(len, names), default=0)
+        for title, group in {**_GROUPS, "More": others}.items():
+            found = [(name, self.get_command(ctx, name)) for name in group]
+            width = formatter.width - column - 6
+            rows = [
+                (name.ljust(column), command.get_short_help_str(width))
+                for name, command in found
+                if command is not None
+            ]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

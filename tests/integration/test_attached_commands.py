@@ -31,17 +31,17 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
     fields = [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
     assert (code, fields[1][0]) == (0, str(fell.id))
     assert [words[1:] for words in fields[1:4]] == [
-        ["fell", "'walk'", "fix", "2", "user", "nobody"],
+        ["fell", "all walk", "fix", "2", "user", "nobody"],
         ["any failure", "the root", "fix", "user", "nobody"],
-        ["fell", f"task {walk.id} 'walk'", "fix", "user", "nobody"],
+        ["fell", f"walk {{{walk.id}}}", "fix", "user", "nobody"],
     ]
     assert [words[1:] for words in fields[6:8]] == [
-        ["before handling", "'move'", "later", "other script, user", "nobody"],
-        ["while handling", f"task {walk.id} 'walk'", "look", "user", "central"],
+        ["before handling", "all move", "later", "other script, user", "nobody"],
+        ["while handling", f"walk {{{walk.id}}}", "look", "user", "central"],
     ]
     assert fields[9:] == [
         ["number", "monitor", "under", "sent by"],
-        [str(look.id), "look", f"task {walk.id} 'walk'", "other script"],
+        [str(look.id), "look", f"walk {{{walk.id}}}", "other script"],
     ]
     first = {"id": fell.id, "failure": "fell", "handler": "fix", "task": 0, "message": "walk", "maximum": 2}
     assert told["exception_handlers"][0] == {**first, "modules": ["user"], "gone": [], "handled_by": []}
@@ -64,8 +64,8 @@ def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_
     text = tca(attached)[1]
     listed = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
     assert listed == [first.id, *(ref.id for ref in refs[:-1])]
-    assert text.endswith("only these are told: there are 21 monitors\n")
-    assert tca(detach, "look")[2].startswith("there are 21 monitors, of which central tells only")
+    assert text.endswith("these are only the first: there are 21 monitors\n")
+    assert tca(detach, "look")[2].startswith("there are 21 monitors, and central names only")
     last = refs[-1].id
     assert tca(detach, str(last))[:2] == (0, f"number {last}: detached\n")
     assert first.id in [one["id"] for one in user.status("attached")["monitors"]]
@@ -80,29 +80,30 @@ def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, da
         watched = panel.tap(Condition.WHILE_ACHIEVING, WALK, LOOK, period=9.0)
         look = panel.under(walk).monitor(LOOK, period=9.0)
     user.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
-    both = f"exception handler {of_all.id} 'fix' for failure 'fell' of 'walk'; exception handler {of_one.id} 'fix' for \
-failure 'fell' of task {walk.id} 'walk'"
-    assert tca(detach, "fix") == (
-        1, "", f"2 that are attached are called 'fix': give the number of one, {both}: see 'tca attached'\n"
-    )  # fmt: skip
-    assert tca(detach, str(of_all.id)) == (0, both.split("; ", maxsplit=1)[0] + ": detached\n", "")
-    assert tca(detach, "fix") == (0, both.split("; ", maxsplit=1)[1] + ": detached\n", "")
+    both = [
+        f"exception handler fix {{{of_all.id}}} for failure 'fell' of all walk",
+        f"exception handler fix {{{of_one.id}}} for failure 'fell' of walk {{{walk.id}}}",
+    ]
+    text = f"2 of that name are attached: give the number of one, {' and '.join(both)}: see 'tca attached'\n"
+    assert tca(detach, "fix") == (1, "", text)
+    assert tca(detach, str(of_all.id)) == (0, both[0] + ": detached\n", "")
+    assert tca(detach, "fix") == (0, both[1] + ": detached\n", "")
     assert tca(detach, "say move")[:2] == (
-        0, f"wiretap {check.id} 'before handling' of 'move' with listener 'say move': detached\n"
+        0, f"wiretap say move {{{check.id}}} 'before handling' of all move: detached\n"
     )  # fmt: skip
-    assert tca(detach, str(look.id))[:2] == (0, f"monitor {look.id} 'look' under task {walk.id} 'walk': detached\n")
-    there = f"there are wiretap {watched.id} 'while achieving' of 'walk' with listener 'look': see 'tca attached'\n"
+    assert tca(detach, str(look.id))[:2] == (0, f"monitor look {{{look.id}}} under walk {{{walk.id}}}: detached\n")
+    there = f"attached are wiretap look {{{watched.id}}} 'while achieving' of all walk: see 'tca attached'\n"
     for what, why in (
         (str(check.id), f"{check.id} is not attached, or not any more"),
         ("9999", "nothing has had the number 9999 yet"),
-        (str(walk.id), f"task {walk.id} 'walk' is not attached: 'tca kill {walk.id}' ends it"),
-        ("fxi", "nothing that is attached is called 'fxi'"),
+        (str(walk.id), f"walk {{{walk.id}}} is not attached: 'tca kill {walk.id}' ends it"),
+        ("fxi", "nothing called 'fxi' is attached"),
         ("0", "0 is not attached, or not any more"),
     ):
         assert tca(detach, what) == (1, "", f"{why}; {there}")
     assert user.detach(watched.id)
     assert not user.detach(watched.id)
-    assert tca(detach, "look") == (1, "", "nothing that is attached is called 'look'; nothing at all is attached\n")
+    assert tca(detach, "look") == (1, "", "nothing called 'look' is attached; nothing at all is attached\n")
     with pytest.raises(Refused, match="is a goal, which is not attached: kill it to end it"):
         user.detach(walk.id)
     with pytest.raises(Refused, match="there is no exception handler or wiretap 9999"):

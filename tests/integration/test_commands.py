@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 def test_a_goal_is_sent_and_its_number_told(robot: list[str], user: Client) -> None:
     code, text, _ = tca(send, "walk", "1")
     task = user.tasks("walk")[0]
-    assert (code, text) == (0, f"task {task.id} 'walk'\n")
+    assert (code, text) == (0, f"walk {{{task.id}}}\n")
     assert tca(send, "walk", "1", "--json")[:2] == (0, f'{{\n "task": {user.tasks(WALK)[1].id}\n}}\n')
 
 
@@ -34,7 +34,7 @@ def test_the_end_of_a_task_is_waited_for(robot: list[str]) -> None:
     told = json.loads(text)
     assert (code, told["outcome"], told["result"]) == (0, "done", {"x": 2.0, "y": 3.0})
     assert tca(send, "move", "-", "--wait", given='{"leg": 1, "to": {"x": 1}}')[0] == 0
-    assert tca(send, "walk", "0", "--wait")[1].endswith("'walk'\ndone\n")
+    assert tca(send, "walk", "0", "--wait")[1].endswith("}\ndone\n")
 
 
 def test_a_task_that_fails_or_is_killed_is_a_no(robot: list[str], user: Client) -> None:
@@ -52,14 +52,14 @@ def test_a_task_that_fails_or_is_killed_is_a_no(robot: list[str], user: Client) 
     found[0].kill("enough")
     waiting.join(SOON)
     assert killed[0][0] == 1
-    assert killed[0][2].endswith(f"task {found[0].id} 'later' was killed: enough (by user)\n")
+    assert killed[0][2].endswith(f"later {{{found[0].id}}} was killed: enough (by user)\n")
 
 
 def test_nobody_waits_longer_than_he_says(robot: list[str], user: Client) -> None:
     code, text, error = tca(send, "walk", "1", "--timeout", "0.1")
     task = user.tasks("walk")[0].id
-    assert (code, text) == (1, f"task {task} 'walk'\n")
-    assert error == f"task {task} 'walk' has not ended within 0.1 s, and goes on: 'tca kill {task}' ends it\n"
+    assert (code, text) == (1, f"walk {{{task}}}\n")
+    assert error == f"walk {{{task}}} has not ended within 0.1 s, and goes on: 'tca kill {task}' ends it\n"
 
 
 def test_statements_have_arrived_when_the_command_ends(robot: list[str], user: Client) -> None:
@@ -144,7 +144,7 @@ def test_variables_are_set_and_read(user: Client) -> None:
     for variable in (MODE, POSE):
         user.get_variable(variable, None)
     assert tca(get_variable, "mode") == (
-        1, "", "variable 'mode' was never set: 'tca set' does, or who should set it does not run\n"
+        1, "", "variable 'mode' was never set: set it with 'tca set', or start the module that sets it\n"
     )  # fmt: skip
     assert tca(set_variable, "mode", "walking") == (0, "", "")
     assert user.get_variable(MODE) == "walking"
@@ -163,9 +163,9 @@ def test_a_task_is_killed_by_its_number_or_its_name(robot: list[str], user: Clie
     one, other = user.goal(WALK, 1), user.goal(WALK, 2)
     other.wait_for(other.handling.end, SOON)
     code, _, error = tca(kill, "walk")
-    assert (code, error) == (1, f"2 living tasks are called 'walk': give the number of one, {one.id}, {other.id}\n")
-    assert tca(kill, str(one.id), "--why", "enough") == (0, f"task {one.id} 'walk': killed\n", "")
-    assert tca(kill, "walk", "--descendants") == (0, f"all under task {other.id} 'walk': killed\n", "")
+    assert (code, error) == (1, f"2 living tasks are called 'walk': give the number of one, {one.id} and {other.id}\n")
+    assert tca(kill, str(one.id), "--why", "enough") == (0, f"walk {{{one.id}}}: killed\n", "")
+    assert tca(kill, "walk", "--descendants") == (0, f"all under walk {{{other.id}}}: killed\n", "")
     assert one.wait(SOON) is Outcome.KILLED
     assert other.wait(SOON) is Outcome.DONE
     assert tca(kill, str(one.id)) == (
@@ -175,14 +175,14 @@ def test_a_task_is_killed_by_its_number_or_its_name(robot: list[str], user: Clie
     )
     assert tca(kill, "walk") == (1, "", f"no living task is called 'walk': no task lives in central at {address}\n")
     rest = user.goal(WALK, 1)
-    assert tca(kill, "work")[2].startswith(f"no living task is called 'work': there live {rest.id} 'walk'")
+    assert tca(kill, "work")[2].startswith(f"no living task is called 'work': living tasks are walk {{{rest.id}}}")
 
 
 def test_kills_with_a_delay_and_of_siblings(robot: list[str], user: Client) -> None:
     one, other = user.goal(WALK, 1), user.goal(WALK, 1)
-    assert tca(kill, str(one.id), "--siblings") == (0, f"the siblings of task {one.id} 'walk': killed\n", "")
+    assert tca(kill, str(one.id), "--siblings") == (0, f"the siblings of walk {{{one.id}}}: killed\n", "")
     assert other.wait(SOON) is Outcome.KILLED
-    assert tca(kill, "walk", "--in", "0.05") == (0, f"task {one.id} 'walk': to be killed in 0.05 s\n", "")
+    assert tca(kill, "walk", "--in", "0.05") == (0, f"walk {{{one.id}}}: to be killed in 0.05 s\n", "")
     assert one.wait(SOON) is Outcome.KILLED
 
 
@@ -191,7 +191,7 @@ def test_a_task_is_suspended_and_resumed(robot: list[str], user: Client) -> None
     for command, state in (
         (suspend, "suspended"), (suspend, "suspended already"), (resume, "resumed"), (resume, "not suspended")
     ):  # fmt: skip
-        assert tca(command, "walk") == (0, f"task {walk.id} 'walk': {state}\n", "")
+        assert tca(command, "walk") == (0, f"walk {{{walk.id}}}: {state}\n", "")
 
 
 def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> None:
@@ -238,7 +238,7 @@ def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:
 def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
     told = tca(raise_failure, "walk", "fell", "it slipped", "--data", "7")
-    assert told == (0, f"task {walk.id} 'walk': failure 'fell' was raised\n", "")
+    assert told == (0, f"walk {{{walk.id}}}: failure 'fell' was raised\n", "")
     with pytest.raises(Exception, match="fell: it slipped") as failed:
         walk.result(SOON)
     assert failed.value.data_as(FELL) == 7  # type: ignore[attr-defined]
@@ -255,8 +255,8 @@ def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
         ("999", 1, "there is no task 999: no task lives in central at ADDRESS"),
         ("9" * 30, 1, f"there is no task {(1 << 63) - 1}: no task lives in central at ADDRESS"),
         ("nobody", 1, "no living task is called 'nobody': no task lives in central at ADDRESS"),
-        ("", 2, "no task is named: give the number of a task, or its message's name"),
-        ("\udcff", 2, "'\\udcff' is no text that can be sent"),
+        ("", 2, "'' is no task: give the number of a task, or its message's name"),
+        ("\udcff", 2, "'\\udcff' is no task: give the number of a task, or its message's name"),
     ],
 )
 def test_tasks_that_are_none(address: str, task: str, code: int, error: str) -> None:
