@@ -2,15 +2,20 @@
 
 from math import inf
 
+import msgspec
+
 from tca_tools.run.records import Claim, HandlerWait, Handling, Queueing, Raised, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import failing, told_to
 from tca_tools.why.stretches import Stretch
+from tca_tools.why.waits import of_handler_wait
 from tca_tools.why.whereabouts import for_whom
 from tca_wire.text.facts_in_words import by_whom, place, raised_by
 from tca_wire.text.measures import duration, from_to, run_time
 from tca_wire.text.printable import first_line
+from tca_wire.text.waits_in_words import in_words
 from tca_wire.vocabulary import Outcome
+from tca_wire.waits import WaitFor
 
 
 def handled(run: Run, handling: Handling) -> str:
@@ -33,12 +38,12 @@ def raised(run: Run, task: Task, failure: Raised) -> str:
 
 
 def handler_waits(run: Run, handling: Handling, wait: HandlerWait) -> str:
-    """``take steps {2} waits for elevation map {5} from ...``."""
+    """``take steps {2} waits for the reply to elevation map {5}, from ...``."""
     return f"{_described(run, handling)} {_waits_for(run, wait)}"
 
 
 def module_waits(run: Run, module: str, wait: HandlerWait) -> str:
-    """``user interface waits for traverse arc {1} from ...``."""
+    """``user interface waits until traverse arc {1} is achieved, from ...``."""
     return f"{module} {_waits_for(run, wait)}"
 
 
@@ -89,7 +94,11 @@ def _described(run: Run, handling: Handling) -> str:
 
 
 def _waits_for(run: Run, wait: HandlerWait) -> str:
-    return f"waits for {run.describe(wait.awaited)} {_span(run, wait.start, wait.end)}"
+    found = of_handler_wait(run, wait)
+    told = WaitFor(found.kind, wait.awaited, awaited_name(run, wait), found.on.moment)
+    if (claim := run.claims.get(wait.awaited)) is not None:
+        told = msgspec.structs.replace(told, module=claim.module, resource=claim.resource)
+    return f"waits {in_words(told)}, {_span(run, wait.start, wait.end)}"
 
 
 def _span(run: Run, start: float, end: float | None) -> str:
