@@ -3,9 +3,9 @@
 ::
 
     $ python examples/35_deadlock.py
-    eyes: module 'map' in 'where' {1} waits for the reply to 'look' {2};
-          module 'eyes' in 'look' {2} waits for the reply to 'where' {3};
-          'where' {3} waits for resource 'map'
+    eyes: where {1} in map waits for the reply to look {2};
+          look {2} in eyes waits for the reply to where {3};
+          where {3} waits for map, busy with where {1}
     map: seen without a map
 """
 
