@@ -132,9 +132,9 @@ def cancelled(delivery: Delivery) -> headers.Cancelled:
     return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
 
 
-def dropped(delivery: Delivery, why: str) -> facts.Dropped:
+def dropped(delivery: Delivery, why: str, where: str = "") -> facts.Dropped:
     """That a message, or a copy of it for one receiver, comes to nothing."""
-    return facts.Dropped(delivery.id, delivery.message.name, why, _copy_of(delivery))
+    return facts.Dropped(delivery.id, delivery.message.name, why, _copy_of(delivery), where)
 
 
 def _copy_of(delivery: Delivery) -> int:

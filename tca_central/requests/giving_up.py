@@ -27,8 +27,7 @@ def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _
     """The sender no longer waits for an answer."""
     connection.taken.pop(header.request, None)
     answer, body = end_of_wait(central, connection, header.request, header.number)
-    why = answer.text.partition("\n")[0]
-    give_up(central, connection, header.request, f"{GAVE_UP}: {why}" if why else GAVE_UP)
+    give_up(central, connection, header.request, where=answer.text.partition("\n")[0])
     if header.number:
         central.send(connection, header.number, answer, body)
 
@@ -42,8 +41,8 @@ def on_release(central: State, connection: Connection, header: headers.Release, 
     central.send(connection, header.number, Accepted(header.number, had))
 
 
-def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP) -> None:
-    """Forget that an answer is due; a query that no handler has yet is dropped."""
+def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP, where: str = "") -> None:
+    """Forget that an answer is due; a query that no handler has yet is dropped. *where* it was, for the journal."""
     central.unblock(connection, number)
     due = connection.outstanding.pop(number, None)
     if isinstance(due, TaskWait):
@@ -57,10 +56,10 @@ def give_up(central: State, connection: Connection, number: int, why: str = GAVE
     elif isinstance(due, Collector):
         for delivery in due.pending.values():
             _abandon(central, delivery)
-        central.facts.append(facts.Dropped(due.id, due.message.name, why))
+        central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where))
     elif isinstance(due, Delivery):
         _abandon(central, due)
-        central.facts.append(dropped(due, why))
+        central.facts.append(dropped(due, why, where))
 
 
 def _abandon(central: State, delivery: Delivery) -> None:

@@ -209,7 +209,8 @@ class _Log:
         yield printable(f"Will Terminate {name} when all references to it are released: {why}")
 
     def _dropped(self, fact: facts.Dropped) -> Iterator[str]:
-        yield self._timed(self._start("  Dropped", fact.id, f" {printable(fact.why)}", fact.message))
+        why = f"{fact.why}: {fact.where}" if fact.where else fact.why
+        yield self._timed(self._start("  Dropped", fact.id, f" {printable(why)}", fact.message))
 
     def _retried(self, fact: facts.Retried) -> Iterator[str]:
         yield self._timed(self._start("  Retry", fact.task, printable(by_whom(fact.by))))

@@ -311,7 +311,7 @@ class Message:
     @property
     def was_given_up(self) -> bool:
         """Whether its sender waited no longer for the answer."""
-        return self.dropped.startswith(GAVE_UP)
+        return self.dropped == GAVE_UP
 
     def was(self, name: str, moment: float) -> Any:
         """What one of its fields was at a moment."""

@@ -215,7 +215,7 @@ def _why_untold(run: Run, failed: Failing, time: float) -> str:
     handling = failed.by
     if isinstance(failed, Message):
         if why := failed.was("dropped", time):
-            return "its sender had given up" if why.startswith(GAVE_UP) else "nobody waited for the answer any more"
+            return "its sender had given up" if why == GAVE_UP else "nobody waited for the answer any more"
         if failed.answered is not None and failed.answered < time:
             return "its sender had enough answers"
         if (monitor := _monitor(run, failed)) and _stopped_watching(run, monitor, failed.received, time):

@@ -197,7 +197,7 @@ def answers_so_far(run: Run, query: Message, given_up: float) -> str:
     """What became of a multi-query that was given up when some had answered: its sender gets these answers. ``its
     sender waits no longer: 1 of 3 answered in time: arm (7); legs had not, head had failed``; "" of others.
     """
-    if query.message_class is not MessageClass.MULTI_QUERY or not (query.dropped or "").startswith(GAVE_UP):
+    if query.message_class is not MessageClass.MULTI_QUERY or query.dropped != GAVE_UP:
         return ""
     at = RunAt(run, nextafter(given_up, 0.0))
     late = _still_asked(at, query)
@@ -230,7 +230,7 @@ def _together(names: list[str]) -> str:
 def why_in_vain(run: Run, wait: HandlerWait) -> str:
     """Where a query was when its handler waited no longer for the reply: ``legs had it``; "" if it did not give up."""
     query = run.messages.get(wait.awaited)
-    if query is None or wait.end is None or not (query.dropped or "").startswith(GAVE_UP):
+    if query is None or wait.end is None or query.dropped != GAVE_UP:
         return ""
     at = RunAt(run, nextafter(wait.end, 0.0))
     if query.message_class is MessageClass.MULTI_QUERY:

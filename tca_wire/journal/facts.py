@@ -180,12 +180,16 @@ class Answered(_Fact, frozen=True, tag="answered"):
 
 
 class Dropped(_Fact, frozen=True, tag="dropped"):
-    """A message came to nothing, or only what one receiver was to get: a copy of message *copy_of*."""
+    """A message came to nothing, or only what one receiver was to get: a copy of message *copy_of*.
+
+    *where* says, of a query whose sender gave up, where it was then.
+    """
 
     id: int
     message: str
     why: str
     copy_of: int = 0
+    where: str = ""
 
 
 class HandledDirectly(_Fact, frozen=True, tag="direct"):

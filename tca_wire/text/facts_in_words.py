@@ -127,7 +127,7 @@ class Wording:
         return f"{self._name(fact.task)}: {kill_reason(fact.why, fact.by)}"
 
     def _dropped(self, fact: facts.Dropped) -> str:
-        return f"{fact.message} {{{fact.id}}}{_copy_of(fact)}: {fact.why}"
+        return f"{fact.message} {{{fact.id}}}{_copy_of(fact)}: {fact.why}" + (f": {fact.where}" if fact.where else "")
 
     def _answered(self, fact: facts.Answered) -> str:
         return self._name(fact.id)

@@ -69,7 +69,9 @@ def describe(fact: facts.Fact) -> str:
         case facts.Queued():
             return f"{fact.id} waits for {fact.module or 'a handler'}{described_priority(fact)}"
         case facts.Dropped():
-            return f"dropped: {fact.message} {fact.id}{described_copy(fact)}: {fact.why}"
+            return (
+                f"dropped: {fact.message} {fact.id}{described_copy(fact)}: {fact.why}{fact.where and f': {fact.where}'}"
+            )
         case facts.Failed():
             whose = f" by {fact.by}" if fact.by not in ("", CENTRAL) else ""
             beside = f", beside its handler{whose}" if fact.is_beside else ""

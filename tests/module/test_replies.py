@@ -145,9 +145,7 @@ def test_a_query_that_was_given_up_calls_nothing(legs: Module, user: Client, cen
     with legs.running():
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
     assert not called
-    assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == [
-        "its sender gave up: no module handles it"
-    ]
+    assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == ["no module handles it"]
 
 
 def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(legs: Module, user: Client) -> None:
@@ -202,9 +200,9 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
         assert list(again) == []
         go.set()
         assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
-    assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == [
-        "its sender gave up: nobody replied: legs has not answered",
-        "its sender gave up: nobody replied: legs (queued, busy with health {1}) has not answered",
+    assert [fact.where for fact in central.facts if isinstance(fact, Dropped)] == [
+        "nobody replied: legs has not answered",
+        "nobody replied: legs (queued, busy with health {1}) has not answered",
     ]
 
 

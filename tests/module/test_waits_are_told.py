@@ -150,8 +150,8 @@ def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
     (wait,) = run.waits
     assert history.messages[wait.awaited].received == wait.start
     assert wait.end == history.messages[wait.awaited].written("dropped")
-    (why,) = (fact.why for fact in central.facts if isinstance(fact, Dropped))
-    assert why == "its sender gave up: it is queued for eyes, busy with temperature {1}"
+    (why,) = (fact.where for fact in central.facts if isinstance(fact, Dropped))
+    assert why == "it is queued for eyes, busy with temperature {1}"
 
 
 def test_who_gives_up_hears_who_had_the_question(eyes: Module, user: Client, central: LocalCentral) -> None:

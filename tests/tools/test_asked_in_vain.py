@@ -18,16 +18,18 @@ def asking() -> Run:
     act = tale.command("act", "user")
     tale.delivered(act, "legs")
     first = tale.received("where", QUERY, "legs", origin=act, blocking=True)
-    tale.delivered(first, "map").at(0.5).say(facts.Dropped(first, "any", "its sender gave up"))  # as older journals say
+    tale.delivered(first, "map").at(0.5).say(facts.Dropped(first, "any", "its sender gave up"))
     tale.at(0.6)
     second = tale.received("where", QUERY, "legs", origin=act, blocking=True)
     tale.queued(second, "map").at(1.0)
     tale.say(
-        facts.Unqueued(second), facts.Dropped(second, "any", "its sender gave up: it waited for resource 'map'")
+        facts.Unqueued(second), facts.Dropped(second, "any", "its sender gave up", where="it is queued for map")
     ).at(1.25)
     third = tale.received("look", QUERY, "legs", origin=act)
     tale.queued(third).at(1.5).say(facts.Awaited(third)).at(2.0)
-    tale.say(facts.Unqueued(third), facts.Dropped(third, "any", "its sender gave up: nobody handled it")).at(2.5)
+    tale.say(facts.Unqueued(third), facts.Dropped(third, "any", "its sender gave up", where="no module handles it")).at(
+        2.5
+    )
     return tale.returned(act).reached(act, Moment.END_ACHIEVING).at(3.0).returned(first).fold()
 
 
