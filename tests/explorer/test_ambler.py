@@ -41,14 +41,14 @@ def in_order(steps: int) -> list[Any]:
 
 @pytest.fixture(scope="module")
 def explored() -> tuple[Result, Orders]:
-    """A walk of three steps, and what its tasks were seen to send."""
+    """A walk of two steps, and what its tasks were seen to send."""
     found: Orders = set()
 
     def is_noted(world: World) -> bool:
         found.update(orders(world))
         return True
 
-    scenario = walk(3, at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(3), never_stuck())
+    scenario = walk(2, at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(2), never_stuck())
     return explore(scenario, always(is_noted)), found
 
 
@@ -56,7 +56,7 @@ def test_planning_is_one_step_ahead_and_never_two(explored: tuple[Result, Orders
     result, _ = explored
     assert result.ok, report(result)
     assert result.longest is not None
-    assert result.longest > 50
+    assert result.longest > 40
 
 
 def test_planning_is_ahead_at_all() -> None:

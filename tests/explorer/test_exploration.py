@@ -136,9 +136,9 @@ def test_whoever_watches_is_told_how_far_it_is() -> None:
 
 def test_where_there_is_no_room_for_snapshots_runs_are_played_again(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = walking(never_stuck(), steps=3, capacity=2, may_be_lost=1, comes_back=True)
-    kept = explore(scenario, limit=500)
+    kept = explore(scenario, limit=150)
     monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 0)
-    played = explore(scenario, limit=500)
+    played = explore(scenario, limit=150)
     assert (kept.states, kept.steps, kept.ends) == (played.states, played.steps, played.ends)
 
 

@@ -182,7 +182,7 @@ def seen_in(world: World) -> object:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "kind"), one_in(2, SCENARIOS, DETAILS))
+@pytest.mark.parametrize(("name", "kind"), one_in(4, SCENARIOS, DETAILS))
 def test_what_follows_equal_states_is_equal(name: str, kind: str) -> None:
     (make, number), detail = SCENARIOS[name], DETAILS[kind]
     snapshots = Snapshots()

@@ -249,6 +249,7 @@ def test_what_happens_some_time_beside_an_endless_activity_is_good() -> None:
     assert result.longest is None
 
 
+@pytest.mark.soak
 def test_a_task_that_nobody_takes_is_found_beside_an_endless_activity() -> None:
     scenario = beside_a_clock(steps, never_stuck())
     scenario.modules["legs"].may_be_lost = 1
@@ -322,12 +323,12 @@ def test_what_never_comes_to_its_turn_is_found() -> None:
     assert "all the while:\n     step {" in report(result)
     assert "queued" in report(result)
     assert {action.name for action in result.violation.circle} >= {"legs/1", "ear/1"}
-    assert not explore(starving(1, eventually(achieved(STEP)))).ok
 
 
 @pytest.mark.soak
 def test_where_nobody_goes_before_it_everybody_comes_to_his_turn() -> None:
     assert explore(starving(0, never_stuck(), eventually(achieved(STEP)))).ok
+    assert not explore(starving(1, eventually(achieved(STEP)))).ok
 
 
 def test_who_may_decide_the_same_for_ever_does() -> None:

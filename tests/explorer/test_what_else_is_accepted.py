@@ -102,7 +102,9 @@ def tapped(title: str, tap: Callable[[Script], object]) -> Scenario:
     return scenario
 
 
-@pytest.mark.parametrize("condition", COMES_TRUE)
+@pytest.mark.parametrize(
+    "condition", [pytest.param(one, marks=[pytest.mark.soak] * (at % 3 > 0)) for at, one in enumerate(COMES_TRUE)]
+)
 def test_a_wiretap_is_fired_when_its_condition_comes_true(condition: Condition) -> None:
     listener = (
         WALK if condition in (Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED) else LIFT

@@ -83,7 +83,7 @@ REQUESTS = {
 }
 
 
-@pytest.mark.parametrize(("name", "between"), one_in(3, REQUESTS, BETWEEN))
+@pytest.mark.parametrize(("name", "between"), one_in(6, REQUESTS, BETWEEN))
 def test_what_is_asked_of_a_task(name: str, between: str) -> None:
     request = REQUESTS[name]
     ends_it = between in ("loss of who asked", "loss of who handles it")

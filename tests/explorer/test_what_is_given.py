@@ -177,7 +177,7 @@ def kept_too_long(world: World) -> bool:
     return bool(world.held_by) and not those(world, WALK)
 
 
-@pytest.mark.parametrize(("claim", "loses"), one_in(3, CLAIMS, LOSES))
+@pytest.mark.parametrize(("claim", "loses"), one_in(4, CLAIMS, LOSES))
 def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses: str) -> None:
     """What waits behind him is done in the end, too, whatever becomes of him and his resource."""
     scenario = Scenario(f"{claim}, and loses {loses}")
