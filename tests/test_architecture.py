@@ -1,6 +1,7 @@
 """Who may import whom: the arrows of docs/architecture.md, and the few files that may touch the world."""
 
 import ast
+import re
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -200,6 +201,20 @@ def test_the_explorer_knows_the_pure_core_only() -> None:
 def test_rich_is_for_screens() -> None:
     using = {path.name for path in files("tca_live") if any(name.startswith("rich") for name in imports(path))}
     assert using == {"top_screen.py"}
+
+
+def test_few_files_name_a_message_class() -> None:
+    """A new one is a row of traits, a declaration and a route; all else asks for traits."""
+    naming = {str(path.relative_to(ROOT)) for package in PACKAGES for path in files(package)
+              if re.search(r"\bMessageClass\.[A-Z]", path.read_text())}  # fmt: skip
+    assert naming == {
+        "tca_wire/messages/declarations.py",
+        "tca_wire/messages/controls.py",
+        "tca_central/requests/sending.py",
+        "tca_central/state.py",  # the root is a goal
+        "tca_tools/run/fold_records.py",  # what was sent before the journal begins counts as a goal
+        "tca_tools/log/classic.py",  # as the old program called it
+    }
 
 
 def test_init_files_hold_only_imports() -> None:

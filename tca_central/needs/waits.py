@@ -34,7 +34,7 @@ from tca_wire.points import (
     START_HANDLING,
     START_PLANNING,
 )
-from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind
 
 NAMED = 3
@@ -153,7 +153,7 @@ def condition_of(monitor: Task) -> WaitFor:
     watch = monitor.more.watch
     if watch.condition is not None:
         return WaitFor(WaitKind.CONDITION, watch.condition.id, watch.condition.message.name, holds=watch.holds)
-    is_demon = monitor.message.message_class is MessageClass.DEMON_MONITOR
+    is_demon = not monitor.message.message_class.has_condition
     return WaitFor(WaitKind.CONDITION, 0, "" if is_demon else watch.parts[0].name, holds=watch.holds)
 
 

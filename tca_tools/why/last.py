@@ -16,7 +16,6 @@ from tca_tools.why.waiting import blockers_of, of_blocker, waits_how, why_waitin
 from tca_tools.why.whereabouts import not_answered
 from tca_wire.points import Moment, TaskId
 from tca_wire.text.facts_in_words import by_whom, place
-from tca_wire.vocabulary import MessageClass
 
 MOST = 100
 """Ends of one task that are told apart."""
@@ -283,7 +282,7 @@ def _which(at: RunAt, end: End) -> str:
 def _by_whom(at: RunAt, end: End) -> str:
     """Who handles it, where that goes on."""
     message = at.run.messages.get(end.number)
-    is_of_one = message and end.kind is Kind.GOES_ON and message.message_class is not MessageClass.MULTI_QUERY
+    is_of_one = message and end.kind is Kind.GOES_ON and not message.message_class.asks_many
     run = at.handling_of(message) if message and is_of_one else None
     return f"{place(run.module, run.resource)} handles" if run else ""
 
@@ -291,7 +290,7 @@ def _by_whom(at: RunAt, end: End) -> str:
 def _not_answered(at: RunAt, end: End) -> str:
     """Who has not answered it, if it was asked of many."""
     message = at.run.messages.get(end.number)
-    is_of_many = message and message.message_class is MessageClass.MULTI_QUERY and end.kind is not Kind.CIRCLE
+    is_of_many = message and message.message_class.asks_many and end.kind is not Kind.CIRCLE
     return not_answered(at, message) if message and is_of_many else ""
 
 

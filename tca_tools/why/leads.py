@@ -15,7 +15,6 @@ from tca_tools.run.records import OVER, Claim, HandlerWait, Handling, Hold, Mess
 from tca_tools.why.waiting import blockers_of, up_to
 from tca_tools.why.whereabouts import ahead_of_claim, kept_out
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass
 
 
 class Kind(Enum):
@@ -125,7 +124,7 @@ def _of_handler(at: RunAt, run: Handling) -> Node:
 
 def _of_message(at: RunAt, message: Message, delivery: int) -> Iterator[Lead]:
     """A message that is no task: a query, as a rule."""
-    if message.message_class is MessageClass.MULTI_QUERY:
+    if message.message_class.asks_many:
         runs, copies = at.copies_of(message)
         for one in runs:
             if delivery in (0, one.delivery):

@@ -18,7 +18,7 @@ from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
 from tca_wire.text.waits_in_words import clauses, reached
-from tca_wire.vocabulary import MessageClass, Scope
+from tca_wire.vocabulary import Scope
 from tca_wire.waits import WaitFor, WaitKind
 
 NAMED = 3
@@ -107,7 +107,7 @@ def _of_condition(at: RunAt, wait: Wait) -> WaitFor:
     monitor = wait.on.number
     tests = [holds for time, holds in at.run.tests.get(monitor, ()) if time <= at.moment]
     asked = at.run.conditions.get(monitor)
-    is_demon = at.run.tasks[monitor].message_class is MessageClass.DEMON_MONITOR
+    is_demon = not at.run.tasks[monitor].message_class.has_condition
     name = "" if is_demon else (asked if asked and asked.received <= at.moment else at.run.tasks[monitor]).name
     return WaitFor(WaitKind.CONDITION, name=name, holds=tests[-1] if tests else None)
 
@@ -169,7 +169,7 @@ def where(at: RunAt, query: Message) -> tuple[int, tuple[WaitFor, ...]]:
     """Where a query is that is waited for; of one to many how many have answered, and where the others are."""
     if query.answered is not None and query.answered <= at.moment:
         return 0, ()
-    if query.message_class is MessageClass.MULTI_QUERY:
+    if query.message_class.asks_many:
         runs, queueings = at.copies_of(query)
         answered = sum(run.end is not None and run.end <= at.moment for run in query.handlings)
     else:
@@ -314,7 +314,7 @@ def last_of(at: RunAt, end: End, more: int = 0) -> Last:
         return Last(f"the {claim}", end.number, does, f"{does} that", more)
     thing = at.describe(end.number)
     query = run.messages.get(end.number)
-    late = not_answered(at, query) if query and query.message_class is MessageClass.MULTI_QUERY else ""
+    late = not_answered(at, query) if query and query.message_class.asks_many else ""
     if late and end.kind is not WaitKind.CIRCLE:
         return Last(thing, end.number, late, f"{late} that", more)
     if does := "no module handles" if end.kind is WaitKind.HANDLER else _handled_by(at, end):
@@ -326,7 +326,7 @@ def last_of(at: RunAt, end: End, more: int = 0) -> Last:
 def _handled_by(at: RunAt, end: End) -> str:
     """Who handles it, where that goes on."""
     message = at.run.messages.get(end.number)
-    is_of_one = message and end.kind is WaitKind.RUNNING and message.message_class is not MessageClass.MULTI_QUERY
+    is_of_one = message and end.kind is WaitKind.RUNNING and not message.message_class.asks_many
     run = at.handling_of(message) if message and is_of_one else None
     return f"{place(run.module, run.resource)} handles" if run else ""
 

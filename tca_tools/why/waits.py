@@ -41,7 +41,6 @@ from tca_wire.points import (
     START_HANDLING,
     START_PLANNING,
 )
-from tca_wire.vocabulary import MessageClass
 from tca_wire.waits import WaitKind
 
 NO_TIME = 1e-6
@@ -166,7 +165,7 @@ def _of_message(run: Run, message: Message, time: float | None) -> Iterator[Wait
     queueings, handlings = message.queueings, message.handlings
     if time is not None:
         queueings = _going_on(queueings, time)
-        is_to_many = message.message_class is MessageClass.MULTI_QUERY
+        is_to_many = message.message_class.asks_many
         handlings = [one for one in handlings if _is_on(one, time)] if is_to_many else _going_on(handlings, time)
     for queueing in queueings:
         yield _of_queueing(message, queueing)

@@ -13,7 +13,7 @@ from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import GAVE_UP, place
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import Outcome
 
 NAMED = 3
 """How many of several are named."""
@@ -151,10 +151,10 @@ def whereabouts(at: RunAt, message_id: int) -> str:
     query = at.run.messages.get(message_id)
     if query is None:
         return ""
-    if query.message_class is MessageClass.MULTI_QUERY:
+    if query.message_class.asks_many:
         missing = not_answered(at, query)
         return missing and f", which {missing}"
-    if query.message_class is not MessageClass.QUERY:
+    if not query.message_class.asks_one:
         return ""
     if queueing := at.queueing_of(query):
         if not queueing.module:
@@ -197,7 +197,7 @@ def answers_so_far(run: Run, query: Message, given_up: float) -> str:
     """What became of a multi-query that was given up when some had answered: its sender gets these answers. ``its
     sender waits no longer: 1 of 3 answered in time: arm (7); legs had not, head had failed``; "" of others.
     """
-    if query.message_class is not MessageClass.MULTI_QUERY or query.dropped != GAVE_UP:
+    if not query.message_class.asks_many or query.dropped != GAVE_UP:
         return ""
     at = RunAt(run, nextafter(given_up, 0.0))
     late = _still_asked(at, query)
@@ -233,9 +233,9 @@ def why_in_vain(run: Run, wait: HandlerWait) -> str:
     if query is None or wait.end is None or query.dropped != GAVE_UP:
         return ""
     at = RunAt(run, nextafter(wait.end, 0.0))
-    if query.message_class is MessageClass.MULTI_QUERY:
+    if query.message_class.asks_many:
         return not_answered(at, query, is_over=True)
-    if query.message_class is not MessageClass.QUERY:
+    if not query.message_class.asks_one:
         return ""
     if queueing := at.queueing_of(query):
         if not queueing.module:
@@ -251,7 +251,7 @@ def why_in_vain(run: Run, wait: HandlerWait) -> str:
 
 def failure_told(query: Message, moment: float) -> str:
     """With what a query had failed, in a line; "" if it had not. Of a question to many single failures say nothing."""
-    failure = query.was("failure", moment) if query.message_class is MessageClass.QUERY else ""
+    failure = query.was("failure", moment) if query.message_class.asks_one else ""
     return str(failure).strip().partition("\n")[0]
 
 

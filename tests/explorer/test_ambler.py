@@ -11,7 +11,19 @@ from explorer.ambler_walk import ACHIEVED_POSITION, MOVE_BODY, MOVE_LEG, STANCE,
 from robots.ambler_sim.messages import TRAVERSE_ARC, Bend
 from robots.ambler_sim.modules import body_planner, controller, gait_planner, leg_planner, perception
 from robots.ambler_sim.robot import make_robot
-from tca_explorer import Result, World, achieved, always, at_most, before, begun, explore, never, never_stuck, report
+from tca_explorer import (
+    Scenario,
+    World,
+    achieved,
+    always,
+    at_most,
+    before,
+    begun,
+    explore,
+    never,
+    never_stuck,
+    report,
+)
 from tca_explorer.observed.fold import Fold
 from tca_module import connect
 from tca_module.testing import LocalCentral
@@ -39,24 +51,16 @@ def in_order(steps: int) -> list[Any]:
     return [before(achieved(*one), begun(*following)) for one, following in pairwise(moves)]
 
 
-@pytest.fixture(scope="module")
-def explored() -> tuple[Result, Orders]:
-    """A walk of two steps, and what its tasks were seen to send."""
-    found: Orders = set()
-
-    def is_noted(world: World) -> bool:
-        found.update(orders(world))
-        return True
-
-    scenario = walk(2, at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(2), never_stuck())
-    return explore(scenario, always(is_noted)), found
+def checked_walk(steps: int) -> Scenario:
+    return walk(steps, at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(steps), never_stuck())
 
 
-def test_planning_is_one_step_ahead_and_never_two(explored: tuple[Result, Orders]) -> None:
-    result, _ = explored
+@pytest.mark.parametrize("steps", [2, pytest.param(5, marks=pytest.mark.soak)])
+def test_planning_is_one_step_ahead_and_never_two(steps: int) -> None:
+    result = explore(checked_walk(steps))
     assert result.ok, report(result)
     assert result.longest is not None
-    assert result.longest > 40
+    assert result.longest > 20 * steps
 
 
 def test_planning_is_ahead_at_all() -> None:
@@ -70,12 +74,6 @@ def test_without_the_constraint_planning_runs_away() -> None:
     assert result.violation.broken == "at most 1 steps planned ahead"
     assert result.violation.why.startswith("here 2: take steps")
     assert len(result.violation.actions) < 40
-
-
-@pytest.mark.soak
-def test_longer_walks() -> None:
-    result = explore(walk(5), at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(5), never_stuck())
-    assert result.ok, report(result)
 
 
 # --- the scenario is the robot ---------------------------------------------------------------------------------------
@@ -121,10 +119,16 @@ def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
     return found
 
 
-def test_the_scenario_sends_what_the_robot_sends(
-    monkeypatch: pytest.MonkeyPatch, explored: tuple[Result, Orders]
-) -> None:
-    real, (_, played) = really_walked(monkeypatch), explored
+@pytest.mark.soak
+def test_the_scenario_sends_what_the_robot_sends(monkeypatch: pytest.MonkeyPatch) -> None:
+    played: Orders = set()
+
+    def is_noted(world: World) -> bool:
+        played.update(orders(world))
+        return True
+
+    assert explore(checked_walk(3), always(is_noted)).ok
+    real = really_walked(monkeypatch)
     assert {order[:2] for order in real} == {order[:2] for order in played}
     assert real <= played
     ahead = {order for order in real if (*map(int, PLANNED_AHEAD), "parent") in order[2]}
