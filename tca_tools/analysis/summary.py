@@ -1,6 +1,5 @@
 """How a run went, in one sentence and a few numbers."""
 
-import re
 from collections import Counter
 from dataclasses import dataclass
 from operator import attrgetter
@@ -17,7 +16,6 @@ ENDED_BADLY = (State.FAILED, State.KILLED)
 """States of a task that has ended and is not achieved."""
 _LONGEST_REASON = 200
 _ID = attrgetter("id")
-_NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -45,8 +43,8 @@ class Summary:
     """The same of top-level tasks, without monitors that watch until somebody ends them."""
     failures: int
     """How many failures were raised on tasks and other messages."""
-    reasons: list[tuple[str, int, str]]
-    """Why top-level tasks were not achieved: in words without numbers, how many, and the first of them."""
+    reasons: list[tuple[str, int]]
+    """Why top-level tasks were not achieved: the first of those with a like reason, in words, and how many they are."""
     is_good: bool
     """Whether every top-level task was achieved."""
     outcome: str
@@ -76,7 +74,7 @@ def summary(run: Run) -> Summary:
         {one: counts[one] for one in STANDINGS if counts[one]},
         {state: top_counts[state] for state in State if top_counts[state]},
         failures,
-        _reasons(top),
+        _reasons(run, top),
         bool(top) and all(task.state is State.ACHIEVED for task in top),
         _outcome(run, top, top_counts, failures),
     )
@@ -159,12 +157,15 @@ def _outcome(run: Run, top: list[Task], counts: Counter[State], failures: int) -
     return "; ".join(parts) + "."
 
 
-def _reasons(top: list[Task]) -> list[tuple[str, int, str]]:
-    found: dict[str, list[Task]] = {}
+def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
+    found: dict[object, list[Task]] = {}
     for task in top:
         if task.state in ENDED_BADLY:
-            found.setdefault(f"{task.name} {_NUMBER.sub('…', _fate(task))}", []).append(task)
-    return sorted(((why, len(tasks), str(tasks[0])) for why, tasks in found.items()), key=lambda row: -row[1])
+            failed = run.tasks.get(task.killed_for, task) if task.state is State.KILLED else task
+            why = failed.failure.name if failed.failure else task.killed
+            found.setdefault((task.name, task.state, why), []).append(task)
+    told = ((f"{tasks[0]} {_fate(tasks[0])}", len(tasks)) for tasks in found.values())
+    return sorted(told, key=lambda row: -row[1])
 
 
 def _worst(bad: list[Task], top: list[Task]) -> str:
