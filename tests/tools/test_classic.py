@@ -22,21 +22,6 @@ def test_a_walk_with_everything(expect: Callable[[str, str], None]) -> None:
     expect("classic_walk", "\n".join(classic_lines(walk())) + "\n")
 
 
-def test_a_message_that_is_on_hold_and_then_pending() -> None:
-    story = Story().module("user").module("legs", "move")
-    one, other = story.command("move", "user"), story.command("move", "user")
-    story.delivered(one, "legs").at(1.25).queued(other, "legs")
-    story.at(61.509).returned(one).delivered(other, "legs")
-    lines = [line[:72].rstrip() + line[72:] for line in classic_lines(story.entries)]
-    assert [" ".join(line.split()) for line in lines[3:]] == [
-        "Command move {2}: user --> ON HOLD (Inactive) 22:13:20.00",
-        "Command move {1}: user --> legs (Sent) 22:13:20.00",
-        "Command move {2}: ON HOLD --> Resource legs (Pending) 22:13:21.25",
-        "Success move {1}: 22:14:21.50",
-        "Command move {2}: Resource legs --> legs (Sent) 22:14:21.50",
-    ]
-
-
 def test_data_are_indented_and_cut_after_five_lines() -> None:
     story = Story().module("user").module("map", "note")
     note = story.received("note", MessageClass.INFORM, "user", data={"text": "a word " * 100})
@@ -47,18 +32,6 @@ def test_data_are_indented_and_cut_after_five_lines() -> None:
     assert data[-1] == "    ..."
     assert max(map(len, data)) <= 80
     assert lines[-1].split()[:3] == ["Done", "note", "{1}:"]
-
-
-def test_nobody_listens_and_nobody_handles() -> None:
-    story = Story().module("user")
-    pose = story.received("pose", MessageClass.BROADCAST, "user")
-    story.say(facts.Dropped(pose, "any", "nobody listens"))
-    story.queued(story.command("fly", "user"))
-    lines = [" ".join(line.split()) for line in classic_lines(story.entries)]
-    assert lines[2:] == [
-        "Dropped pose {1}: nobody listens 22:13:20.00",
-        "Command fly {2}: user --> No Handler (Pending) 22:13:20.00",
-    ]
 
 
 def test_it_begins_anywhere() -> None:

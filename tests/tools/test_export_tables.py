@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -88,23 +87,6 @@ def read(kind: Kind, text: str) -> Any:
         Kind.FLAG: lambda word: {"true": True, "false": False}[word],
     }
     return make.get(kind, str)(text) if text else None
-
-
-def test_parquet_columns_have_types() -> None:
-    history = walking().fold()
-    stream = io.BytesIO()
-    write_parquet(TABLES[1], history, stream)
-    schema = parquet.read_schema(io.BytesIO(stream.getvalue()))
-    assert {name: str(schema.field(name).type) for name in ("id", "name", "sent", "data")} == {
-        "id": "int64",
-        "name": "string",
-        "sent": "double",
-        "data": "string",
-    }
-    assert json.loads(parquet.read_table(io.BytesIO(stream.getvalue()))["data"][0].as_py()) == {
-        "radius": 5.0,
-        "angle": 0.6,
-    }
 
 
 def test_tables_are_read_in_pieces() -> None:

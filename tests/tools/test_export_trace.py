@@ -140,17 +140,6 @@ def test_a_thousand_messages_of_one_moment_are_one_event(tmp_path: Path) -> None
     assert [one.name for one in read.on("central > sent")] == ["sends 1000 messages"]
 
 
-def test_a_deep_tree_shares_its_last_track(tmp_path: Path) -> None:
-    story, parent = Story().at(1.0), 0
-    for _ in range(2000):
-        parent = story.goal("step", "x", parent)
-    read = trace_of(story.fold(), tmp_path)
-    names = {track.name for track in read.tracks.values()}
-    assert "depth 12 and deeper" in names
-    assert "depth 13" not in names
-    assert len([one for one in read.slices if one.category == "task"]) == 2000
-
-
 def test_a_resource_that_is_named_like_another_track(tmp_path: Path) -> None:
     story = Story().module("arm", "reach").at(1.0)
     story.say(facts.ResourceChanged("arm", "", 1), facts.ResourceChanged("arm", "queue of arm", 1))
@@ -164,16 +153,6 @@ def test_a_resource_that_is_named_like_another_track(tmp_path: Path) -> None:
         "arm > queue of arm",
         "arm > queue of arm (another)",
     }
-
-
-def test_direct_messages_have_slices_without_arrows(tmp_path: Path) -> None:
-    story = Story().module("map", "where").at(5.0)
-    story.say(facts.HandledDirectly("where", "map", "map", "user", 0, 8, 4.5, 0.25, Outcome.DONE, ""))
-    read = trace_of(story.fold(), tmp_path)
-    (handled,) = read.on("map > map")
-    assert (handled.start, handled.end) == (4.25 * SECOND, 4.5 * SECOND)
-    assert handled.details["directly from"] == "user"
-    assert not read.flows
 
 
 def test_large_data_is_text_and_odd_data_are_told(tmp_path: Path) -> None:
@@ -230,3 +209,14 @@ def test_perfettos_own_trace_processor_finds_no_error(tmp_path: Path) -> None:
         assert [(row.name, row.value) for row in errors] == []
         assert next(iter(processor.query("select count(*) as n from slice"))).n == len(read.slices)
         assert next(iter(processor.query("select count(*) as n from flow"))).n == len(read.arrows())
+
+
+def test_a_deep_tree_shares_its_last_track(tmp_path: Path) -> None:
+    story, parent = Story().at(1.0), 0
+    for _ in range(2000):
+        parent = story.goal("step", "x", parent)
+    read = trace_of(story.fold(), tmp_path)
+    names = {track.name for track in read.tracks.values()}
+    assert "depth 12 and deeper" in names
+    assert "depth 13" not in names
+    assert len([one for one in read.slices if one.category == "task"]) == 2000

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from click.testing import Result
 from tools.runs import encoded, walk
-from tools.story import Story, stumbling, walking
+from tools.story import Story, stumbling
 
 from tca_tools.log.__main__ import KINDS
 from tca_wire.constraints import Constraint
@@ -124,21 +124,6 @@ def test_what_entries_came_from_is_told(tca: Tca, tmp_path: Path) -> None:
     assert (asked["cause"]["kind"], asked["cause"]["message"], asked["cause"]["origin"]) == ("request", "Send", 3)
 
 
-def test_json_has_constraints_as_points(tca: Tca, run: Path) -> None:
-    rows = map(json.loads, tca("log", "show", run, "--json", "--task", 3, "--kind", "received").stdout.splitlines())
-    assert next(row for row in rows if row["id"] == 3)["constraints"] == [
-        {"before": {"task": 2, "moment": "end achieving"}, "after": {"task": 3, "moment": "start achieving"}}
-    ]
-
-
-def test_only_one_task(tca: Tca, run: Path) -> None:
-    lines = tca("log", "show", run, "--task", 6).stdout.splitlines()
-    kinds = ["received", "reached", "received", "delivered", "reached", "returned", "reached", "reached"]
-    assert [line.split()[1] for line in lines] == kinds
-    assert "goal" not in "".join(lines)
-    assert "take steps {2}" in lines[0]  # named, though the fact that names it is not shown
-
-
 def test_tasks_are_named_by_number_or_name(tca: Tca, run: Path) -> None:
     by_number = tca("log", "show", run, "--task", 3).stdout
     assert tca("log", "show", run, "--task", "{3}").stdout == by_number
@@ -184,26 +169,6 @@ def test_control_characters_do_not_reach_the_terminal(tca: Tca, run: Path) -> No
     line = tca("log", "show", run, "--kind", "failed").stdout
     assert line.rstrip("\n").isprintable()
     assert r"leg 4 met\x1b[31m rock" in line
-
-
-def test_damage_is_told_after_what_is_good(tca: Tca, run: Path) -> None:
-    segment = run / "00000002.tcaj"
-    content = bytearray(segment.read_bytes())
-    content[len(content) * 3 // 4] ^= 1
-    segment.write_bytes(content)
-    result = tca("log", "show", run)
-    assert result.exit_code == 1
-    assert len(result.stdout.splitlines()) > 20
-    assert result.stderr.startswith(f"tca: {segment}, byte ")
-    assert result.stderr.count("\n") == 1
-
-
-def test_a_log_that_is_none(tca: Tca, tmp_path: Path) -> None:
-    result = tca("log", "show", tmp_path / "x")
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == (
-        f"tca: {tmp_path}/x: there is no such file or directory: name a journal directory or a segment\n"
-    )
 
 
 def test_following_shows_what_is_there_and_ends_when_interrupted(
@@ -254,11 +219,6 @@ def test_data_that_is_none_or_odd() -> None:
     assert "…" in data_text(msgspec.msgpack.encode(deep))
 
 
-def test_walking_stays_as_it_is(tca: Tca, tmp_path: Path) -> None:
-    folder = walking().write(tmp_path / "run")
-    assert tca("log", "show", folder / "00000001.tcaj").stdout == tca("log", "show", folder).stdout
-
-
 def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("map", "pose")
     pose = story.received("pose", MessageClass.VARIABLE, "legs")
@@ -267,3 +227,10 @@ def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path)
         f"dropped        pose {{9}} of message {{{pose}}}: a newer one came"
         in tca("log", "show", story.write(tmp_path / "run")).stdout
     )
+
+
+def test_json_has_constraints_as_points(tca: Tca, run: Path) -> None:
+    rows = map(json.loads, tca("log", "show", run, "--json", "--task", 3, "--kind", "received").stdout.splitlines())
+    assert next(row for row in rows if row["id"] == 3)["constraints"] == [
+        {"before": {"task": 2, "moment": "end achieving"}, "after": {"task": 3, "moment": "start achieving"}}
+    ]

@@ -40,6 +40,27 @@ def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> N
     expect("stats_stumbling", result.stdout)
 
 
+def test_all_figures(run: Path, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+    direct = Story().module("map", "where").at(5.0).say(facts.FormatDefined("where", QUERY, "{}", "{}", "map"))
+    for outcome in (Outcome.DONE, Outcome.FAILED):
+        direct.say(facts.HandledDirectly("where", "map", "map", "x", 0, 8, 4.5, 0.25, outcome, ""))
+    asked = [
+        shown(run, "--json"),
+        shown(run, "--from", 1.0, "--to", 2.0, "--json"),
+        shown(walking().write(tmp_path / "walk"), "--json"),
+        shown(direct.write(tmp_path / "direct"), "--json"),
+        shown(Story().write(tmp_path / "quiet"), "--json"),
+    ]
+    expect("stats_json", "\n".join(_rounded(json.loads(one.stdout)) for one in asked) + "\n")
+
+
+def _rounded(told: dict[str, Any]) -> str:
+    """A line for each message and resource; times to the microsecond."""
+    rows = [{key: value for key, value in told.items() if not isinstance(value, list)}]
+    text = "\n".join(map(json.dumps, [*rows, *told["messages"], *told["resources"]]))
+    return re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
+
+
 @pytest.mark.parametrize("width", [12, 20, 33, 47, 60, 72, 79, 90, 100, 160])
 def test_lines_fit_the_terminal(run: Path, width: int) -> None:
     lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
@@ -67,30 +88,6 @@ def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
     assert measured["live"]
     assert 60 < measured["to"] < 80
     assert not json.loads(shown(run, "--json").stdout)["live"]
-
-
-def test_times_of_messages() -> None:
-    measured = measure(stumbling().fold())
-    steps, leg, body = of(measured, "take steps"), of(measured, "move leg"), of(measured, "move body")
-    assert (steps.sent, steps.killed, steps.failed, steps.open) == (3, 3, 0, 0)
-    assert steps.queued.seconds == pytest.approx([0.1, 0.8])
-    assert steps.to_start.seconds == pytest.approx([0.1, 0.8])
-    assert steps.handling.seconds == pytest.approx([0.7, 0.8])
-    assert steps.to_end.seconds == []  # none was achieved
-    assert (leg.sent, leg.to_end.seconds) == (2, pytest.approx([2.0]))
-    assert (body.failed, body.handling.seconds) == (1, pytest.approx([1.1]))
-    asked = of(measured, "elevation map")
-    assert (asked.message_class, asked.to_end.seconds) == ("query", pytest.approx([0.42, 0.48]))
-
-
-def test_what_is_still_open() -> None:
-    measured = measure(walking().fold())
-    assert [(one.name, one.open) for one in measured.messages if one.open] == [
-        ("traverse arc", 1),
-        ("take steps", 3),
-        ("move leg", 1),
-        ("move body", 2),
-    ]
 
 
 def test_a_query_that_nobody_handles_is_open_until_it_is_dropped() -> None:
@@ -185,43 +182,6 @@ def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: 
     assert (queued["count"], queued["open"], queued["max"]) == (3, 2, 60.0)
 
 
-def test_waits_that_overlap_count_once() -> None:
-    story = Story().module("a", "plan").at(0.0)
-    plan = story.goal("plan", "x")
-    story.delivered(plan, "a").at(1.0)
-    first = story.received("where", QUERY, "a", origin=plan, blocking=True)
-    story.at(2.0)
-    second = story.received("where", QUERY, "a", origin=plan, blocking=True)
-    story.at(3.0).say(facts.Answered(first)).at(5.0).say(facts.Answered(second)).at(6.0).returned(plan)
-    assert measure(story.fold()).resources[0].busy.waiting == pytest.approx(4.0)
-
-
-def test_direct_messages_are_counted() -> None:
-    story = Story().module("map", "where").at(5.0)
-    story.say(facts.FormatDefined("where", QUERY, "{}", "{}", "map"))
-    for outcome in (Outcome.DONE, Outcome.FAILED):
-        story.say(facts.HandledDirectly("where", "map", "map", "x", 0, 8, 4.5, 0.25, outcome, ""))
-    where = of(measure(story.fold()), "where")
-    assert (where.message_class, where.sent, where.direct, where.failed) == ("query", 2, 2, 1)
-    assert where.handling.seconds == [0.25, 0.25]
-
-
-def test_a_part_of_a_run(run: Path) -> None:
-    part = json.loads(shown(run, "--from", 1.0, "--to", 2.0, "--json").stdout)
-    assert (part["from"], part["to"]) == (1.0, 2.0)
-    assert {one["message"]: one["sent"] for one in part["messages"]} == {
-        "take steps": 0,
-        "elevation map": 1,
-        "move leg": 1,
-        "move body": 1,
-    }
-    planner = next(one for one in part["resources"] if one["module"] == "gait planner")
-    assert planner["busy_share"] == pytest.approx(1.0)
-    assert planner["longest_queue"] == 1
-    controller = next(one for one in part["resources"] if one["module"] == "controller")
-    assert controller["busy_share"] == pytest.approx(0.6)
-
-
 def test_a_part_that_is_none(run: Path) -> None:
     result = shown(run, "--from", 7)
     assert result.exit_code == 2
@@ -244,21 +204,6 @@ def test_messages_are_sorted(run: Path, sort: str) -> None:
     assert messages == sorted(messages, key=keys[sort])
 
 
-def test_a_damaged_journal_is_measured_but_for_the_damage(run: Path) -> None:
-    segment = run / "00000001.tcaj"
-    content = bytearray(segment.read_bytes())
-    content[len(content) // 2] ^= 0xFF
-    segment.write_bytes(content)
-    result = shown(run)
-    assert result.exit_code == 1
-    assert "traverse arc" in result.stdout
-    assert ": a damaged entry is left out: " in result.stderr
-
-
-def test_a_run_in_which_nothing_happened(tmp_path: Path) -> None:
-    assert shown(Story().write(tmp_path / "run")).stdout == "run: 0.00 to 0.00 s, 0 messages\n"
-
-
 def test_names_are_safe_for_a_terminal(tmp_path: Path) -> None:
     story = Story().module("legs\x1b[31m", "walk").at(1.0)
     story.received("walk\x07\n", MessageClass.INFORM, "x")
@@ -272,3 +217,14 @@ def test_percentiles_are_exact(seconds: list[float], share: int) -> None:
     assert found in seconds
     assert sum(one <= found for one in seconds) * 100 >= share * len(seconds)
     assert sum(one < found for one in seconds) * 100 < share * len(seconds)
+
+
+def test_waits_that_overlap_count_once() -> None:
+    story = Story().module("a", "plan").at(0.0)
+    plan = story.goal("plan", "x")
+    story.delivered(plan, "a").at(1.0)
+    first = story.received("where", QUERY, "a", origin=plan, blocking=True)
+    story.at(2.0)
+    second = story.received("where", QUERY, "a", origin=plan, blocking=True)
+    story.at(3.0).say(facts.Answered(first)).at(5.0).say(facts.Answered(second)).at(6.0).returned(plan)
+    assert measure(story.fold()).resources[0].busy.waiting == pytest.approx(4.0)
