@@ -18,8 +18,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from tca_central.control import keeping, monitors
-from tca_central.control import kills_and_suspension as control
+from tca_central.control import deadlines, keeping, kills, monitors, pending, suspension
 from tca_central.control import revoking as taking
 from tca_central.deadlock import resolve as deadlocks
 from tca_central.errors import RequestError
@@ -32,8 +31,7 @@ from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability
 from tca_central.outgoing import direct_routes as direct
-from tca_central.requests import giving_up, joining
-from tca_central.requests import sending as requests
+from tca_central.requests import constraining, giving_up, inspecting, joining, replying, sending
 from tca_central.requests import variables as sharing
 from tca_central.requests import waiting as waits
 from tca_central.state import State
@@ -64,7 +62,7 @@ class Central(State):
             (agenda.ended, self._ended),
             (agenda.met, self._met),
             (self.dispatcher.granted, partial(claims.granted, self)),
-            (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
+            (self.dispatcher.displaced, lambda displaced: replying.displace(self, *displaced)),
             (self.dispatcher.stranded, partial(failures.pass_over, self)),
         )
         self._come_out = tuple(waiting for waiting, _ in self._takers)
@@ -120,7 +118,7 @@ class Central(State):
                 connection.last_number = max(connection.last_number, number)
                 if kind.origin is not None and (origin := kind.origin(header)):
                     self.origin = self._checked(connection, origin)
-                kind.handler(self, connection, header, event.body)
+                HANDLERS[type(header)](self, connection, header, event.body)
         except RequestError as error:
             self._refuse(event.connection, number, error.refusal, error.text)
         self._settle()
@@ -241,7 +239,7 @@ class Central(State):
         if self.claimed_for:
             claims.end_with(self, task, "it has ended")
         if task.rare is not None:
-            control.forget_pending(self, task)
+            pending.forget_pending(self, task)
             attaching.forget_task(self, task)
             taps.forget_task(self, task)
             keeping.ended(self, task)
@@ -284,23 +282,23 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Hello: joining.on_hello_again,
     headers.Register: joining.on_register,
     headers.Unregister: joining.on_unregister,
-    headers.Send: requests.on_send,
-    headers.Reply: requests.on_reply,
-    headers.Fail: requests.on_fail,
-    headers.Constrain: requests.on_constrain,
+    headers.Send: sending.on_send,
+    headers.Reply: replying.on_reply,
+    headers.Fail: replying.on_fail,
+    headers.Constrain: constraining.on_constrain,
     headers.WaitFor: waits.on_wait_for,
     headers.Await: giving_up.on_await,
     headers.GiveUp: giving_up.on_give_up,
     headers.Release: giving_up.on_release,
-    headers.Kill: control.on_kill,
-    headers.Ask: requests.on_ask,
+    headers.Kill: kills.on_kill,
+    headers.Ask: inspecting.on_ask,
     headers.Attach: attaching.on_attach,
     headers.Remove: attaching.on_remove,
     headers.Raise: failures.on_raise,
     headers.Retry: failures.on_retry,
-    headers.Suspend: control.on_suspend,
-    headers.Deadline: control.on_deadline,
-    headers.Inspect: requests.on_inspect,
+    headers.Suspend: suspension.on_suspend,
+    headers.Deadline: deadlines.on_deadline,
+    headers.Inspect: inspecting.on_inspect,
     headers.Tap: taps.on_tap,
     headers.Fire: monitors.on_fire,
     headers.EndMonitor: monitors.on_end_monitor,
@@ -321,7 +319,6 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
 class _Kind(NamedTuple):
     """What is known of a message of the protocol."""
 
-    handler: Callable[[Central, Connection, Any, bytes], None]
     name: str
     has_number: bool
     origin: Callable[[Any], int] | None
@@ -332,7 +329,7 @@ def _kind_of(header: type[msgspec.Struct]) -> _Kind:
     fields = header.__struct_fields__
     origin = next((name for name in ("origin", "delivery") if name in fields), "")
     read = attrgetter(origin) if origin else None
-    return _Kind(HANDLERS[header], header.__name__, "number" in fields, read)
+    return _Kind(header.__name__, "number" in fields, read)
 
 
 KINDS = {header: _kind_of(header) for header in HANDLERS}
@@ -340,7 +337,7 @@ KINDS = {header: _kind_of(header) for header in HANDLERS}
 
 TIMERS: dict[Due, Callable[[Central, Any], None]] = {
     Due.RELEASE: lambda central, release: central.agenda.released(release),
-    Due.DEADLINE: control.on_time_out,
+    Due.DEADLINE: deadlines.on_time_out,
     Due.KILL: lambda central, ending: ending.now(central),
     Due.TEST: monitors.on_test,
     Due.WATCHED: monitors.on_watched,

@@ -7,7 +7,7 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 import itertools
 from collections import Counter
 
-from tca_central.control.kills_and_suspension import Ending
+from tca_central.control.kills import Ending
 from tca_central.model.intervals import delivered_at
 from tca_central.model.registry import Delivery, ModuleResource
 from tca_central.model.task_tree import Task, first_moments, to_be_fired

@@ -10,7 +10,7 @@ from tca_central.model.task_tree import Task, to_be_fired
 from tca_central.outgoing import direct_routes as direct
 from tca_central.outgoing import notices
 from tca_central.requests.giving_up import give_up
-from tca_central.requests.sending import fail_delivery
+from tca_central.requests.replying import fail_delivery
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, cancelled, deliver, dropped
 from tca_central.watching.taps import happened, listeners_come

@@ -22,7 +22,7 @@ from explorer.recoveries import (
 from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
 from sampling import one_in
 
-from tca_central.control.kills_and_suspension import Ending
+from tca_central.control.kills import Ending
 from tca_central.core import Central
 from tca_central.events import ConnectionId
 from tca_central.model.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry

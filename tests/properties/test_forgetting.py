@@ -11,7 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
 
-from tca_central.control.kills_and_suspension import Bound, Ending
+from tca_central.control.deadlines import Bound
+from tca_central.control.kills import Ending
 from tca_central.core import Central
 from tca_central.model.clock import Timer
 from tca_central.model.registry import Delivery

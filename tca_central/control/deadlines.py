@@ -1,0 +1,58 @@
+"""Deadlines: a point of a task must be reached in time, or the failure "timeout" is raised on it."""
+
+from tca_central.control.pending import check_pending, checked_moment
+from tca_central.failing.failures import raise_failure
+from tca_central.model.clock import checked_seconds
+from tca_central.model.registry import Connection
+from tca_central.model.task_tree import Task
+from tca_central.state import Failure, State
+from tca_wire.journal import facts
+from tca_wire.messages.failures import TIMEOUT
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted
+from tca_wire.points import TaskId, describe_moments
+from tca_wire.vocabulary import Due
+
+
+class Bound:
+    """That a task's point must be reached in time."""
+
+    __slots__ = ("moment", "seconds", "task")
+
+    def __init__(self, task: Task, moment: int, seconds: float) -> None:
+        self.task, self.moment, self.seconds = task, moment, seconds
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether the point has not been reached, and may still be."""
+        return not self.task.killed and not self.task.reached & self.moment
+
+
+def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
+    """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
+    bound = Bound(task, moment, seconds)
+    task.more.pending[bound] = central.clock.after(seconds, Due.DEADLINE, bound)
+    central.facts.append(facts.DeadlineSet(TaskId(task.id), moment, seconds))
+
+
+def on_time_out(central: State, bound: Bound) -> None:
+    """A deadline is over."""
+    task = bound.task
+    del task.more.pending[bound]
+    if bound.is_missed:
+        what = describe_moments(bound.moment)[0]
+        raise_failure(central, task, Failure(TIMEOUT, f"{what} not reached within {bound.seconds:g} s"))
+
+
+def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:
+    """A module bounds the time until a point of a task."""
+    checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
+    task, moment = central.tree.task(header.point.task), checked_moment(header.point)
+    if task is None or task.killed:
+        ended = f"task {header.point.task} has ended" if task is None else f"{task} was killed"
+        central.ignore(connection, header.number, f"{ended}: no deadline can be set")
+        return
+    if not task.reached & moment:
+        check_pending(task)
+        set_deadline(central, task, moment, header.seconds)
+    central.send(connection, header.number, Accepted(header.number, header.point.task))

@@ -1,0 +1,156 @@
+"""Handlers return or fail: their tasks go on, and whoever asked is answered."""
+
+from tca_central.control.monitors import tested
+from tca_central.control.revoking import warn_if_taken
+from tca_central.errors import RequestError
+from tca_central.failing.failures import fail_task, failure_of, kill, reissue
+from tca_central.locks.claims import end_with, outlive, taken_from
+from tca_central.model.registry import Connection, Delivery
+from tca_central.model.task_tree import Task, Verdict
+from tca_central.needs.texts import end_of_multi_query
+from tca_central.state import Collector, Failure, State, dropped
+from tca_central.watching.taps import happened
+from tca_wire.journal import facts
+from tca_wire.messages.failures import OVERLOAD
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Answer
+from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
+from tca_wire.vocabulary import Outcome, Refusal, Role
+
+_LONGEST = 200
+"""Characters that are told of the text of each failure of a multi-query."""
+
+NIL = b"\xc0"  # None as MessagePack
+
+
+def _attended(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
+    """What a handler answers; None if that is too late, and it has been told so."""
+    delivery = central.dispatcher.attended.get(delivery_id)
+    if delivery is None or delivery.slot is not connection:
+        if late := connection.late.pop(delivery_id, ""):
+            central.facts.append(facts.Ignored(connection.module.name, late))
+            central.tell(connection, headers.Refused(0, Refusal.TOO_LATE, late))
+            return None
+        text = (
+            f"module '{connection.module.name}' answers delivery {delivery_id}, which it was not given or has answered"
+        )
+        raise RequestError(Refusal.UNKNOWN, text)
+    return delivery
+
+
+def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
+    """A handler returned."""
+    delivery = _attended(central, connection, header.delivery)
+    if delivery is None:
+        return
+    central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body))
+    central.dispatcher.complete(delivery)
+    happened(central, delivery, RETURNED | SUCCESS)
+    if not isinstance(delivery, Task):
+        end_with(central, delivery, "it has ended")
+        happened(central, delivery, REPLIED, body)
+        _answer_query(central, delivery, Answer(delivery.number), body)
+    elif delivery.again and not delivery.killed:
+        central.agenda.retry(delivery)
+    elif delivery.killed:
+        end_with(central, delivery, "it was killed")
+        central.agenda.returned(delivery)
+    else:
+        delivery.result = b"" if body == NIL else body
+        central.agenda.returned(delivery)
+        outlive(central, delivery)
+        warn_if_taken(central, connection, delivery)
+    taken_from(connection, delivery)
+
+
+def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
+    """A handler failed."""
+    delivery = _attended(central, connection, header.delivery)
+    if delivery is None:
+        return
+    is_exception = isinstance(delivery, Task) and delivery.role is Role.EXCEPTION
+    if header.reissue and not is_exception:
+        raise RequestError(
+            Refusal.PROTOCOL, f"message {delivery.message_id} handles no failure, so there is none to be reissued"
+        )
+    outcome = Outcome.DONE if header.reissue else Outcome.FAILED
+    central.facts.append(facts.Returned(delivery.given_as, outcome, body))
+    central.dispatcher.complete(delivery)
+    happened(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
+    end_with(central, delivery, "its handler failed")
+    taken_from(connection, delivery)
+    if not (header.reissue and isinstance(delivery, Task)):
+        fail_delivery(central, delivery, failure_of(header, body))
+    elif delivery.again and not delivery.killed:
+        central.agenda.retry(delivery)
+    elif delivery.killed:
+        central.agenda.returned(delivery)
+    else:
+        reissue(central, delivery)
+
+
+def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
+    """Raise a failure on a delivery that no handler has any more."""
+    delivery.message.failed += 1
+    if isinstance(delivery, Task):
+        fail_task(central, delivery, failure)
+    else:
+        end_with(central, delivery, "it failed")
+        central.has_failed(delivery, failure)
+        answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
+        _answer_query(central, delivery, answer, failure.body, failure.kinds)
+
+
+def displace(central: State, delivery: Delivery, why: str) -> None:
+    """A delivery that waited gave way to a newer one of its message: whoever waits for it is told."""
+    if isinstance(delivery, Task):
+        kill(central, delivery, Verdict(f"{OVERLOAD}: {why}"))
+    elif delivery.message.message_class.has_reply:
+        fail_delivery(central, delivery, Failure(OVERLOAD, why))
+    else:
+        central.facts.append(dropped(delivery, why))
+
+
+def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()) -> None:
+    if (watch := central.asked.pop(delivery.id, None)) is not None:
+        tested(central, watch, answer, body, kinds)
+        return
+    if collector := central.collectors.pop(delivery.id, None):
+        _collect(central, collector, delivery, answer, body)
+        return
+    sender = delivery.sender
+    if sender is not None and delivery.number and sender.outstanding.pop(delivery.number, None) is not None:
+        central.facts.append(facts.Answered(delivery.id))
+        central.send(sender, delivery.number, answer, body)
+
+
+def _collect(central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:
+    del collector.pending[delivery.id]
+    module = collector.asked.pop(delivery.id)
+    if answer.outcome is Outcome.DONE and collector.wanted:
+        collector.wanted -= 1
+        collector.answered += 1
+        collector.end = Answer(collector.number), b""
+        central.tell(collector.connection, Answer(collector.number, more=True), body)
+    else:
+        collector.failures.append(f"{module} failed ({_summary(answer.failure, answer.text)})")
+        if collector.end is None:  # until somebody replies it ends with the first failure
+            collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), body
+    end_if_complete(central, collector)
+
+
+def _summary(failure: str, text: str) -> str:
+    """A failure and the first line of its text."""
+    first = text.partition("\n")[0][:_LONGEST]
+    return f"{failure}: {first}" if first else failure
+
+
+def end_if_complete(central: State, collector: Collector) -> None:
+    """Answer a multi-query if no more replies are wanted, or to come."""
+    is_complete = not collector.wanted or not collector.pending
+    if is_complete and collector.connection.outstanding.pop(collector.number, None) is not None:
+        central.facts.append(facts.Answered(collector.id))
+        answer, body = Answer(collector.number), b""
+        if collector.end is not None and collector.end[0].outcome is not Outcome.DONE:
+            answer, body = end_of_multi_query(central, collector, collector.number)
+        central.send(collector.connection, collector.number, answer, body)
