@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from functools import partial
-from itertools import chain
+from itertools import chain, pairwise
 from math import inf
 from operator import attrgetter
 from typing import Any
@@ -14,7 +14,7 @@ from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Qu
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import lanes
 from tca_tools.why.coping import has_coped, went_on
-from tca_tools.why.stretches import in_state
+from tca_tools.why.waits import states_of, told_waits
 from tca_wire.text.facts_in_words import place
 from tca_wire.vocabulary import Outcome
 
@@ -190,24 +190,29 @@ class _Filler:
         wanted = (State.SUSPENDED, *_HELD) if task.id in self.pick.held else (State.SUSPENDED,)
         if not any(state in wanted for _, state in task.states) or not self.pick.message(task.id):
             return
-        ends = [*(time for time, _ in task.states[1:]), None]
-        for number, ((start, state), end) in enumerate(zip(task.states, ends, strict=True)):
+        for start, end, state in states_of(task):
             where = _home(self.run, task, start, end) if state in wanted else None
             if where is None or not self.pick.row(where[0]):
                 continue
             if state is State.SUSPENDED:
-                about = (titles.suspended, task, start, end)
-                bar = self._bar(Kind.SUSPENDED, task.name, start, end, *about, of=task.id)
+                span = (start, None if end == inf else end)
+                bar = self._bar(Kind.SUSPENDED, task.name, *span, titles.suspended, task, *span, of=task.id)
                 self._row("", SUSPENDED).queued.append(bar)
             else:
-                self._row(*where).held += self._held(task, number)
+                self._row(*where).held += self._held(task, start, end)
 
-    def _held(self, task: Task, number: int) -> list[Bar]:
+    def _held(self, task: Task, start: float, end: float) -> list[Bar]:
         """A bar for each cause, one after the other in a lane."""
+        waits = [wait for wait in told_waits(self.run, task) if start <= wait.start < end]
+        stops = sorted({start, *(wait.start for wait in waits), *(wait.end for wait in waits if wait.end < end)})
         bars: list[Bar] = []
-        for part in self._showing(in_state(self.run, task, number)):
-            bar = self._bar(Kind.HELD, task.name, part.start, part.end, titles.held, task, part, of=task.id)
-            bar.why = partial(titles.why_held, task, part, is_named=not bars)
+        for since, until in pairwise([*stops, end]):
+            if since > self.end or until < self.start:
+                continue
+            some = [wait for wait in waits if wait.start <= since < wait.end]
+            span = (since, None if until == inf else until)
+            bar = self._bar(Kind.HELD, task.name, *span, titles.held, task, *span, some, of=task.id)
+            bar.why = partial(titles.why_held, self.run, task, since, some, is_named=not bars)
             bar.follows = bars[0] if bars else None
             bars.append(bar)
         return bars
@@ -218,12 +223,12 @@ def _lasting(waits: Iterable[HandlerWait]) -> Iterator[HandlerWait]:
     return (wait for wait in waits if wait.end is None or wait.end > wait.start)
 
 
-def _home(run: Run, task: Task, start: float, end: float | None) -> tuple[str, str]:
+def _home(run: Run, task: Task, start: float, end: float) -> tuple[str, str]:
     """Where a task was handled or, if it was not, would have been while it was kept, from *start* to *end*."""
     spans: list[Handling | Queueing] = [*task.handlings[:1], *filter(attrgetter("module"), task.queueings)]
     if spans:
         return spans[0].module, spans[0].resource
     for offer in reversed(run.offers.get(task.name, [])):
-        if (end is None or offer.start < end) and (offer.end is None or offer.end > start):
+        if offer.start < end and (offer.end is None or offer.end > start):
             return offer.module, offer.resource
     return "", ""

@@ -2,20 +2,17 @@
 
 from math import inf
 
-import msgspec
-
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Claim, HandlerWait, Handling, Queueing, Raised, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import failing, told_to
-from tca_tools.why.stretches import Stretch
-from tca_tools.why.waits import of_handler_wait
-from tca_tools.why.whereabouts import for_whom
+from tca_tools.why.wait_words import told
+from tca_tools.why.waits import Wait, of_handler_wait
 from tca_wire.text.facts_in_words import by_whom, place, raised_by
 from tca_wire.text.measures import duration, from_to, run_time
 from tca_wire.text.printable import first_line
-from tca_wire.text.waits_in_words import in_words
+from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import Outcome
-from tca_wire.waits import WaitFor
 
 
 def handled(run: Run, handling: Handling) -> str:
@@ -60,15 +57,21 @@ def suspended(run: Run, task: Task, start: float, end: float | None) -> str:
     return f"{task} suspended{by} {_span(run, start, end)}"
 
 
-def held(run: Run, task: Task, part: Stretch) -> str:
-    """``take steps {3} held until take steps {2} is achieved from ...``."""
-    return f"{task} held{part.why and f' {part.why}'} {_span(run, part.start, part.end)}"
+def held(run: Run, task: Task, start: float, end: float | None, waits: list[Wait]) -> str:
+    """``take steps {3} held until take steps {2} is achieved, from ...``."""
+    why = _why(run, start, waits)
+    return f"{task} held{why and f' {why},'} {_span(run, start, end)}"
 
 
-def why_held(task: Task, part: Stretch, *, is_named: bool) -> str:
+def why_held(run: Run, task: Task, start: float, waits: list[Wait], *, is_named: bool) -> str:
     """``take steps {3}: until take steps {2} is achieved``; or without the name."""
-    why = part.why or "held"
+    why = _why(run, start, waits) or "held"
     return f"{task}: {why}" if is_named else why
+
+
+def _why(run: Run, start: float, waits: list[Wait]) -> str:
+    at = RunAt(run, start)
+    return several_in_words(told(at, waits))
 
 
 def claimed(run: Run, claim: Claim) -> str:
@@ -76,7 +79,8 @@ def claimed(run: Run, claim: Claim) -> str:
     where, how = place(claim.module, claim.resource), "reserved" if claim.is_reserved else "locked"
     start = claim.start if claim.granted is None else claim.granted
     why = f": {claim.ended}" if claim.ended else ""
-    return f"{where} {how} by {claim.sender}{for_whom(run, claim, claim.start)} {_span(run, start, claim.end)}{why}"
+    whose = f" while handling {run.describe(claim.by.message_id)}" if claim.by else ""
+    return f"{where} {how} by {claim.sender}{whose} {_span(run, start, claim.end)}{why}"
 
 
 def awaited_name(run: Run, wait: HandlerWait) -> str:
@@ -94,11 +98,8 @@ def _described(run: Run, handling: Handling) -> str:
 
 
 def _waits_for(run: Run, wait: HandlerWait) -> str:
-    found = of_handler_wait(run, wait)
-    told = WaitFor(found.kind, wait.awaited, awaited_name(run, wait), found.on.moment)
-    if (claim := run.claims.get(wait.awaited)) is not None:
-        told = msgspec.structs.replace(told, module=claim.module, resource=claim.resource)
-    return f"waits {in_words(told)}, {_span(run, wait.start, wait.end)}"
+    at, found = RunAt(run, wait.start), of_handler_wait(run, wait)
+    return f"waits {several_in_words(told(at, [found]))}, {_span(run, wait.start, wait.end)}"
 
 
 def _span(run: Run, start: float, end: float | None) -> str:

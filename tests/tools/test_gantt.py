@@ -178,7 +178,7 @@ def test_a_wiretap_is_named() -> None:
     check = story.received("check", COMMAND, "central", parent=move)
     story.say(facts.TapFired(90, move, check)).delivered(check, "checker").at(3.0)
     (bar,) = row_of(story, "arm", Pick(held={move})).held
-    assert bar.words(200) == "move {1}: until check {2}, the listener of a wiretap of safety, has been handled"
+    assert bar.words(200) == "move {1}: until check {2}, the listener of a wiretap by safety, has been handled"
 
 
 def waiting_for_two() -> Chart:
@@ -198,9 +198,9 @@ def waiting_for_two() -> Chart:
 def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
     (row,) = (row for row in waiting_for_two().rows if row.held)
     assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held) == [
-        (0, 1.0, 3.0, "move {3}: until move {1}, look {2} are achieved"),
+        (0, 1.0, 3.0, "move {3}: until move {1} and look {2} are achieved"),
         (0, 3.0, 4.0, "until look {2} is achieved"),
-        (1, 1.0, 3.0, "move {4}: until move {1}, look {2} are achieved"),
+        (1, 1.0, 3.0, "move {4}: until move {1} and look {2} are achieved"),
         (1, 3.0, 4.0, "until look {2} is achieved"),
     ]
     lines = [line for line in chart_lines(waiting_for_two(), 120) if "until" in line]
