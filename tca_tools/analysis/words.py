@@ -1,4 +1,4 @@
-"""How the answers say lengths of time, how often, and lists."""
+"""Lengths and times in the rows of the tree."""
 
 
 def seconds(length: float) -> str:
@@ -16,23 +16,3 @@ def seconds(length: float) -> str:
 def moment(time: float) -> str:
     """A time of the run, in seconds since it began."""
     return f"{time:.3f} s" if time < 10_000 else f"{time:.1f} s"
-
-
-def percent(share: float) -> str:
-    """A share in per cent."""
-    return f"{share:.0%}" if share >= 0.0995 else f"{share:.1%}"
-
-
-def times(number: int) -> str:
-    """``once``, ``twice``, ``3 times``."""
-    return {1: "once", 2: "twice"}.get(number, f"{number:,} times")
-
-
-def counted(number: int, what: str) -> str:
-    """``1 task``, ``2 tasks``, ``12,000 tasks``."""
-    return f"{number:,} {what}{'s' * (number != 1)}"
-
-
-def listed(names: list[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

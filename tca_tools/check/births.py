@@ -1,6 +1,5 @@
 """How messages come into a run: under which parent, with which constraints; and what those hold back."""
 
-from tca_tools.analysis import words
 from tca_tools.check.kills import check_below
 from tca_tools.check.records import Hold, Item
 from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED
@@ -10,6 +9,7 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, describe_moments
 from tca_wire.rules import AT_BIRTH, is_of_handling
+from tca_wire.text.measures import duration, run_time
 from tca_wire.vocabulary import Role
 
 ROUNDING = 1e-9
@@ -188,7 +188,7 @@ def not_startable(item: Item) -> str:
 def _said(hold: Hold) -> str:
     constraint = hold.constraint
     if constraint.before.task == ROOT:
-        return words.moment(constraint.delay)
-    delay = f"{words.seconds(constraint.delay)} after " if constraint.delay else ""
+        return run_time(constraint.delay)
+    delay = f"{duration(constraint.delay)} after " if constraint.delay else ""
     moments = ", ".join(describe_moments(constraint.before.moment))
     return f"{delay}{moments} of {hold.before or constraint.before.task}"

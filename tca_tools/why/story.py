@@ -6,7 +6,6 @@ from math import inf, nextafter
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-from tca_tools.analysis.words import times
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import (
     OVER,
@@ -38,6 +37,7 @@ from tca_tools.why.whereabouts import (
 from tca_wire.points import Moment
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
+from tca_wire.text.measures import times
 from tca_wire.vocabulary import Outcome
 
 _NEWLINE = "\n"
