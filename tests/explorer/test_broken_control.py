@@ -21,7 +21,7 @@ from explorer.scenarios import REST, SLIPPED, STEP, WALK
 from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
 
-from tca_central.control import deadlines, kills
+from tca_central.control import deadlines, kills, monitors
 from tca_central.core import HANDLERS
 from tca_central.failing import failures
 from tca_central.model.clock import Clock
