@@ -12,10 +12,10 @@ from tca_properties.predicates import OfMessages
 from tca_tools.check.checker import Checker
 from tca_tools.check.files import properties_in
 from tca_tools.check.judge import Judge
-from tca_tools.check.records import Item
+from tca_tools.check.records import MessageRecord
 from tca_tools.check.report import violation_lines
 from tca_tools.check.rules import RULES, Violation
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_tools.run.fold import History
 from tca_tools.run.journals import Log, open_log
 from tca_tools.run.losses import Losses
@@ -94,7 +94,7 @@ class _Run:
         self.modules: dict[str, None] = {}
         self.judges = [Judge(one) for one in wanted]
         self.unbroken = list(self.judges)
-        self._touched: dict[Item, None] = {}
+        self._touched: dict[MessageRecord, None] = {}
         self._lost = self._unknown = 0
 
     def take(self, entry: Entry, losses: Losses) -> None:
@@ -111,7 +111,7 @@ class _Run:
             self.checker.skip(losses.places - self._lost)
             self._lost = losses.places
 
-    def _follow(self, world: World) -> None:
+    def _follow(self, world: JournalWorld) -> None:
         """An event is over: ask the properties about what changed, with it or (what is so for one event) before it."""
         changed = self._touched | world.touched
         self._touched = world.touched.copy()
@@ -128,7 +128,7 @@ class _Run:
                 raise click.UsageError(words) from error
             self._judge(judge, wrong, world, world.events)
 
-    def _judge(self, judge: Judge, wrong: str, world: World, place: int) -> None:
+    def _judge(self, judge: Judge, wrong: str, world: JournalWorld, place: int) -> None:
         if wrong:
             self.unbroken.remove(judge)
             words = str(judge.stated)
@@ -168,7 +168,7 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     return f"the journal has no {kind} '{name}'{advice}"
 
 
-def _misfit(predicate: OfMessages, world: World) -> str:
+def _misfit(predicate: OfMessages, world: JournalWorld) -> str:
     """Of a message that never came, its declaration must allow that it might have."""
     name = predicate.message
     formats = [world.formats.get(name, "")] if name else [*world.formats.values()]

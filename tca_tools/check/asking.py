@@ -1,15 +1,15 @@
-"""Who waits is told: senders of queries get their answers, and who waits for a moment of a task goes on."""
+"""Answers: senders of queries get theirs, and a handler that waits for a moment of a task goes on."""
 
-from tca_tools.check.records import Item
+from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import ANSWERED, WAITS
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.points import TaskId, describe_moments
 from tca_wire.vocabulary import Role
 
 
-def answered(world: World, fact: facts.Answered) -> None:
-    """Whoever asked is told."""
+def answered(world: JournalWorld, fact: facts.Answered) -> None:
+    """The sender of a query gets its answer."""
     item = world.item(fact.id, "was answered")
     if item is None:
         return
@@ -23,15 +23,15 @@ def answered(world: World, fact: facts.Answered) -> None:
     world.finish(item)
 
 
-def awaited(world: World, fact: facts.Awaited) -> None:
-    """Who asked and went on now waits: for what is still to come."""
+def awaited(world: JournalWorld, fact: facts.Awaited) -> None:
+    """The sender of a query begins to wait; the answer must still be to come."""
     item = world.item(fact.id, "was waited for")
     if item is not None and (item.is_answered or item.is_dropped):
         world.broken(ANSWERED, item.id, f"{item} was waited for after its sender had got an answer, or given up")
 
 
-def must_answer(world: World, item: Item) -> None:
-    """A query was handled, or failed: who waits for it is told with the same event."""
+def must_answer(world: JournalWorld, item: MessageRecord) -> None:
+    """A query was handled, or failed: its sender is told with the same event."""
     item.returned = True
     if item.message_class.asks_one and item.role is not Role.CONDITION:
         world.later.append(lambda: _check_answered(world, item))
@@ -43,12 +43,12 @@ def must_answer(world: World, item: Item) -> None:
     world.finish(item)
 
 
-def _check_answered(world: World, item: Item) -> None:
+def _check_answered(world: JournalWorld, item: MessageRecord) -> None:
     if not (item.is_answered or item.is_dropped):
         world.broken(ANSWERED, item.id, f"{item} was handled, and {item.sender}, which waits, was not answered")
 
 
-def wait_began(world: World, fact: facts.WaitBegan) -> None:
+def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
     """A module waits for a moment of a task."""
     item = world.items.get(fact.task)
     if item is None or item.is_over:
@@ -64,8 +64,8 @@ def wait_began(world: World, fact: facts.WaitBegan) -> None:
         world.later.append(lambda: check_waits(world, item))
 
 
-def wait_ended(world: World, fact: facts.WaitEnded) -> None:
-    """Such a wait is over: the moment is reached, or the module gave up."""
+def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
+    """A wait for a moment is over: the moment is reached, or the module gave up."""
     key = (fact.module, fact.origin, fact.task)
     waits = world.waits.get(key, [])
     item = world.items.get(fact.task)
@@ -86,15 +86,15 @@ def wait_ended(world: World, fact: facts.WaitEnded) -> None:
         item.waiters.remove((fact.module, fact.origin, run))
 
 
-def check_waits(world: World, item: Item) -> None:
-    """Nobody waits for what is past."""
+def check_waits(world: JournalWorld, item: MessageRecord) -> None:
+    """Check that nobody waits for what is past."""
     for module, _, moment in item.waiters:
         if item.reached & moment:
             words = ", ".join(describe_moments(moment))
             world.broken(WAITS, item.id, f"'{module}' still waits for {words} of {item}, which is past")
 
 
-def _check_none(world: World, key: tuple[str, int, TaskId]) -> None:
+def _check_none(world: JournalWorld, key: tuple[str, int, TaskId]) -> None:
     if world.waits.get(key):
         module, _, task = key
         world.broken(WAITS, task, f"'{module}' waits for {world.name(task)}, which is over")

@@ -1,10 +1,10 @@
 """How messages come into a run: under which parent, with which constraints; and what those hold back."""
 
 from tca_tools.check.kills import check_below
-from tca_tools.check.records import Hold, Item
+from tca_tools.check.records import Hold, MessageRecord
 from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED
 from tca_tools.check.taps import check_sent
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, describe_moments
@@ -13,14 +13,13 @@ from tca_wire.text.measures import duration, run_time
 from tca_wire.vocabulary import Role
 
 ROUNDING = 1e-9
-"""Seconds by which sums of times may differ."""
+"""Rounding of sums of times, in seconds."""
 
 CENTRAL = "central"
 _WATCHING = (Role.CONDITION, Role.SET_UP, Role.ACTION)
-"""What a task that is no goal has reached as soon as it is sent."""
 
 
-def received(world: World, fact: facts.Received) -> None:
+def received(world: JournalWorld, fact: facts.Received) -> None:
     """A message is sent."""
     name = f"{fact.message} {{{fact.id}}}"
     if not world.new_number(fact.id):
@@ -31,7 +30,7 @@ def received(world: World, fact: facts.Received) -> None:
             return
     if world.is_whole and fact.sender not in world.joined and fact.sender != CENTRAL:
         world.broken(PRESENT, fact.id, f"{name} was sent by '{fact.sender}', which is not there")
-    item = Item(fact, None)
+    item = MessageRecord(fact, None)
     world.add(item)
     if item.role:
         _made_by_central(world, item)
@@ -45,8 +44,8 @@ def received(world: World, fact: facts.Received) -> None:
         world.later.append(lambda: _check_on_its_way(world, item))
 
 
-def _made_by_central(world: World, item: Item) -> None:
-    """What it was made for knows of it."""
+def _made_by_central(world: JournalWorld, item: MessageRecord) -> None:
+    """Tell what the message was made for."""
     about = world.items.get(item.about) or world.over.get(item.about)
     item.sent_by = about.sent_by if about is not None else ""
     if item.role is Role.LISTENER:
@@ -62,8 +61,8 @@ def _made_by_central(world: World, item: Item) -> None:
         world.flagged.append(monitor)
 
 
-def _plant(world: World, item: Item, fact: facts.Received) -> None:
-    """A task hangs under its parent."""
+def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> None:
+    """Put a task under its parent."""
     parent = world.task(fact.parent, "got a child") if fact.parent != ROOT else None
     if parent is None and fact.parent != ROOT:
         item.is_orphan = True
@@ -82,8 +81,8 @@ def _plant(world: World, item: Item, fact: facts.Received) -> None:
         world.later.append(lambda: _check_birth(world, item))
 
 
-def _is_put_by_others(world: World, item: Item, parent: Item) -> bool:
-    """Whether a monitor comes from elsewhere than from the handling of the task it is under: looks who sent what to
+def _is_put_by_others(world: JournalWorld, item: MessageRecord, parent: MessageRecord) -> bool:
+    """Whether a monitor was not sent by the handling of the task it is under. Looks who sent what to
     whose handler. What has ended meanwhile is not known any more.
     """
     one = _at_work(world, item.origin)
@@ -105,18 +104,18 @@ def _is_put_by_others(world: World, item: Item, parent: Item) -> bool:
     return not is_own
 
 
-def _at_work(world: World, delivery: int) -> Item | None:
-    """What a handler has under that number."""
+def _at_work(world: JournalWorld, delivery: int) -> MessageRecord | None:
+    """The message that a handler has under that number."""
     item = world.deliveries.get(delivery) or world.items.get(delivery)
     return item if item is not None and item.given_as == delivery and item.is_handled else None
 
 
-def _check_on_its_way(world: World, item: Item) -> None:
+def _check_on_its_way(world: JournalWorld, item: MessageRecord) -> None:
     if not (item.is_begun or item.is_queued or item.is_over):
         world.broken(SETTLED, item.id, f"{item} was sent, and is neither with a handler nor in a queue")
 
 
-def _check_birth(world: World, item: Item) -> None:
+def _check_birth(world: JournalWorld, item: MessageRecord) -> None:
     if ~item.reached & AT_BIRTH[False]:
         world.broken(ORDER, item.id, f"{item.message_class} {item} is no leaf of planning: it was not planned at birth")
 
@@ -124,12 +123,12 @@ def _check_birth(world: World, item: Item) -> None:
 # --- constraints -----------------------------------------------------------------------------------------------------
 
 
-def constrained(world: World, fact: facts.Constrained) -> None:
+def constrained(world: JournalWorld, fact: facts.Constrained) -> None:
     """Constraints come between tasks that exist."""
     _constrain(world, fact.constraints)
 
 
-def _constrain(world: World, constraints: list[Constraint]) -> None:
+def _constrain(world: JournalWorld, constraints: list[Constraint]) -> None:
     for constraint in constraints:
         after = world.task(constraint.after.task, "got a constraint")
         if after is None:
@@ -144,7 +143,7 @@ def _constrain(world: World, constraints: list[Constraint]) -> None:
             before.followers.append((hold, after))
 
 
-def timed_out(world: World, fact: facts.TimedOut) -> None:
+def timed_out(world: JournalWorld, fact: facts.TimedOut) -> None:
     """A delay is over."""
     constraint = fact.constraint
     after = world.task(constraint.after.task, "got past a delay")
@@ -163,19 +162,19 @@ def timed_out(world: World, fact: facts.TimedOut) -> None:
         world.broken(DELAY, after.id, f"a delay of {after} was over {early:.6g} s too early: {constraint}")
 
 
-def not_met(item: Item, moments: int) -> str:
-    """What those moments of a task come after and is not past, in words."""
+def not_met(item: MessageRecord, moments: int) -> str:
+    """The constraints on those moments that are not met yet, in words."""
     unmet = [hold for hold in item.holds if hold.moment & moments and not hold.is_met]
     return ", ".join(map(_said, unmet)) if unmet else ""
 
 
-def is_delayed(item: Item) -> bool:
-    """Whether the planning of a goal, which begins with its handling, comes no sooner than its own achieving."""
+def is_delayed(item: MessageRecord) -> bool:
+    """Whether a goal is not planned before it is achieved."""
     return any(hold.before is item and hold.moment & (START_HANDLING | START_PLANNING) for hold in item.holds)
 
 
-def not_startable(item: Item) -> str:
-    """What a task is begun after and is not past, in words; its planning may have to wait for its own achieving."""
+def not_startable(item: MessageRecord) -> str:
+    """What the start of a task must still wait for, in words; its planning may have to wait for its achieving."""
     if not item.holds:
         return ""
     first = START_HANDLING | (START_PLANNING if item.is_goal else START_ACHIEVING)

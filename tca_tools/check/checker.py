@@ -1,4 +1,4 @@
-"""Holds the entries of a journal against the rules, one after the other, at a bounded cost for each fact."""
+"""Checks a journal against the rules, entry by entry, at a bounded cost for each fact."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from tca_tools.check import asking, births, failing, handling, kills, moments, presence, taps
 from tca_tools.check.rules import CLOCK, Violation
 from tca_tools.check.settled import check_settled
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
 
@@ -14,12 +14,12 @@ Report = Callable[[Violation], None]
 
 
 class Checker:
-    """What was read of a journal, and ``world``, where it stands. Give it every entry, then ``close`` it."""
+    """The check of one journal. Give it every entry, then ``close`` it."""
 
-    def __init__(self, report: Report, follow: Callable[[World], None] = lambda _: None) -> None:
+    def __init__(self, report: Report, follow: Callable[[JournalWorld], None] = lambda _: None) -> None:
         self._report = report
         self._follow = follow  #: is called when an event is known with all its facts
-        self.world = World(report, is_whole=False)
+        self.world = JournalWorld(report, is_whole=False)
         self.history: History | None = None  #: is folded along, for properties that ask for all records
         self.events = 0
         self.facts = 0
@@ -80,15 +80,15 @@ class Checker:
         self.world.now = entry.time
 
     def _begin_anew(self, why: str) -> None:
-        """What is under way is not known any more; what has been declared is."""
+        """Forget what is under way, and keep what has been declared."""
         known = self.world
         self.gaps.append(f"{why}: what was under way then is not known")
-        self.world = World(self._report, is_whole=False, events=known.events)
+        self.world = JournalWorld(self._report, is_whole=False, events=known.events)
         self.world.now, self.world.formats, self.world.classes = known.now, known.formats, known.classes
         self._may_have_missed_opening = True
 
     def close(self) -> None:
-        """That was all."""
+        """End the check."""
         self._end_event()
 
     def _begin_event(self, entry: facts.Entry) -> None:
@@ -104,7 +104,7 @@ class Checker:
         self.events += 1
 
     def _note(self, entry: facts.Entry) -> None:
-        """Where the journal begins, and how far it goes."""
+        """Note where the journal begins, and how far it goes."""
         if not self.events:
             self.began, self.first = entry.time, entry.number
         self.last = entry.number
@@ -144,13 +144,13 @@ class Checker:
                     else f"segments {first} to {fact.segment - 1} are"
                 )
                 self.gaps.append(f"{which} missing: what was sent before {entry.time:.2f} s is not known")
-            self.world = World(self._report, is_whole=is_other and fact.segment == 1, events=self.world.events)
+            self.world = JournalWorld(self._report, is_whole=is_other and fact.segment == 1, events=self.world.events)
             self.world.begin(entry)
         self._epoch, self._segment, self.is_closed = fact.epoch, fact.segment, False
         self._may_have_missed_opening = False
 
 
-FOLD: dict[type, Callable[[World, Any], None]] = {
+FOLD: dict[type, Callable[[JournalWorld, Any], None]] = {
     facts.ModuleJoined: presence.joined,
     facts.ModuleLeft: presence.left,
     facts.ResourceChanged: presence.resource,

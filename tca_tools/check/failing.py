@@ -1,10 +1,10 @@
-"""Failures: who is asked to deal with them, what becomes of the failing task; where exception handlers are attached."""
+"""Failures: which exception handlers are called, what becomes of the failing task, where handlers are attached."""
 
 from collections.abc import Iterator
 
-from tca_tools.check.records import Item
+from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CAUGHT, HANDLER, NUMBERS, RECOVERED
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.points import ROOT
@@ -13,8 +13,8 @@ from tca_wire.vocabulary import Role
 OWN, BESIDE = 0, -1  # searches for an exception handler that begin anew: of the task's handler, or raised beside it
 
 
-def failed(world: World, task: Item, fact: facts.Failed) -> None:
-    """A failure is raised on a task that has not ended: the search for somebody who deals with it begins."""
+def failed(world: JournalWorld, task: MessageRecord, fact: facts.Failed) -> None:
+    """A failure is raised on a task that has not ended: the search for an exception handler begins."""
     if not fact.is_beside and (task.is_killed or task.again):
         task.returned = task.is_killed
         return
@@ -22,13 +22,13 @@ def failed(world: World, task: Item, fact: facts.Failed) -> None:
     search(world, task, BESIDE if fact.is_beside else OWN)
 
 
-def search(world: World, task: Item, after: int) -> None:
-    """Somebody must be found with the same event."""
+def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
+    """Expect the search to find somebody with the same event."""
     task.searches.append(after)
     world.later.append(lambda: _check_found(world, task))
 
 
-def _check_found(world: World, task: Item) -> None:
+def _check_found(world: JournalWorld, task: MessageRecord) -> None:
     if task.searches and not (task.is_killed or task.again):
         world.broken(
             CAUGHT, task.id, f"{task} failed ({task.failure}), and that was neither caught nor called unhandled"
@@ -36,7 +36,7 @@ def _check_found(world: World, task: Item) -> None:
     task.searches.clear()
 
 
-def _found(world: World, task: Item, what: str) -> int:
+def _found(world: JournalWorld, task: MessageRecord, what: str) -> int:
     """The search that ends now."""
     if not task.searches:
         if not task.is_stranger:
@@ -45,8 +45,8 @@ def _found(world: World, task: Item, what: str) -> int:
     return task.searches.pop(0)
 
 
-def caught(world: World, fact: facts.Caught) -> None:
-    """An exception handler is asked."""
+def caught(world: JournalWorld, fact: facts.Caught) -> None:
+    """An exception handler is called."""
     task = world.task(fact.task, "was caught")
     handler = world.task(fact.handler, "was called as exception handler")
     if task is None or handler is None:
@@ -60,7 +60,7 @@ def caught(world: World, fact: facts.Caught) -> None:
     _check_attachment(world, task, handler, fact)
 
 
-def _check_attachment(world: World, task: Item, handler: Item, fact: facts.Caught) -> None:
+def _check_attachment(world: JournalWorld, task: MessageRecord, handler: MessageRecord, fact: facts.Caught) -> None:
     attached = world.attached.get(fact.attachment)
     if attached is None:
         if world.is_whole:
@@ -86,15 +86,15 @@ def _check_attachment(world: World, task: Item, handler: Item, fact: facts.Caugh
         world.broken(HANDLER, handler.id, what)
 
 
-def _lineage(task: Item) -> Iterator[Item]:
-    one: Item | None = task
+def _lineage(task: MessageRecord) -> Iterator[MessageRecord]:
+    one: MessageRecord | None = task
     while one is not None:
         yield one
         one = one.parent
 
 
-def unhandled(world: World, fact: facts.Unhandled) -> None:
-    """Nobody deals with it: the top-level task is killed, or the exception handler that could not decide for that."""
+def unhandled(world: JournalWorld, fact: facts.Unhandled) -> None:
+    """No handler is left: the top-level task is killed, or the exception handler that could not decide."""
     task = world.task(fact.task, "failed, unhandled,")
     if task is None:
         return
@@ -109,7 +109,7 @@ def unhandled(world: World, fact: facts.Unhandled) -> None:
     world.later.append(lambda: _check_top(world, task, top))
 
 
-def _must_pass_over(world: World, task: Item, fact: facts.Unhandled, *, is_new: bool) -> bool:
+def _must_pass_over(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled, *, is_new: bool) -> bool:
     """Whether it is an exception handler that ends, and not the top-level task. It is the nearest; it must be one where
     the failure *is_new*, so that its name is known.
     """
@@ -127,17 +127,17 @@ def _must_pass_over(world: World, task: Item, fact: facts.Unhandled, *, is_new: 
     return bool(fact.undecided)
 
 
-def _check_ended(world: World, task: Item, handler: Item) -> None:
+def _check_ended(world: JournalWorld, task: MessageRecord, handler: MessageRecord) -> None:
     if not (handler.is_killed or handler.is_stranger):
         world.broken(CAUGHT, handler.id, f"{handler} lives, and could not decide for the failure of {task}")
 
 
-def _check_top(world: World, task: Item, top: Item) -> None:
+def _check_top(world: JournalWorld, task: MessageRecord, top: MessageRecord) -> None:
     if not (top.is_killed or top.is_orphan):
         world.broken(CAUGHT, top.id, f"{top} lives, and nobody dealt with the failure of {task}")
 
 
-def reissued(world: World, fact: facts.Reissued) -> None:
+def reissued(world: JournalWorld, fact: facts.Reissued) -> None:
     """An exception handler could not deal with its failure."""
     handler = world.task(fact.handler, "reissued its failure")
     if handler is None:
@@ -151,8 +151,8 @@ def reissued(world: World, fact: facts.Reissued) -> None:
             search(world, handler.parent, handler.id)
 
 
-def handler_ended(world: World, handler: Item) -> None:
-    """An exception handler has ended: what it deals with has been dealt with, unless it decided otherwise."""
+def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
+    """An exception handler has ended: the failure has been dealt with, unless it decided otherwise."""
     failing = handler.parent
     if failing is None:
         return
@@ -163,20 +163,20 @@ def handler_ended(world: World, handler: Item) -> None:
     world.later.append(lambda: _check_recovered(world, failing))
 
 
-def deals_no_more(world: World, failing: Item, handler: int) -> None:
-    """An exception handler is at work on that failure no longer."""
+def deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) -> None:
+    """The exception handler no longer works on that failure."""
     failing.recovering = tuple(one for one in failing.recovering if one != handler)
     world.touched[failing] = None
 
 
-def _check_recovered(world: World, failing: Item) -> None:
+def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     if failing.ended_handlers and not (failing.is_killed or failing.again):
         handler = world.name(failing.ended_handlers[0])
         world.broken(RECOVERED, failing.id, f"{handler} dealt with the failure of {failing}, which did not go on")
     failing.ended_handlers.clear()
 
 
-def recovered(world: World, fact: facts.Recovered) -> None:
+def recovered(world: JournalWorld, fact: facts.Recovered) -> None:
     """A failure has been dealt with."""
     task = world.item(fact.task, "recovered")  # it may have ended with its exception handler
     if task is None:
@@ -189,7 +189,7 @@ def recovered(world: World, fact: facts.Recovered) -> None:
     task.failure = ""
 
 
-def attached(world: World, fact: facts.Attached) -> None:
+def attached(world: JournalWorld, fact: facts.Attached) -> None:
     """An exception handler is attached."""
     if not world.new_number(fact.id):
         world.broken(NUMBERS, 0, f"attachment {{{fact.id}}} came after {world.name(world.newest)}")
@@ -201,7 +201,7 @@ def attached(world: World, fact: facts.Attached) -> None:
     world.attached[fact.id] = fact
 
 
-def removed(world: World, fact: facts.Removed) -> None:
+def removed(world: JournalWorld, fact: facts.Removed) -> None:
     """An exception handler or wiretap is taken away."""
     tap = world.taps.pop(fact.id, None)
     if tap is not None:

@@ -1,11 +1,11 @@
-"""Messages on their way: queued, given to one handler, returned. A resource takes so many, and those it may."""
+"""Messages on their way: queued, given to one handler, returned; and the capacity and locks of resources."""
 
 from itertools import islice
 
 from tca_tools.check.asking import must_answer
 from tca_tools.check.births import not_met, not_startable
 from tca_tools.check.failing import failed as failed_task
-from tca_tools.check.records import Item, Place
+from tca_tools.check.records import MessageRecord, ResourceRecord
 from tca_tools.check.rules import (
     ANSWERED,
     CAPACITY,
@@ -24,16 +24,16 @@ from tca_tools.check.rules import (
 )
 from tca_tools.check.taps import answered as condition_answered
 from tca_tools.check.taps import check_fired
-from tca_tools.check.world import World, said
+from tca_tools.check.world import JournalWorld, said
 from tca_wire.journal import facts
 from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import Outcome, Role
 
 _NAMED = 6
-"""Messages that a resource has and that a line names."""
+"""Messages of a resource that a violation names."""
 
 
-def queued(world: World, fact: facts.Queued) -> None:
+def queued(world: JournalWorld, fact: facts.Queued) -> None:
     """A message waits for a resource, or for a handler."""
     item = world.delivery(fact, "was queued")
     if item is None:
@@ -49,8 +49,8 @@ def queued(world: World, fact: facts.Queued) -> None:
         world.broken(HANDLES, item.id, f"{item} was queued for {said(place)}, and nobody handles it")
 
 
-def unqueued(world: World, fact: facts.Unqueued) -> None:
-    """It waits no longer, and nobody was given it."""
+def unqueued(world: JournalWorld, fact: facts.Unqueued) -> None:
+    """A message leaves its queue, and no handler gets it."""
     item = world.item(fact.id, "left a queue")
     if item is None:
         return
@@ -61,14 +61,14 @@ def unqueued(world: World, fact: facts.Unqueued) -> None:
     _leave_queue(world, item)
 
 
-def _leave_queue(world: World, item: Item) -> None:
+def _leave_queue(world: JournalWorld, item: MessageRecord) -> None:
     if item.waits_at is not None:
         item.waits_at.waiting.pop(item.given_as, None)
         world.places_touched[item.waits_at] = None
         item.waits_at = None
 
 
-def delivered(world: World, fact: facts.Delivered) -> None:
+def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     """A handler gets a message."""
     item = world.delivery(fact, "was delivered")
     place = world.place(fact.module, fact.resource)
@@ -87,13 +87,13 @@ def delivered(world: World, fact: facts.Delivered) -> None:
         world.later.append(lambda: _check_begun(world, item))
 
 
-def _check_begun(world: World, item: Item) -> None:
+def _check_begun(world: JournalWorld, item: MessageRecord) -> None:
     if not item.reached & START_HANDLING:
         world.broken(ONE_HANDLER, item.id, f"{item} was given to a handler, and was not begun")
 
 
-def _may_be_begun(world: World, item: Item, what: str) -> None:
-    """What keeps a message from being given to a handler."""
+def _may_be_begun(world: JournalWorld, item: MessageRecord, what: str) -> None:
+    """Check that nothing keeps a message from being given to a handler."""
     if item.is_dropped and not item.is_begun and not item.message_class.keeps_value:
         world.broken(ANSWERED, item.id, f"{item} {what}, though its sender gave up")
     elif item.returned and not item.is_task:
@@ -102,7 +102,7 @@ def _may_be_begun(world: World, item: Item, what: str) -> None:
         _task_may_be_begun(world, item, what)
 
 
-def _task_may_be_begun(world: World, item: Item, what: str) -> None:
+def _task_may_be_begun(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if item.is_over or item.is_killed:
         world.broken(KILLED, item.id, f"{item} {what}, and {'is over' if item.is_over else 'is killed'}")
     elif item.is_suspended and not item.is_orphan:
@@ -120,8 +120,8 @@ def _task_may_be_begun(world: World, item: Item, what: str) -> None:
         world.broken(FAMILY, item.id, f"{item} {what} before {item.parent}, under which it is, was begun")
 
 
-def _leave_lost(world: World, item: Item, what: str) -> None:
-    """A message that a handler had goes elsewhere: only if that handler is lost."""
+def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
+    """Check that a message leaves its handler only if that handler is lost."""
     place = item.place
     if place is None:
         return
@@ -130,7 +130,7 @@ def _leave_lost(world: World, item: Item, what: str) -> None:
     end_run(world, item)
 
 
-def _may_go_to(world: World, item: Item, place: Place) -> None:
+def _may_go_to(world: JournalWorld, item: MessageRecord, place: ResourceRecord) -> None:
     handled_in = world.handlers.get(item.message, {}).get(place.module)
     if world.is_whole and handled_in != place.name:
         instead = f", which handles it in '{handled_in}'" if handled_in else ", which does not handle it"
@@ -143,8 +143,8 @@ def _may_go_to(world: World, item: Item, place: Place) -> None:
             world.broken(LOCKED, item.id, f"{item} was given to {said(place)}, which {held_by.sender} has {how}")
 
 
-def end_run(world: World, item: Item) -> None:
-    """The handler of a message has it no longer."""
+def end_run(world: JournalWorld, item: MessageRecord) -> None:
+    """Take a message away from its handler."""
     place, item.place = item.place, None
     if place is not None:
         place.runs.pop(item.given_as, None)
@@ -152,7 +152,7 @@ def end_run(world: World, item: Item) -> None:
         world.places_touched[place] = None
 
 
-def returned(world: World, fact: facts.Returned) -> None:
+def returned(world: JournalWorld, fact: facts.Returned) -> None:
     """A handler returns."""
     item = world.item(fact.id, "was returned")
     if item is None:
@@ -174,12 +174,12 @@ def returned(world: World, fact: facts.Returned) -> None:
         must_answer(world, item)
 
 
-def _check_failed(world: World, item: Item) -> None:
+def _check_failed(world: JournalWorld, item: MessageRecord) -> None:
     if item.must_fail:
         world.broken(CAUGHT, item.id, f"the handler of {item} failed, and no failure was raised")
 
 
-def _known(world: World, number: int, what: str) -> Item | None:
+def _known(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
     """The message of that number; a new one is a copy that came to nothing before it was queued anywhere."""
     if world.first and number > world.newest:
         world.new_number(number)
@@ -187,7 +187,7 @@ def _known(world: World, number: int, what: str) -> Item | None:
     return world.item(number, what)
 
 
-def failed(world: World, fact: facts.Failed) -> None:
+def failed(world: JournalWorld, fact: facts.Failed) -> None:
     """A failure is raised on a task or message."""
     item = _known(world, fact.id, "failed")
     if item is None:
@@ -210,8 +210,8 @@ def failed(world: World, fact: facts.Failed) -> None:
         failed_task(world, item, fact)
 
 
-def dropped(world: World, fact: facts.Dropped) -> None:
-    """A message comes to nothing: nobody is there to handle it, or nobody waits for it any more."""
+def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
+    """A message is dropped: nobody handles it, or nobody waits for it any more."""
     if fact.id in world.over and world.over[fact.id].message_class.keeps_value:
         return  # its value is forgotten
     item = _known(world, fact.id, "was dropped")
@@ -232,8 +232,8 @@ def dropped(world: World, fact: facts.Dropped) -> None:
 # --- when all of an event is known -----------------------------------------------------------------------------------
 
 
-def check_places(world: World) -> None:
-    """What became of the resources in this event."""
+def check_places(world: JournalWorld) -> None:
+    """Check the resources that this event touched."""
     for place in world.places_touched:
         if not place.module:
             _check_unhandled(world, place)
@@ -241,7 +241,7 @@ def check_places(world: World) -> None:
             _check_capacity(world, place, place.capacity)
 
 
-def _check_capacity(world: World, place: Place, capacity: int) -> None:
+def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -> None:
     if len(place.runs) > capacity:
         names = ", ".join(map(str, islice(place.runs.values(), _NAMED)))
         names += f" and {len(place.runs) - _NAMED} more" if len(place.runs) > _NAMED else ""
@@ -260,8 +260,8 @@ def _check_capacity(world: World, place: Place, capacity: int) -> None:
         world.broken(FREE, first.id, what)
 
 
-def _check_unhandled(world: World, place: Place) -> None:
-    """Who waits for a handler has none."""
+def _check_unhandled(world: JournalWorld, place: ResourceRecord) -> None:
+    """Check that messages without a handler really have none."""
     for item in list(place.waiting.values()) if world.rehandled else ():
         if world.handlers.get(item.message):
             world.broken(FREE, item.id, f"{item} waits for a handler, and has one")

@@ -6,8 +6,8 @@ from typing import Any
 from tca_properties.algebra import Breach, NeverStuck, Property, words_of
 from tca_properties.predicates import OfMessages
 from tca_tools.check.matches import Matches
-from tca_tools.check.records import Item
-from tca_tools.check.world import World
+from tca_tools.check.records import MessageRecord
+from tca_tools.check.world import JournalWorld
 from tca_wire.points import TaskId
 
 _MOST_NAMED = 6
@@ -25,7 +25,7 @@ class Judge:
         self._memory = 0
         self._had_case = False
 
-    def after(self, world: World, changed: Iterable[Item]) -> str:
+    def after(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> str:
         """After an event: what is wrong. Where not all of the run is known, only what is certain."""
         self.matches.update(world, changed)
         self._had_case = self._had_case or self.stated.case is None or self.matches.true_of(self.stated.case).is_true
@@ -34,7 +34,7 @@ class Judge:
             return ""
         return self._in_words(breach)
 
-    def at_end(self, world: World) -> str:
+    def at_end(self, world: JournalWorld) -> str:
         """When the journal is read: what is wrong. Of what was to come within some time, that may not be over."""
         left = [task for task in world.tasks if not task.is_over]
         if isinstance(self.stated, NeverStuck) and left:

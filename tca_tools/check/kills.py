@@ -1,15 +1,15 @@
 """Kills, suspension and retries: what they do to a task and all under it."""
 
 from tca_tools.check.failing import deals_no_more
-from tca_tools.check.records import Item
+from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CAUGHT, KILLED, QUEUED, SUSPENDED
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.points import START_HANDLING
 from tca_wire.vocabulary import Role
 
 
-def killed(world: World, fact: facts.Killed) -> None:
+def killed(world: JournalWorld, fact: facts.Killed) -> None:
     """A task is killed."""
     item = world.task(fact.task, "was killed")
     if item is None:
@@ -30,15 +30,15 @@ def killed(world: World, fact: facts.Killed) -> None:
     world.later.append(lambda: check_below(world, item))
 
 
-def _check_searched(world: World, handler: Item) -> None:
-    """A killed exception handler has decided nothing: another one is looked for."""
+def _check_searched(world: JournalWorld, handler: MessageRecord) -> None:
+    """A killed exception handler has decided nothing: the search goes on."""
     failing = handler.parent
     if failing is not None and handler.id in failing.searches and not (failing.is_killed or failing.again):
         world.broken(KILLED, handler.id, f"{handler} was killed, and nobody else was asked to deal with its failure")
 
 
-def check_below(world: World, item: Item) -> None:
-    """Of what is under a killed task only what leaves things safe, or deals with a failure, goes on."""
+def check_below(world: JournalWorld, item: MessageRecord) -> None:
+    """Check what is under a killed task: only safety tasks and exception handlers go on."""
     if item.waits_at is not None:
         world.broken(QUEUED, item.id, f"{item} is killed, and waits for a handler")
     for child in item.children.values():
@@ -46,7 +46,7 @@ def check_below(world: World, item: Item) -> None:
             world.broken(KILLED, child.id, f"{child} lives, and {item} above it is killed")
 
 
-def suspended(world: World, fact: facts.SuspendedOrResumed) -> None:
+def suspended(world: JournalWorld, fact: facts.SuspendedOrResumed) -> None:
     """A task is suspended or resumed, with all under it."""
     item = world.task(fact.task, "was suspended or resumed")
     if item is None:
@@ -61,7 +61,7 @@ def suspended(world: World, fact: facts.SuspendedOrResumed) -> None:
         world.broken(SUSPENDED, item.id, f"{item} was {'suspended' if fact.is_suspended else 'resumed'} already")
 
 
-def retried(world: World, fact: facts.Retried) -> None:
+def retried(world: JournalWorld, fact: facts.Retried) -> None:
     """A task is to be handled again."""
     item = world.task(fact.task, "was retried")
     if item is None:
@@ -77,8 +77,8 @@ def retried(world: World, fact: facts.Retried) -> None:
         world.later.append(lambda: _check_retried(world, item))
 
 
-def _check_retried(world: World, item: Item) -> None:
-    """What was under a task that is retried is of no use any more, but for the monitors of others."""
+def _check_retried(world: JournalWorld, item: MessageRecord) -> None:
+    """Check that a retried task keeps only the monitors that others put under it."""
     for child in item.children.values():
         if item.again and not (child.is_killed or child.role or child.is_guest):
             world.broken(KILLED, child.id, f"{child} lives, and {item} above it is retried")

@@ -5,8 +5,8 @@ from typing import Any
 
 from tca_properties.predicates import OfMessages
 from tca_properties.world import Found, Predicate
-from tca_tools.check.records import Item
-from tca_tools.check.world import World
+from tca_tools.check.records import MessageRecord
+from tca_tools.check.world import JournalWorld
 
 _NOTHING = Found(is_true=False)
 
@@ -16,10 +16,10 @@ class Matches:
 
     def __init__(self, predicates: Iterable[Predicate]) -> None:
         self._matches: dict[int, _Match] = {id(one): _match(one) for one in predicates}
-        self._world: World | None = None
+        self._world: JournalWorld | None = None
         self.passed = 0.0
 
-    def update(self, world: World, changed: Iterable[Item]) -> None:
+    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
         """An event is over, which changed these messages at most. Of another world than before nothing is known yet."""
         is_new, self._world, self.passed = world is not self._world, world, world.passed
         for match in self._matches.values():
@@ -49,7 +49,7 @@ class _Match:
         self.now: dict[Any, None] = {}
         self.found = self.newly = _NOTHING
 
-    def update(self, world: World, changed: Iterable[Item]) -> None:
+    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
         """An event is over."""
 
 
@@ -59,7 +59,7 @@ class _OfMessages(_Match):
         self.has_subject = False
         self._predicate = predicate
 
-    def update(self, world: World, changed: Iterable[Item]) -> None:
+    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
         came = []
         for item in changed:
             if world.items.get(item.id) is item and self._holds(item):
@@ -70,7 +70,7 @@ class _OfMessages(_Match):
                 self.now.pop(item, None)
         self.found, self.newly = Found(bool(self.now), self.now), Found(bool(came), came)
 
-    def _holds(self, item: Item) -> bool:
+    def _holds(self, item: MessageRecord) -> bool:
         is_in_state = self._predicate.is_in_state(item)
         if self.has_subject and not is_in_state:  # the cheaper question first
             return False
@@ -84,7 +84,7 @@ class _OfFunction(_Match):
         super().__init__()
         self._predicate = predicate
 
-    def update(self, world: World, changed: Iterable[Item]) -> None:
+    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
         del changed
         value = self._predicate(world)
         self.found = self.newly = Found.of(value)

@@ -1,11 +1,11 @@
-"""What a task's moments come after: each other, constraints, its parent's starts, its children's ends, its handler."""
+"""The order of moments: within a task, by constraints, after the parent's starts and the children's ends."""
 
 from collections.abc import Iterable
 
 from tca_tools.check.asking import check_waits
 from tca_tools.check.births import not_met
 from tca_tools.check.failing import handler_ended
-from tca_tools.check.records import Item
+from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import (
     COMMAND,
     CONSTRAINT,
@@ -19,7 +19,7 @@ from tca_tools.check.rules import (
     SUSPENDED,
 )
 from tca_tools.check.taps import check_fired, forget_task
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.points import (
     ALL_MOMENTS,
@@ -37,7 +37,7 @@ from tca_wire.vocabulary import Role
 _REACHED = [f"reached {', '.join(describe_moments(moments))}" for moments in range(ALL_MOMENTS + 1)]
 
 
-def reached(world: World, fact: facts.Reached) -> None:
+def reached(world: JournalWorld, fact: facts.Reached) -> None:
     """A task reaches moments."""
     moments = fact.moments
     item = world.task(fact.task, _REACHED[moments & ALL_MOMENTS])
@@ -57,8 +57,8 @@ def reached(world: World, fact: facts.Reached) -> None:
     _go_on(world, item, moments)
 
 
-def _go_on(world: World, item: Item, moments: int) -> None:
-    """What others have waited for has come."""
+def _go_on(world: JournalWorld, item: MessageRecord, moments: int) -> None:
+    """Tell those that waited for these moments."""
     for hold, follower in item.followers:
         if hold.needs & moments:
             world.touched[follower] = None
@@ -79,14 +79,14 @@ def _words(moments: int) -> str:
     return ", ".join(describe_moments(moments))
 
 
-def _check_order(world: World, item: Item, moments: int) -> None:
+def _check_order(world: JournalWorld, item: MessageRecord, moments: int) -> None:
     for moment, needed in NO_LATER[item.is_goal].items():
         if moments & moment and (missing := (needed | AT_BIRTH[item.is_goal]) & ~item.reached):
             rule = COMMAND if moment in (START_HANDLING, START_ACHIEVING, START_PLANNING) else ORDER
             world.broken(rule, item.id, f"{item} reached {_words(moment)} before {_words(missing)}")
 
 
-def _check_starts(world: World, item: Item, moments: int, before: int) -> None:
+def _check_starts(world: JournalWorld, item: MessageRecord, moments: int, before: int) -> None:
     if missing := not_met(item, moments):
         world.broken(CONSTRAINT, item.id, f"{item} reached {_words(moments)} before {missing}")
     parent = item.parent
@@ -103,8 +103,8 @@ def _check_starts(world: World, item: Item, moments: int, before: int) -> None:
         _check_handled(world, item)
 
 
-def _check_handled(world: World, item: Item) -> None:
-    """A task is handled when its handler has returned, and what it failed with has been dealt with."""
+def _check_handled(world: JournalWorld, item: MessageRecord) -> None:
+    """Check that the handler has returned and its failure has been dealt with."""
     if item.deciding:
         what = f"{item} was handled while {world.name(item.deciding)} had not dealt with its failure"
         world.broken(RECOVERED, item.id, what)
@@ -114,7 +114,7 @@ def _check_handled(world: World, item: Item) -> None:
         world.broken(RETURNED, item.id, f"{item} was handled, and its handler has not returned")
 
 
-def _check_ends(world: World, item: Item, moments: int) -> None:
+def _check_ends(world: JournalWorld, item: MessageRecord, moments: int) -> None:
     if item.place is not None:
         world.broken(ONE_HANDLER, item.id, f"{item} reached {_words(moments)} while a handler had it")
     if moments & END_ACHIEVING and item.children:
@@ -124,12 +124,12 @@ def _check_ends(world: World, item: Item, moments: int) -> None:
         world.broken(FAMILY, item.id, f"{item} was planned before {_listed(late)}, which is under it")
 
 
-def _listed(items: Iterable[Item]) -> str:
+def _listed(items: Iterable[MessageRecord]) -> str:
     names = [str(item) for item in items]
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _end(world: World, item: Item) -> None:
+def _end(world: JournalWorld, item: MessageRecord) -> None:
     """A task has ended."""
     if item.parent is not None:
         item.parent.children.pop(item.id, None)

@@ -1,20 +1,20 @@
-"""Who is there: modules, what they handle, their resources, and who has locked or reserved those."""
+"""Modules, what they handle, their resources, and locks and reservations of these."""
 
-from tca_tools.check.records import Item, Place
+from tca_tools.check.records import MessageRecord, ResourceRecord
 from tca_tools.check.rules import CAPACITY, GRANTED, HANDLES, NUMBERS, PRESENT
-from tca_tools.check.world import World, said
+from tca_tools.check.world import JournalWorld, said
 from tca_wire.journal import facts
 
 
-def joined(world: World, fact: facts.ModuleJoined) -> None:
-    """A module is there."""
+def joined(world: JournalWorld, fact: facts.ModuleJoined) -> None:
+    """A module joins."""
     if fact.module in world.joined:
         world.broken(PRESENT, 0, f"module '{fact.module}' joined, and is there already")
     world.joined[fact.module] = None
 
 
-def left(world: World, fact: facts.ModuleLeft) -> None:
-    """A module is gone."""
+def left(world: JournalWorld, fact: facts.ModuleLeft) -> None:
+    """A module leaves."""
     _must_be_there(world, fact.module, "left")
     world.joined.pop(fact.module, None)
     for message, handlers in world.handlers.items():
@@ -29,8 +29,8 @@ def left(world: World, fact: facts.ModuleLeft) -> None:
             world.slots_lost.add(place)
 
 
-def resource(world: World, fact: facts.ResourceChanged) -> None:
-    """A resource takes more or fewer at a time: one slot came, or is gone."""
+def resource(world: JournalWorld, fact: facts.ResourceChanged) -> None:
+    """The capacity of a resource changes: a slot came, or is gone."""
     _must_be_there(world, fact.module, f"offered resource '{fact.resource}'")
     place = world.place(fact.module, fact.resource)
     before = place.capacity if place.capacity is not None else 0 if world.is_whole else None
@@ -41,13 +41,13 @@ def resource(world: World, fact: facts.ResourceChanged) -> None:
     place.capacity = fact.capacity
 
 
-def format_defined(world: World, fact: facts.FormatDefined) -> None:
+def format_defined(world: JournalWorld, fact: facts.FormatDefined) -> None:
     """A message is declared."""
     world.classes[fact.message] = fact.message_class
     world.formats[fact.message] = fact.data
 
 
-def handler(world: World, fact: facts.HandlerAdded) -> None:
+def handler(world: JournalWorld, fact: facts.HandlerAdded) -> None:
     """A module handles a message."""
     _must_be_there(world, fact.module, f"handles {fact.message}")
     handlers = world.handlers.setdefault(fact.message, {})
@@ -57,8 +57,8 @@ def handler(world: World, fact: facts.HandlerAdded) -> None:
     _handlers_changed(world, fact.message)
 
 
-def no_handler(world: World, fact: facts.HandlerRemoved) -> None:
-    """A module handles a message no longer."""
+def no_handler(world: JournalWorld, fact: facts.HandlerRemoved) -> None:
+    """A module stops handling a message."""
     handlers = world.handlers.get(fact.message, {})
     if handlers.pop(fact.module, None) is None and world.is_whole:
         world.broken(HANDLES, 0, f"module '{fact.module}' handles {fact.message} no longer, and did not before")
@@ -67,13 +67,13 @@ def no_handler(world: World, fact: facts.HandlerRemoved) -> None:
     _handlers_changed(world, fact.message)
 
 
-def _handlers_changed(world: World, message: str) -> None:
+def _handlers_changed(world: JournalWorld, message: str) -> None:
     world.rehandled.add(message)
     if ("", "") in world.places:
         world.place("", "")
 
 
-def _must_be_there(world: World, module: str, what: str) -> None:
+def _must_be_there(world: JournalWorld, module: str, what: str) -> None:
     if world.is_whole and module not in world.joined:
         world.broken(PRESENT, 0, f"module '{module}' {what}, and is not there")
 
@@ -81,8 +81,8 @@ def _must_be_there(world: World, module: str, what: str) -> None:
 # --- locks and reservations ------------------------------------------------------------------------------------------
 
 
-def claimed(world: World, fact: facts.Claimed) -> None:
-    """A module wants a resource for itself."""
+def claimed(world: JournalWorld, fact: facts.Claimed) -> None:
+    """A module asks for a lock or reservation."""
     if not world.new_number(fact.id):
         world.broken(NUMBERS, 0, f"claim {{{fact.id}}} came after {world.name(world.newest)}")
     world.claims[fact.id] = fact
@@ -92,8 +92,8 @@ def claimed(world: World, fact: facts.Claimed) -> None:
         holder.claims[fact.id] = fact
 
 
-def granted(world: World, fact: facts.Granted) -> None:
-    """It has it."""
+def granted(world: JournalWorld, fact: facts.Granted) -> None:
+    """A lock or reservation is granted."""
     claim = world.claims.get(fact.id)
     if claim is None:
         _unknown(world, fact.id, "granted")
@@ -109,19 +109,19 @@ def granted(world: World, fact: facts.Granted) -> None:
     place.claims.held_by = claim
 
 
-def _is_own(claim: facts.Claimed, place: Place, item: Item) -> bool:
-    """Whether it is the one who asks who is in; of handlers within handlers only the module is known."""
+def _is_own(claim: facts.Claimed, place: ResourceRecord, item: MessageRecord) -> bool:
+    """Whether the resource is used by the module that asks; of nested handlers only the module is known."""
     return item.given_as == claim.origin or (claim.sender == place.module and len(place.runs) == 1)
 
 
-def _check_alone(world: World, claim: facts.Claimed, inside: list[Item]) -> None:
-    """Who was in when it was granted was lost with the same event, or should not have been."""
+def _check_alone(world: JournalWorld, claim: facts.Claimed, inside: list[MessageRecord]) -> None:
+    """Check that the resource was free when it was granted, or lost its users with the same event."""
     if still := [item for item in inside if item.place is not None]:
         world.broken(GRANTED, still[0].id, f"{_said(claim)} was granted while {still[0]} was in it")
 
 
-def claim_ended(world: World, fact: facts.ClaimEnded) -> None:
-    """It is released, or given up."""
+def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:
+    """A lock or reservation is released, or given up."""
     claim = world.claims.pop(fact.id, None)
     if claim is None:
         _unknown(world, fact.id, "released or given up")
@@ -135,13 +135,13 @@ def claim_ended(world: World, fact: facts.ClaimEnded) -> None:
         holder.claims.pop(fact.id, None)
 
 
-def _unknown(world: World, claim: int, what: str) -> None:
+def _unknown(world: JournalWorld, claim: int, what: str) -> None:
     if world.first and claim >= world.first:
         world.broken(GRANTED, 0, f"claim {{{claim}}} was {what}, and there is no such lock or reservation")
 
 
-def check_claims(world: World, item: Item) -> None:
-    """What was claimed for a task or message ends with it."""
+def check_claims(world: JournalWorld, item: MessageRecord) -> None:
+    """Check that claims end with the message they were made for."""
     for claim in item.claims.values():
         world.broken(GRANTED, item.id, f"{_said(claim)} outlives {item}, for which it was made")
 

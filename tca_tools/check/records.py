@@ -11,7 +11,7 @@ class Hold:
 
     __slots__ = ("before", "constraint", "due", "is_over", "moment", "needs")
 
-    def __init__(self, constraint: Constraint, before: "Item | None", due: float | None) -> None:
+    def __init__(self, constraint: Constraint, before: "MessageRecord | None", due: float | None) -> None:
         self.constraint = constraint
         self.before = before  #: the task that is waited for (None: the root, or it ended before the journal began)
         self.needs = int(constraint.before.moment)
@@ -27,32 +27,33 @@ class Hold:
         return self.before is None or bool(self.before.reached & self.needs)
 
 
-class Claims:
+class ResourceClaims:
     """Who has a resource for himself, or wants it: of a program that runs in several copies, in all of them."""
 
     __slots__ = ("held_by", "places", "waiting")
 
     def __init__(self) -> None:
-        self.places: list[Place] = []
+        self.places: list[ResourceRecord] = []
         self.waiting: dict[int, facts.Claimed] = {}  #: locks and reservations that are waited for
         self.held_by: facts.Claimed | None = None
 
 
-class Place:
+class ResourceRecord:
     """A resource of a module."""
 
     __slots__ = ("capacity", "claims", "module", "name", "nested", "runs", "waiting")
 
-    def __init__(self, module: str, name: str, claims: Claims) -> None:
+    def __init__(self, module: str, name: str, claims: ResourceClaims) -> None:
         self.module, self.name, self.claims = module, name, claims
         claims.places.append(self)
         self.capacity: int | None = None  #: None: not known
-        self.runs: dict[int, Item] = {}  #: what its handlers have, by delivery
-        self.nested: dict[int, Item] = {}  #: what a handler that waits for its own module may have taken in between
-        self.waiting: dict[int, Item] = {}  #: by delivery
+        self.runs: dict[int, MessageRecord] = {}  #: what its handlers have, by delivery
+        #: What a handler that waits for its own module may have taken in between.
+        self.nested: dict[int, MessageRecord] = {}
+        self.waiting: dict[int, MessageRecord] = {}  #: by delivery
 
 
-class Item(MessageView):
+class MessageRecord(MessageView):
     """A message: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
 
     __slots__ = (
@@ -111,7 +112,7 @@ class Item(MessageView):
         "waits_at",
     )  # fmt: skip
 
-    def __init__(self, fact: facts.Received, parent: "Item | None") -> None:
+    def __init__(self, fact: facts.Received, parent: "MessageRecord | None") -> None:
         self.id = self.given_as = fact.id
         self.message, self.message_class = fact.message, fact.message_class
         self.sender = self.sent_by = fact.sender  #: *sent_by*, where central did: as what it made it for ("": unknown)
@@ -122,15 +123,16 @@ class Item(MessageView):
         #: A monitor that others have put there; what it hangs under was sent before the journal begins.
         self.is_guest = self.is_orphan = False
         self.is_stranger = False  #: what holds it is not known, for the same reason
-        self.original: Item | None = None  #: of a copy
+        self.original: MessageRecord | None = None  #: of a copy
         self.copies = 0  #: number of those that are not over
         self.reached = 0
-        self.children: dict[int, Item] = {}  #: those that have not ended
+        self.children: dict[int, MessageRecord] = {}  #: those that have not ended
         self.unplanned = 0  #: number of goals among them that are not planned
         self.holds: list[Hold] = []
-        self.followers: list[tuple[Hold, Item]] = []  #: the constraints of others that wait for it
-        self.waits_at: Place | None = None  #: the resource whose queue it is in; one without a name: for a handler
-        self.place: Place | None = None  #: the resource whose handler has it
+        self.followers: list[tuple[Hold, MessageRecord]] = []  #: the constraints of others that wait for it
+        #: The resource whose queue it is in; one without a name: for a handler.
+        self.waits_at: ResourceRecord | None = None
+        self.place: ResourceRecord | None = None  #: the resource whose handler has it
         self.begun_in = -1  #: the event in which it was begun
         self.asked = self.untested = 0  #: of a monitor: its condition under way; answers that it has not looked at
         self.is_begun = self.is_killed = self.is_suspended = self.is_over = False
@@ -147,9 +149,8 @@ class Item(MessageView):
         self.invocations: dict[int, int] = {}  #: how often each attachment was called here
         self.is_tapped = True  #: wiretaps are fired for it
         self.fired: set[int] = set()  #: the wiretaps that were fired for it
-        self.passed: dict[
-            int, int
-        ] = {}  #: those since it was sent or last retried -> the listener (0: nobody handles it)
+        #: Those since it was sent or last retried -> the listener (0: nobody handles it).
+        self.passed: dict[int, int] = {}
         self.claims: dict[int, facts.Claimed] = {}  #: what was claimed for it
         self.waiters: list[tuple[str, int, int]] = []  #: who waits for which moment of it
 

@@ -1,10 +1,10 @@
-"""What may happen happens at once: no event ends while a task that it touched could go on."""
+"""No event ends while a task that it touched could still go on."""
 
 from tca_tools.check.births import is_delayed, not_met, not_startable
 from tca_tools.check.presence import check_claims
-from tca_tools.check.records import Item
+from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import SETTLED
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
@@ -16,8 +16,8 @@ from tca_wire.points import (
 )
 
 
-def check_settled(world: World) -> None:
-    """Every task that something happened to in this event has reached what it could."""
+def check_settled(world: JournalWorld) -> None:
+    """Check that every task touched by this event has reached all it could."""
     for item in world.touched:
         if item.is_over:
             if item.claims:
@@ -29,16 +29,16 @@ def check_settled(world: World) -> None:
                 world.broken(SETTLED, item.id, f"nothing keeps {item} from {words}, and it does not reach that")
 
 
-def _killed_moment(item: Item) -> int:
-    """What is killed waits for the handlers below it, and for nothing else."""
+def _killed_moment(item: MessageRecord) -> int:
+    """Check that a killed task waits only for the handlers below it."""
     if item.place is not None:
         return 0
     missing = (START_HANDLING | START_PLANNING | START_ACHIEVING | END_HANDLING) & ~item.reached
     return missing or (0 if item.children else END_ACHIEVING)
 
 
-def _first_moment(item: Item) -> int:
-    """The start of what waits for nothing, and for no handler."""
+def _first_moment(item: MessageRecord) -> int:
+    """Check that a task that waits for nothing has started."""
     if item.is_queued or item.is_suspended or item.is_orphan or not_startable(item):
         return 0
     start = START_PLANNING if item.is_goal else START_ACHIEVING
@@ -47,8 +47,8 @@ def _first_moment(item: Item) -> int:
     return start if is_free else 0
 
 
-def _moment(item: Item) -> int:
-    """A moment that only the rules between tasks could hold back, and none does."""
+def _moment(item: MessageRecord) -> int:
+    """Check that a moment that nothing holds back has been reached."""
     reached = item.reached
     if not reached & START_HANDLING:
         return _first_moment(item)
@@ -59,8 +59,8 @@ def _moment(item: Item) -> int:
     return _end_moment(item) if item.returned and item.place is None else 0
 
 
-def _end_moment(item: Item) -> int:
-    """The next end of a task whose handler is done."""
+def _end_moment(item: MessageRecord) -> int:
+    """The next end moment of a task whose handler is done."""
     if not item.reached & END_HANDLING:
         end, is_open = END_HANDLING, False
     elif not item.reached & END_PLANNING:

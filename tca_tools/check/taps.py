@@ -1,8 +1,8 @@
-"""Wiretaps and monitors: what they hold, when they send what."""
+"""Wiretaps and monitors: what they hold back, and when they send messages."""
 
-from tca_tools.check.records import Hold, Item
+from tca_tools.check.records import Hold, MessageRecord
 from tca_tools.check.rules import MONITOR, NUMBERS, TAPPED
-from tca_tools.check.world import World
+from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import (
@@ -16,8 +16,8 @@ from tca_wire.rules import CONDITIONS
 from tca_wire.vocabulary import Role
 
 
-def tap_added(world: World, fact: facts.TapAdded) -> None:
-    """A wiretap."""
+def tap_added(world: JournalWorld, fact: facts.TapAdded) -> None:
+    """A wiretap is added."""
     if not world.new_number(fact.id):
         world.broken(NUMBERS, 0, f"wiretap {{{fact.id}}} came after {world.name(world.newest)}")
     if fact.task != ROOT:
@@ -27,14 +27,14 @@ def tap_added(world: World, fact: facts.TapAdded) -> None:
         world.taps_before.setdefault(fact.message, {})[fact.id] = fact
 
 
-def forget_task(world: World, item: Item) -> None:
-    """A task has ended, and its own wiretaps are gone."""
+def forget_task(world: JournalWorld, item: MessageRecord) -> None:
+    """Forget the wiretaps of a task that has ended."""
     of_message = world.taps_before.get(item.message)
     for tap in [tap for tap in of_message.values() if tap.task == item.id] if of_message else ():
         del world.taps_before[item.message][tap.id]
 
 
-def fired(world: World, fact: facts.TapFired) -> None:
+def fired(world: JournalWorld, fact: facts.TapFired) -> None:
     """A wiretap sends its listener."""
     tap = world.taps.get(fact.tap)
     if tap is None:
@@ -55,7 +55,13 @@ def fired(world: World, fact: facts.TapFired) -> None:
         _sent(world, tap, fact, tapped, listener)
 
 
-def _sent(world: World, tap: facts.TapAdded, fact: facts.TapFired, tapped: Item | None, listener: Item) -> None:
+def _sent(
+    world: JournalWorld,
+    tap: facts.TapAdded,
+    fact: facts.TapFired,
+    tapped: MessageRecord | None,
+    listener: MessageRecord,
+) -> None:
     if listener.fired:
         world.broken(TAPPED, listener.id, f"{listener} was sent by a wiretap twice")
     listener.fired.add(tap.id)
@@ -67,7 +73,7 @@ def _sent(world: World, tap: facts.TapAdded, fact: facts.TapFired, tapped: Item 
         _hold(tapped, listener, CONDITIONS[tap.condition].before, end)
 
 
-def _hold(tapped: Item, listener: Item, moment: int, end: int) -> None:
+def _hold(tapped: MessageRecord, listener: MessageRecord, moment: int, end: int) -> None:
     is_to_come = moment == START_HANDLING or not tapped.reached & moment  # it may be handled once more
     if is_to_come and not listener.reached & end:
         points = Point(TaskId(listener.id), Moment(end)), Point(TaskId(tapped.id), Moment(moment))
@@ -76,8 +82,8 @@ def _hold(tapped: Item, listener: Item, moment: int, end: int) -> None:
         listener.followers.append((hold, tapped))
 
 
-def check_fired(world: World, item: Item, moments: int) -> None:
-    """A task goes on: all wiretaps that are there have been fired; those are passed over whose listener nobody handles.
+def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
+    """Check that a task goes on only after its wiretaps have fired; those without a handler for the listener do not.
     What is sent for a wiretap is not tapped, nor what a monitor sends that was.
     """
     of_message = world.taps_before.get(item.message)
@@ -93,8 +99,8 @@ def check_fired(world: World, item: Item, moments: int) -> None:
             world.broken(TAPPED, item.id, f"{item} went on, and {which} was passed over, though somebody handles it")
 
 
-def check_sent(world: World, listener: Item) -> None:
-    """A listener is sent by a wiretap."""
+def check_sent(world: JournalWorld, listener: MessageRecord) -> None:
+    """Check that a listener was sent by a wiretap."""
     if not listener.fired and world.is_whole:
         world.broken(
             TAPPED, listener.id, f"{listener} listens to {world.name(listener.about)}, and no wiretap was fired"
@@ -104,7 +110,7 @@ def check_sent(world: World, listener: Item) -> None:
 # --- monitors --------------------------------------------------------------------------------------------------------
 
 
-def tested(world: World, fact: facts.MonitorTested) -> None:
+def tested(world: JournalWorld, fact: facts.MonitorTested) -> None:
     """The condition of a monitor was asked."""
     item = _monitor(world, fact.monitor, "was tested")
     if item is None:
@@ -118,7 +124,7 @@ def tested(world: World, fact: facts.MonitorTested) -> None:
     item.untested = 0
 
 
-def answered(world: World, condition: Item) -> None:
+def answered(world: JournalWorld, condition: MessageRecord) -> None:
     """The condition of a monitor was answered: it is tested with the same event, if it still watches."""
     monitor = world.items.get(condition.about)
     if (
@@ -131,14 +137,14 @@ def answered(world: World, condition: Item) -> None:
         world.later.append(lambda: _check_tested(world, monitor))
 
 
-def _check_tested(world: World, monitor: Item) -> None:
+def _check_tested(world: JournalWorld, monitor: MessageRecord) -> None:
     if monitor.untested and not (monitor.again or monitor.is_killed):
         world.broken(MONITOR, monitor.id, f"the condition of {monitor} was answered, and that came to nothing")
     monitor.untested = 0
 
 
-def monitor_ended(world: World, fact: facts.MonitorEnded) -> None:
-    """A monitor watches no longer; one that has not begun never will."""
+def monitor_ended(world: JournalWorld, fact: facts.MonitorEnded) -> None:
+    """A monitor ends; one that has not begun never will begin."""
     item = _monitor(world, fact.monitor, "ended")
     if item is None:
         return
@@ -147,7 +153,7 @@ def monitor_ended(world: World, fact: facts.MonitorEnded) -> None:
     item.again, item.returned, item.asked = False, True, 0
 
 
-def _monitor(world: World, monitor: int, what: str) -> Item | None:
+def _monitor(world: JournalWorld, monitor: int, what: str) -> MessageRecord | None:
     item = world.task(monitor, what)
     if item is None or item.is_stranger:
         return None

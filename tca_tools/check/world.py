@@ -1,4 +1,4 @@
-"""What is under way at one event of a run, folded from the facts and from nothing else; and what was found wrong.
+"""The messages under way at one event of a run, folded from the facts and from nothing else.
 
 It keeps what has not ended and the names of what has, so it stays small. A journal may begin in the middle: what was
 sent before is a stranger, of which nothing is claimed.
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from sys import intern
 from typing import NamedTuple
 
-from tca_tools.check.records import Claims, Item, Place
+from tca_tools.check.records import MessageRecord, ResourceClaims, ResourceRecord
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.whole_run import Run
@@ -19,7 +19,7 @@ from tca_wire.text.facts_in_words import place as words_of_place
 from tca_wire.vocabulary import MessageClass
 
 
-class Gone(NamedTuple):
+class EndedMessage(NamedTuple):
     """What is remembered of a message that is over."""
 
     message: str
@@ -28,7 +28,7 @@ class Gone(NamedTuple):
     sent_by: str
 
 
-class World:
+class JournalWorld:
     """The messages under way. What ended with the last event is still there; what ended before is not."""
 
     def __init__(self, report: Callable[[Violation], None], *, is_whole: bool, events: int = 0) -> None:
@@ -40,15 +40,16 @@ class World:
         self.event = 0  #: its number
         self.now = 0.0
         self.passed = 0.0  #: seconds since the event before
-        self.items: dict[int, Item] = {}  #: by number, oldest first; each copy of a broadcast has one of its own
-        self.deliveries: dict[int, Item] = {}  #: of tasks that are handled again: by delivery
+        #: By number, oldest first; each copy of a broadcast has one of its own.
+        self.items: dict[int, MessageRecord] = {}
+        self.deliveries: dict[int, MessageRecord] = {}  #: of tasks that are handled again: by delivery
         self.history: Run | None = None  #: all records so far, where properties ask for them
         self.strange: set[int] = set()  #: deliveries of what was sent before the journal begins
-        self.over: dict[int, Gone] = {}  #: the messages that are not under way any more
+        self.over: dict[int, EndedMessage] = {}  #: the messages that are not under way any more
         self.joined: dict[str, None] = {}
         self.handlers: dict[str, dict[str, str]] = {}  #: for each message its handlers: module and resource
-        self.places: dict[tuple[str, str], Place] = {}
-        self._claims: dict[tuple[str, str], Claims] = {}
+        self.places: dict[tuple[str, str], ResourceRecord] = {}
+        self._claims: dict[tuple[str, str], ResourceClaims] = {}
         """By what the module calls itself, and the resource."""
         self.claims: dict[int, facts.Claimed] = {}
         self.taps: dict[int, facts.TapAdded] = {}
@@ -59,12 +60,12 @@ class World:
         self.classes: dict[str, MessageClass] = {}  #: of the declared messages
         self.formats: dict[str, str] = {}  #: of their data, as JSON Schema
         # Of the event that is being folded:
-        self.touched: dict[Item, None] = {}
-        self.places_touched: dict[Place, None] = {}
-        self.slots_lost: set[Place] = set()
+        self.touched: dict[MessageRecord, None] = {}
+        self.places_touched: dict[ResourceRecord, None] = {}
+        self.slots_lost: set[ResourceRecord] = set()
         self.rehandled: set[str] = set()  #: messages that got or lost a handler
         self.later: list[Callable[[], None]] = []  #: what must be true when all of the event is known
-        self.flagged: list[Item] = []  #: what is as it is for one event only
+        self.flagged: list[MessageRecord] = []  #: what is as it is for one event only
 
     # --- for properties --------------------------------------------------------------------------------------------
 
@@ -76,12 +77,12 @@ class World:
         return RunAt(self.history)
 
     @property
-    def messages(self) -> list[Item]:
+    def messages(self) -> list[MessageRecord]:
         """Everything under way, oldest first."""
         return list(self.items.values())
 
     @property
-    def tasks(self) -> list[Item]:
+    def tasks(self) -> list[MessageRecord]:
         """The tasks among them."""
         return [item for item in self.items.values() if item.is_task]
 
@@ -100,11 +101,11 @@ class World:
         """The tasks that have not ended."""
         return tuple(f"{task} has not ended" for task in self.tasks if not task.is_over)
 
-    def parent(self, task: Item) -> Item | None:
+    def parent(self, task: MessageRecord) -> MessageRecord | None:
         """The task that *task* is under; None: the root."""
         return task.parent
 
-    def children(self, task: Item) -> list[Item]:
+    def children(self, task: MessageRecord) -> list[MessageRecord]:
         """The tasks under *task* that have not ended, oldest first."""
         return list(task.children.values())
 
@@ -120,7 +121,7 @@ class World:
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False
             if item.is_over and self.items.pop(item.id, None) is not None:
-                self.over[item.id] = Gone(item.message, item.message_class, item.sender, item.sent_by)
+                self.over[item.id] = EndedMessage(item.message, item.message_class, item.sender, item.sent_by)
                 self.deliveries.pop(item.given_as, None)
         self.flagged.clear()
         self.touched.clear()
@@ -142,20 +143,20 @@ class World:
         self.newest = max(self.newest, number)
         return is_new
 
-    def add(self, item: Item) -> None:
+    def add(self, item: MessageRecord) -> None:
         """A message is under way."""
         item.message, item.sender = intern(item.message), intern(item.sender)
         self.items[item.id] = item
         self.flagged.append(item)
         self.touched[item] = None
 
-    def finish(self, item: Item) -> None:
+    def finish(self, item: MessageRecord) -> None:
         """A message is over."""
         item.is_over = True
         self.flagged.append(item)
         self.touched[item] = None
 
-    def item(self, number: int, what: str) -> Item | None:
+    def item(self, number: int, what: str) -> MessageRecord | None:
         """The message under way of that number, to which *what* happens; None, with a complaint if it can't."""
         item = self.deliveries.get(number) or self.items.get(number)
         if item is not None:
@@ -167,8 +168,8 @@ class World:
             self.broken(KNOWN, number, f"message {{{number}}} {what}, and was never sent")
         return None
 
-    def task(self, number: int, what: str) -> Item | None:
-        """The same for a task that has not ended."""
+    def task(self, number: int, what: str) -> MessageRecord | None:
+        """The task of that number that has not ended; None, with a complaint if it can't."""
         item = self.item(number, what)
         if item is not None and not item.is_task:
             self.broken(KNOWN, number, f"{item} {what}, and is no task but a {item.message_class}")
@@ -178,7 +179,7 @@ class World:
             return None
         return item
 
-    def delivery(self, fact: facts.Queued | facts.Delivered, what: str) -> Item | None:
+    def delivery(self, fact: facts.Queued | facts.Delivered, what: str) -> MessageRecord | None:
         """What is queued or delivered: the message itself, a task that is handled again, or a new copy."""
         if fact.id == fact.message_id or fact.id in self.items or fact.id in self.deliveries:
             return self.item(fact.id, what)
@@ -197,20 +198,22 @@ class World:
             return original
         return self._copy(fact, original or self.over[fact.message_id], what)
 
-    def _copy(self, fact: facts.Queued | facts.Delivered, original: Item | Gone, what: str) -> Item | None:
+    def _copy(
+        self, fact: facts.Queued | facts.Delivered, original: MessageRecord | EndedMessage, what: str
+    ) -> MessageRecord | None:
         if not original.message_class.fans_out:
             name = f"{original.message} {{{fact.message_id}}}"
             self.broken(ENDED, fact.message_id, f"{name} {what} as {{{fact.id}}}, though it is over, or another one")
             return None
-        body = original.body if isinstance(original, Item) else b""
-        copy = Item(
+        body = original.body if isinstance(original, MessageRecord) else b""
+        copy = MessageRecord(
             facts.Received(
                 fact.id, original.message, original.message_class, original.sender, ROOT, 0, False, body, []
             ),
             None,
         )
         copy.sent_by = original.sent_by
-        copy.original = original if isinstance(original, Item) else None
+        copy.original = original if isinstance(original, MessageRecord) else None
         if copy.original is not None:
             copy.original.copies += 1
         self.add(copy)
@@ -220,18 +223,18 @@ class World:
         """Whether it was sent before the journal begins."""
         return 0 < number < self.first and number not in self.over and number not in self.items
 
-    def point_task(self, task: TaskId, what: str) -> Item | None:
+    def point_task(self, task: TaskId, what: str) -> MessageRecord | None:
         """The task of a point: None if it is over, or from before the journal, or the root."""
         if task == ROOT or task in self.over:
             return None
         return self.item(task, what)
 
-    def place(self, module: str, resource: str) -> Place:
+    def place(self, module: str, resource: str) -> ResourceRecord:
         """A resource; one without a name stands for all that waits for a handler."""
         place = self.places.get((module, resource))
         if place is None:
-            claims = self._claims.setdefault((called(module), resource), Claims())
-            place = self.places[module, resource] = Place(module, resource, claims)
+            claims = self._claims.setdefault((called(module), resource), ResourceClaims())
+            place = self.places[module, resource] = ResourceRecord(module, resource, claims)
         self.places_touched[place] = None
         return place
 
@@ -241,6 +244,6 @@ class World:
         return f"{item.message if item else '?'} {{{number}}}"
 
 
-def said(place: Place) -> str:
+def said(place: ResourceRecord) -> str:
     """A resource in words."""
     return words_of_place(place.module, place.name) or "a handler"
