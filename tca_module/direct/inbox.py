@@ -36,7 +36,7 @@ PACKETS = 256  # read at a time
 _MOST_MISSING = 2000  # numbers; senders have fewer on their way
 
 
-class Socket(Protocol):
+class InboxSocket(Protocol):
     """Where packets of many senders arrive."""
 
     is_paused: bool
@@ -87,7 +87,7 @@ class Inbox:
     """The receiving side of direct messages, for one slot."""
 
     def __init__(
-        self, socket: Socket, key: str, messages: Mapping[str, bool], notes: NoteBatch, clock: Callable[[], float],
+        self, socket: InboxSocket, key: str, messages: Mapping[str, bool], notes: NoteBatch, clock: Callable[[], float],
         log: logging.Logger,
     ) -> None:  # fmt: skip
         self._socket = socket

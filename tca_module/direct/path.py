@@ -35,7 +35,7 @@ LAST_WORDS = 2.0
 PACKETS = 256  # read at a time
 
 
-class Socket(Protocol):
+class LineSocket(Protocol):
     """Carries packets to an entrance and back."""
 
     def fileno(self) -> int:
@@ -62,7 +62,7 @@ class DirectPath:
     """The way to one entrance. *end* is called when a request is over, *hand_over* with those for central."""
 
     def __init__(
-        self, entrance: Entrance, socket: Socket, session: str, module: str, *,
+        self, entrance: Entrance, socket: LineSocket, session: str, module: str, *,
         end: Callable[[Request], None], hand_over: Callable[[Request], None], lose: Callable[[str], None],
     ) -> None:  # fmt: skip
         self.entrance = entrance

@@ -11,23 +11,23 @@ from collections.abc import Callable
 from typing import Protocol
 
 from tca_module.direct.note_batch import NoteBatch
-from tca_module.direct.path import DirectPath, Socket
+from tca_module.direct.path import DirectPath, LineSocket
 from tca_module.session.request import Request
 from tca_module.session.session import Session
 from tca_wire.packets.headers import Send, Welcome
 from tca_wire.packets.routes import Entrance, EntranceGone, Route, WatchEntrance
 
-OpenSocket = Callable[[str], Socket]
+OpenSocket = Callable[[str], LineSocket]
 """Opens the way to an endpoint. Raises OSError if it is none."""
 
 
 class Waits(Protocol):
     """Waits for packets from central, and for others beside them."""
 
-    def add(self, beside: Socket) -> None:
+    def add(self, beside: LineSocket) -> None:
         """Wait for this, too."""
 
-    def remove(self, beside: Socket) -> None:
+    def remove(self, beside: LineSocket) -> None:
         """Wait for it no longer."""
 
 
