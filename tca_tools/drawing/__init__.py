@@ -1,1 +1,1 @@
-"""What pictures are made of, and how they become files."""
+"""Parts of pictures, and how pictures become files."""

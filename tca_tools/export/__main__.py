@@ -24,13 +24,13 @@ from tca_wire.text.printable import printable
 
 
 class Format(NamedTuple):
-    """What can be asked for."""
+    """A format of exports."""
 
     suffixes: tuple[str, ...]
-    """What its files' names end in; none if it is a folder."""
+    """The suffixes of its files; none if it is a folder."""
     write: Callable[[Log, Path], None]
     begins: Callable[[Table | None], bytes]
-    """What its file, or that of a table, begins with: one that does is ours."""
+    """The first bytes of its file, or of a table's: a file that has them is ours."""
     tables: str = ""
     """Of a folder of tables: what the names of its files end in."""
 

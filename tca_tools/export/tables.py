@@ -22,7 +22,7 @@ from tca_wire.waits import WaitKind
 
 
 class Kind(StrEnum):
-    """What a column holds."""
+    """The type of a column."""
 
     INTEGER = "integer"
     SECONDS = "seconds"

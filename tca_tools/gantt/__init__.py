@@ -1,1 +1,1 @@
-"""What every module did when: a Gantt chart of a run, as text and as a picture."""
+"""The Gantt chart of a run, as text and as a picture: what every module did, and when."""

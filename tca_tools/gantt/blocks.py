@@ -1,4 +1,4 @@
-"""What is too narrow to be drawn one by one, put together: blocks of bars, and the length of a long queue. Pure.
+"""Blocks of bars that are too narrow to be drawn one by one, and the length of a long queue. Pure.
 
 However many bars there are, a lane becomes no more things to draw than it has columns.
 """

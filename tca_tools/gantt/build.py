@@ -29,7 +29,7 @@ _HELD = (State.HELD, State.PLANNED)
 
 
 def chart(run: Run, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
-    """What happened between *start* and *end*, a row for each resource; by default all that happened."""
+    """The chart from *start* to *end*, a row for each resource; by default of all that happened."""
     rows = _Filler(run, pick, start, end).filled()
     names = [message.name for message in run.messages.values()]
     names += [bar.name for row in rows.values() for bar in row.bars]
@@ -108,7 +108,7 @@ class _Filler:
             row.is_offered = bool(module.resources)
 
     def _add_waits(self, module: ModuleRecord) -> None:
-        """What it waits for outside of handlers."""
+        """Bars for the waits of a module outside of handlers."""
         row = self._row(module.name, _resources(module)[0])
         for wait in self._showing(_lasting(module.waits)):
             if self.pick.message(wait.awaited):

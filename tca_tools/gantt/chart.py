@@ -1,4 +1,4 @@
-"""What a chart consists of: rows of bars, and what there is to say about each."""
+"""The parts of a chart: rows of bars, and what there is to say about each."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ _FEWEST = 8
 
 
 class Kind(StrEnum):
-    """What a bar shows of a message, or of a resource."""
+    """The kinds of bars."""
 
     HANDLED = "handling"
     AWAITED = "awaited"  # a module waits for it outside of any handler
@@ -26,7 +26,7 @@ class Kind(StrEnum):
 
 
 class Ending(StrEnum):
-    """What became of a handler, where that is no success; or of a failure."""
+    """How a handler ended, if it was no success; or what became of a failure."""
 
     NONE = ""
     FAILED = "failed"
@@ -85,7 +85,7 @@ class Bar:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What may stand on it, the best first: ``waits for walk``, ``walk``."""
+        """The labels that may stand on it, the best first: ``waits for walk``, ``walk``."""
         return (f"waits for {self.name}", self.name) if self.kind is Kind.AWAITED else (self.name,)
 
 
@@ -97,9 +97,9 @@ class Row:
     connected: list[tuple[float, float]] = field(default_factory=list)
     handled: list[Bar] = field(default_factory=list)
     queued: list[Bar] = field(default_factory=list)
-    """What waits for the resource, or is suspended."""
+    """Messages that wait for the resource, or are suspended."""
     held: list[Bar] = field(default_factory=list)
-    """What constraints hold that would be handled there."""
+    """Tasks that constraints hold, and that would be handled there."""
     claims: list[Bar] = field(default_factory=list)
     """Its locks and reservations."""
     is_offered: bool = False
@@ -113,7 +113,7 @@ class Row:
 
     @property
     def queue_kind(self) -> str:
-        """What those do that wait for it."""
+        """The kinds of bars in its queue, in words."""
         return " or ".join(sorted({bar.kind for bar in self.queued}))
 
     @property

@@ -1,4 +1,4 @@
-"""What the colours and hatchings of a chart mean."""
+"""The legend of a chart: its colours and hatchings."""
 
 from collections.abc import Iterator
 from html import escape
@@ -25,7 +25,7 @@ _ENDINGS = {
 
 
 def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
-    """What a square may look like (attributes of a ``<rect>``), and what that means."""
+    """The squares of the legend (attributes of a ``<rect>``), and what each means."""
     curves = [is_curve(row, scale) for row in chart.rows]
     hatched = {bar.kind for row, is_long in zip(chart.rows, curves, strict=True) if not is_long for bar in row.queued}
     claims, marked = chart.claims(), {mark.ending for mark in chart.marks()}

@@ -18,7 +18,7 @@ from tca_wire.text.printable import printable
 _LANE = 24.0
 _MOST_LANES = 12
 _HELD_LANE, _MOST_HELD_LANES = 17.0, 6
-"""What is held says why on its bar; of more the number is said."""
+"""Lanes of held tasks, which say why on their bars; of more the number is shown."""
 _NARROW, _COLUMN = 1.5, 4.0
 """Pixels: of a bar that is not drawn alone if it has neighbours, and of the column in which those are put together."""
 _SMALLEST = 1.0
@@ -90,12 +90,12 @@ class Painter:
         yield from self._flags(row, top)
 
     def _in_blocks(self, bars: list[Bar]) -> Iterator[Bar]:
-        """What is drawn of them: blocks first, below the others."""
+        """The shapes to draw: blocks first, below the others."""
         wide, blocks = in_blocks(bars, self._scale.start, self._column, self._narrow)
         return chain(blocks, wide)
 
     def _held(self, row: Row, top: float) -> Iterator[str]:
-        """What constraints hold, with what that waits for in words."""
+        """The held tasks, with what each waits for in words."""
         scale = self._scale
         for bar in self._in_blocks(row.held):
             if bar.lane < _MOST_HELD_LANES:

@@ -33,7 +33,7 @@ class Pieces:
 
     head: str
     meanings: list[tuple[str, str]]
-    """What the squares of its legend look like, and mean."""
+    """The squares of its legend, and what each means."""
     head_width: float
     head_height: float
     labels: str

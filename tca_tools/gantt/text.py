@@ -100,7 +100,7 @@ def chart_lines(chart: Chart, width: int, blocks: Blocks = UNICODE) -> Iterator[
 
 
 def _legend(chart: Chart, width: int, blocks: Blocks) -> Iterator[str]:
-    """What the characters that may be seen mean, in lines of at most *width* columns."""
+    """The meanings of the characters, in lines of at most *width* columns."""
     queued, claims = {bar.kind for row in chart.rows for bar in row.queued}, chart.claims()
     items = [
         (blocks.handled, "handling", True),
@@ -168,7 +168,7 @@ def _row_cells(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: di
 
 
 def _held(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: dict[str, str]) -> Iterator[_Cells]:
-    """What constraints hold, with what that waits for."""
+    """The held tasks, with what each waits for."""
     lanes = [_Cells(chart, columns) for _ in range(min(lanes_of(row.held), _MOST_QUEUE_LANES))]
     for bar in row.held:
         if bar.lane < len(lanes):

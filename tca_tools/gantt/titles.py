@@ -1,4 +1,4 @@
-"""What a bar says when it is asked: which message, where, when, for how long. Pure."""
+"""The titles of bars: which message, where, when, for how long. Pure."""
 
 from math import inf
 

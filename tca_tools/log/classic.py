@@ -36,7 +36,7 @@ _ON_HOLD = "ON HOLD"
 
 
 class _Known(NamedTuple):
-    """What is remembered of a message or of a copy of one."""
+    """A message, or a copy of one, that was sent."""
 
     name: str
     message_class: MessageClass
@@ -61,9 +61,9 @@ class _Log:
         self._where: dict[int, str] = {}
         """Where what has not been sent yet waits, by delivery; "" for what has just come."""
         self._sent: set[int] = set()
-        """What is sent or queued with the event at hand."""
+        """Messages that are sent or queued with the event at hand."""
         self._given_up: set[int] = set()
-        """What is dropped with it."""
+        """Messages that are dropped with it."""
         self._reached: dict[int, int] = {}
         self._killed: set[int] = set()
         self._given_as: dict[int, int] = {}
@@ -73,7 +73,7 @@ class _Log:
         self._clock = ""
 
     def lines(self, entry: facts.Entry) -> Iterator[str]:
-        """What one event brought about."""
+        """The lines of one event."""
         self._clock = _clock(self._began, entry.time)
         self._sent = {fact.message_id for fact in entry.facts if isinstance(fact, facts.Queued | facts.Delivered)}
         self._given_up = {fact.id for fact in entry.facts if isinstance(fact, facts.Dropped)}

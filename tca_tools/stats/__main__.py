@@ -28,7 +28,7 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
     "queued": lambda stats: stats.queued.total,
     "busy": lambda stats: stats.handling.total,
 }
-"""What the messages may be sorted by, the most first."""
+"""The figures by which messages may be sorted, the largest first."""
 
 
 @click.command()

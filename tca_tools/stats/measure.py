@@ -106,7 +106,7 @@ class ResourceStats:
 
 @dataclass(slots=True)
 class Stats:
-    """What was measured between two times."""
+    """The figures of a run between two times."""
 
     start: float
     end: float
@@ -146,7 +146,7 @@ class Stats:
 
 
 def measure(run: Run, start: float | None = None) -> Stats:
-    """What happened from *start* (default: the first entry) on: the messages sent since then, and all that ran."""
+    """The figures from *start* (default: the first entry) on: of the messages sent since then, and of all that ran."""
     first = (run.clock[0] if run.clock else 0.0) if start is None else start
     messages: dict[str, MessageStats] = {}
     for message in run.messages.values():

@@ -26,7 +26,7 @@ class _Column(NamedTuple):
     """A column of a table."""
 
     group: str
-    """What stands over it and its neighbours."""
+    """The heading over it and its neighbours."""
     head: str
     cell: Callable[[Any, float], object]
     """Makes a cell from the statistics of a row, and the seconds of the run."""
@@ -102,7 +102,7 @@ def stats_lines(
 
 
 def _left_out(stats: Stats) -> Iterator[str]:
-    """What the column "sent to end" does not have."""
+    """The messages that are in no figure of "sent to end"."""
     tasks, queries = stats.tasks_in_vain, stats.queries_in_vain
     without = [f"{counted(tasks, 'task')} that failed or {'was' if tasks == 1 else 'were'} killed"] * bool(tasks)
     without += [f"{queries:,} {'query that was' if queries == 1 else 'queries that were'} dropped"] * bool(queries)
@@ -111,7 +111,7 @@ def _left_out(stats: Stats) -> Iterator[str]:
 
 
 def _notes(stats: Stats, table: list[str]) -> Iterator[str]:
-    """What has to be said of a table's figures."""
+    """Notes below a table."""
     start, end = stats.busy_in
     since = "" if stats.is_part else ", first task to last end" if stats.has_tasks else ", from the first message on"
     yield f"busy: of {duration(max(end - start, 0.0))} ({run_time(start)} to {run_time(end)}{since})"
@@ -148,7 +148,7 @@ def _line(name: str, columns: list[tuple[_Column, list[str]]], place: int) -> It
 
 
 def _heads(name_width: int, columns: list[tuple[_Column, list[str]]]) -> str:
-    """What stands over the groups of columns."""
+    """The headings over the groups of columns."""
     over = " " * name_width
     for name, group in _groups(columns):
         size = sum(max(map(len, cells)) + 1 for _, cells in group) - 1

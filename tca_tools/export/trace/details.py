@@ -1,4 +1,4 @@
-"""What is told of a message, a handling or a task when it is clicked. Pure."""
+"""The details of a message, a handling or a task, for whoever clicks it. Pure."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ Details = dict[str, Any]
 
 
 def of_message(run: Run, message: Message) -> Details:
-    """What was sent, by whom and why."""
+    """A message: its data, its sender, its purpose."""
     parent = message.parent if isinstance(message, Task) else 0
     return {
         "id": message.id,
@@ -50,7 +50,7 @@ def of_handling(run: Run, handling: Handling) -> Details:
 
 
 def of_wait(run: Run, wait: HandlerWait) -> Details:
-    """What a handler waits for."""
+    """A wait of a handler."""
     kind = of_handler_wait(run, wait).kind
     return {
         "kind": str(kind),

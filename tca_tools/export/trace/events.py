@@ -1,4 +1,4 @@
-"""What a trace is made of: tracks, and events on them. Knows nothing of what they show, nor of the file's format.
+"""The parts of a trace: tracks, and events on them. Knows nothing of what they show, nor of the file's format.
 
 Perfetto's rules (perfetto.dev, "Writing TrackEvent Protos Synthetically"): slices of one track lie within each other or
 apart, an end closes the slice that was begun last, and what overlaps needs tracks of its own; the page shows siblings
