@@ -155,6 +155,7 @@ def _check_delivery(central: State, task: Task) -> None:
     assert parent is not None
     is_attended = task.given_as in central.dispatcher.attended
     assert is_attended == task.is_running, f"{task}: attended or not?"
+    assert is_attended or not task.nested, f"{task}: nested in a handler that is done"
     assert not (is_attended and task.queues is not None), f"{task}: with a handler and in a queue"
     assert not (is_attended and task.returned), f"{task}: returned and with a handler"
     if task.killed:
