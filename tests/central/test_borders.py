@@ -24,7 +24,7 @@ END, START = Moment.END_ACHIEVING, Moment.START_ACHIEVING
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=3)
+@settings(max_examples=2)
 def test_a_way_is_found_just_where_one_is_found_by_looking_everywhere(seed: int) -> None:
     """In trees with constraints across, retries, kills and ends."""
     compare_in_lives(seed, 40)
@@ -45,7 +45,7 @@ def compare_in_lives(seed: int, stations: int) -> None:
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=8)
+@settings(max_examples=4)
 def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
     chance = random.Random(seed)
     player = planned_ahead(chance)
