@@ -130,7 +130,7 @@ def test_when_nothing_helps_the_walk_is_given_up_and_the_user_is_told(walked: Wa
     assert done.code == 1
     assert done.recoveries.keys() == set(LADDER)
     said = " ".join(done.output.split())
-    assert "the walk failed: task" in said
+    assert "the walk failed: traverse path {" in said
     assert "walk given up" in said
     assert "met something at" in said
     (path,) = done.named("traverse path")
