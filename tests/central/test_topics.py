@@ -30,7 +30,10 @@ def robot() -> Player:
     moves = [player.task("planner/1", "move", under=walk, origin=walk) for _ in range(3)]
     player.task("user", "watch", under=walk, origin=0, watch=WatchOptions(7))
     player.task(
-        "user", "fly", flags=Flags.NONE, constraints=(before(point(moves[0], Moment.END_ACHIEVING), point(-1, 1)),)
+        "user",
+        "fly",
+        flags=Flags.NONE,
+        constraints=(before(point(moves[0], Moment.END_ACHIEVING), point(-1, Moment.START_HANDLING)),),
     )
     player.task("user", "fly", flags=Flags.NONE)
     player.send("user", "where", origin=0, blocking=True)

@@ -35,4 +35,4 @@ def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(t
         assert wanted.wait(5) is Outcome.KILLED
         daemon.stop()
         killed = [fact for entry in open_log(daemon.journal) for fact in entry.facts if isinstance(fact, facts.Killed)]
-    assert [(fact.by, bool(fact.why)) for fact in killed] == [("user", False), ("", True), ("user", False)]
+    assert [(fact.by, bool(fact.why)) for fact in killed] == [("user", False), ("user", True), ("user", False)]
