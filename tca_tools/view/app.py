@@ -160,11 +160,11 @@ def _asked(runs: Runs, answer: Callable[[Reading, Request], Any]) -> Callable[[R
 
 
 def _message(reading: Reading, request: Request) -> Any:
-    return message_answer(reading, request.path_params["id"], _moment(request), _within(request))
+    return message_answer(reading, request.path_params["id"], _moment(request))
 
 
 def _notes(reading: Reading, request: Request) -> Any:
-    return notes_answer(reading, numbers(request.query_params.get("ids", "")), _moment(request), _within(request))
+    return notes_answer(reading, numbers(request.query_params.get("ids", "")), _moment(request))
 
 
 def _causes(reading: Reading, request: Request) -> Any:
@@ -183,11 +183,6 @@ def _moment(request: Request) -> float:
     except ValueError:
         return math.inf
     return math.inf if math.isnan(moment) else moment
-
-
-def _within(request: Request) -> int | None:
-    found = numbers(request.query_params.get("within", ""))
-    return found[0] if found else None
 
 
 def _lengths(text: str) -> dict[str, int]:

@@ -49,8 +49,6 @@ class Reading:
         """What was removed or cut short, so that nothing more can be read; until where it went."""
         self.cut = ""
         """What there is to say of a last entry that is not whole."""
-        self.additions = 0
-        """How often more came of an entry of which some had been taken in: its moment is another than it was."""
         self._worked_out: tuple[int, dict[object, Any]] | None = None
         """How many entries there were at the moment that was looked at last, and what was worked out of it."""
         self._grown = threading.Condition()
@@ -233,10 +231,8 @@ class Reading:
             for entry, place in self._pending:
                 known = len(self.feed.history.times)
                 self.feed.apply(entry)
-                if len(self.feed.history.times) > known:
+                if len(self.feed.history.times) > known:  # or it is another record of the same entry
                     self._places.append(place)
-                else:  # another record of the same entry
-                    self.additions += 1
                 self.closed = any(isinstance(fact, Closed) for fact in entry.facts)
             self._known = monotonic(), self.feed.history.time
             self._tell_remarks()

@@ -5,12 +5,13 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story
-from view.conftest import Look, until, written
+from tools.waits import stuck
 
 from tca_tools.gantt.build import chart
 from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
+from view.conftest import Look, until, written
 
 pytestmark = pytest.mark.slow
 
@@ -197,3 +198,20 @@ def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path, 
     page.mouse.move(x, y)
     page.mouse.wheel(0, -300)
     until(page, "(wide) => tca.chart.window[1] - tca.chart.window[0] < wide", to - from_)
+
+
+def test_bars_of_what_nobody_handles_have_names_and_are_seen_in_the_dark(look: Look, tmp_path: Path) -> None:
+    page = look(stuck().write(tmp_path / "stuck"))
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(f"({_OF_NOBODY}).step") > 10
+    assert page.evaluate(_BRIGHTEST) > 70
+
+
+_OF_NOBODY = "tca.chart.layout.find((one) => one.row.label === '(no handler)')"
+_BRIGHTEST = """(() => {
+  const { canvas, layout } = tca.chart, { top } = layout.find((one) => one.row.label === '(no handler)');
+  tca.chart.draw();
+  const seen = canvas.getContext("2d").getImageData(canvas.width * 0.6, (top + 3) * devicePixelRatio, 1, 1).data;
+  return Math.max(...seen.slice(0, 3)) * seen[3] / 255;
+})()"""
+"""The strongest colour of its first bar."""

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story, silent_for, stumbling, walking
-from view.conftest import Look
 
 from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION
 from tca_wire.journal.records import record
+from view.conftest import Look
 
 pytestmark = pytest.mark.slow
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 from tools.story import Story
-from view.conftest import Look
 
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
+from view.conftest import Look
 
 pytestmark = pytest.mark.slow
 

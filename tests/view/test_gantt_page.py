@@ -7,10 +7,10 @@ import pytest
 from click.testing import CliRunner
 from playwright.sync_api import Browser
 from tools.story import Story, walking
-from view.conftest import until
-from view.test_report_chart import long_walk
 
 from tca_tools.gantt.__main__ import gantt
+from view.conftest import until
+from view.test_report_chart import long_walk
 
 pytestmark = pytest.mark.slow
 

@@ -6,10 +6,10 @@ import msgspec
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story
-from view.conftest import Look, until, written
 
 from tca_wire.journal import facts
 from tca_wire.vocabulary import Role
+from view.conftest import Look, until, written
 
 pytestmark = pytest.mark.slow
 

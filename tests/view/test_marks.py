@@ -8,11 +8,11 @@ from playwright.sync_api import expect
 from tools.made_robots import caught, fail
 from tools.story import Story
 from tools.test_coping import asking, replacing
-from view.conftest import Look, until
 
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
+from view.conftest import Look, until
 
 pytestmark = pytest.mark.slow
 
@@ -66,7 +66,9 @@ def baking() -> Story:
         story.delivered(cake, "cook").returned(cake).acted(stir, "cook", 1.0).delivered(heat, "cook")
         if number == 20:
             story.returned(heat, Outcome.FAILED).say(facts.Failed(heat, "burnt", "to coal"))
-            story.say(facts.Killed(TaskId(cake), f"failure 'burnt' of task {heat} was not handled"))
+            story.say(
+                facts.Killed(TaskId(cake), f"failure 'burnt' of heat {{{heat}}} was not handled", failed=TaskId(heat))
+            )
         else:
             story.returned(heat).reached(heat, *Moment)
         story.reached(stir, *Moment).reached(cake, *Moment)
@@ -86,10 +88,10 @@ def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: 
     expect(page.locator("#task h3").last).to_have_text("its failure, step by step")
     assert [step.inner_text().split("\t")[-1] for step in page.locator("#chain tr").all()] == [
         "heat {63} failed: burnt: to coal",
-        "bake cake {61} was killed: failure 'burnt' of task 63 was not handled",
+        "bake cake {61} was killed: failure 'burnt' of heat {63} was not handled",
         "heat {63}: nobody dealt with its failure",
     ]
-    page.locator("#task .lead.bad .link").filter(has_text="task 63").click()
+    page.locator("#task .lead.bad .link").filter(has_text="heat {63}").click()
     expect(page.locator("#task h2")).to_have_text("heat {63}")
     expect(failed).to_be_visible()
 
@@ -153,7 +155,7 @@ def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look,
     caught(story, move)
     page = look(story.at(3.5).write(tmp_path / "walk"))
     told = page.locator(".row.recovering .why")
-    expect(told).to_have_text("waits until recover {2} has dealt with slip: on ice, for 1.50 s")
+    expect(told).to_have_text("waits until recover {2} has dealt with slip: on ice, for 1.5 s")
     expect(told).to_have_attribute("title", re.compile("recover.*\n\nslip: on ice"))
 
 
@@ -244,9 +246,9 @@ def test_a_bar_that_goes_on_has_not_failed_yet(look: Look, tmp_path: Path) -> No
       return [box.left + x, box.top + top + 8, red > green + 50 && red > blue + 50];
     }"""
     told = "move {1} handled by legs"
-    went = ": 1.000 s – 9.000 s (8.00 s)"
+    went = ": 1.000 s – 9.000 s (8 s)"
     for time, is_framed, said in (
-        ("5", [False, True], f"{told}: since 1.000 s (4.00 s so far); later: failed: until 9.000 s (8.00 s)"),
+        ("5", [False, True], f"{told}: since 1.000 s (4 s so far); later: failed: until 9.000 s (8 s)"),
         ("0.5", [True, True], f"later: {told}: failed{went}"),
         ("9", [True, True], f"{told}: failed{went}"),
     ):

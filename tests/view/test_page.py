@@ -12,7 +12,6 @@ import uvicorn
 from integration.programs import central
 from playwright.sync_api import Browser, Locator, Page, expect
 from tools.story import Story, stumbling, walking
-from view.conftest import Look, until
 
 from tca_module import Command, Goal, Module, Task, connect
 from tca_tools.run.journals import Log, Place
@@ -22,6 +21,7 @@ from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
+from view.conftest import Look, until
 
 pytestmark = pytest.mark.slow
 
@@ -32,8 +32,8 @@ def line(page: Page, task: int) -> Locator:
 
 def test_why_a_task_waits_is_seen_without_a_click(look: Look, tmp_path: Path) -> None:
     page = look(walking().write(tmp_path / "walk"))
-    expect(line(page, 9)).to_contain_text("until its parent take steps {3} …, for 1.80 s; in the end for move body {7}")
-    expect(line(page, 4)).to_contain_text("until take steps {3} is being …, for 3.40 s; in the end for move body {7}")
+    expect(line(page, 9)).to_contain_text("until its parent take steps {3} …, for 1.8 s; in the end for move body {7}")
+    expect(line(page, 4)).to_contain_text("until take steps {3} is being …, for 3.4 s; in the end for move body {7}")
     expect(page.locator("#counts")).to_contain_text("1 handling")
     expect(page.locator("#status")).to_have_text("not closed")  # nobody writes to it, and it has no end
 
@@ -138,7 +138,7 @@ def test_subtrees_are_closed_and_a_bar_chooses_its_task(look: Look, tmp_path: Pa
       return [box.left + x, box.top + place.top + 6];
     }""")
     page.mouse.move(x, y)
-    expect(page.locator("#hint")).to_contain_text("move leg {6} handled by controller: 1.400 s – 3.400 s (2.00 s)")
+    expect(page.locator("#hint")).to_contain_text("move leg {6} handled by controller: 1.400 s – 3.400 s (2 s)")
     page.mouse.click(x, y)
     expect(page.locator("#task h2")).to_have_text("move leg {6}")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 from tools.story import Story
+
 from view.conftest import Look
 
 pytestmark = pytest.mark.slow

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, expect
 from tools.story import Story, walking
-from view.conftest import Look, until, written
 
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
 from tca_wire.journal import facts
+from view.conftest import Look, until, written
 
 pytestmark = pytest.mark.slow
 

@@ -11,11 +11,11 @@ import pytest
 from integration.programs import Central, central
 from playwright.sync_api import Page, expect
 from tools.story import stumbling, walking
-from view.conftest import Look
 
 from tca_module import Goal, connect
 from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION
+from view.conftest import Look
 
 pytestmark = pytest.mark.slow
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 from tools.story import QUERY, Story
-from view.conftest import Look
 
 from tca_wire.journal import facts
-from tca_wire.points import Moment
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
+from view.conftest import Look
 
 pytestmark = pytest.mark.slow
 
@@ -77,3 +77,49 @@ def test_news_do_not_lead_back_to_the_first_one_found(look: Look, tmp_path: Path
     expect(page.locator("#task h2")).to_have_text("map {3}")
     page.locator("#search").fill("map map")  # who looks for something else begins again
     expect(page.locator("#found")).to_have_text("3 found, 2 of them no tasks")
+
+
+def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None:
+    story = Story().module("stove", "fry", "boil").at(1.0)
+    fry, boil = story.command("fry", "user"), story.command("boil", "user")
+    story.delivered(fry, "stove").queued(boil, "stove").at(2.0).returned(fry, Outcome.FAILED)
+    story.say(facts.Failed(fry, "burnt", "flames everywhere")).reached(fry, *Moment).at(3.0)
+    page = look(story.write(tmp_path / "kitchen"))
+    for words, found in (
+        ("burnt", 1),
+        ("Flames", 1),
+        ("fail", 1),
+        ("failed fry burnt", 1),
+        ("boil burnt", 0),
+        ("queued stove", 1),
+        ("stove", 2),
+        ("{2}", 1),
+    ):
+        page.locator("#search").fill(words)
+        expect(page.locator("#found")).to_have_text(f"{found} found")
+    page.locator("#search").fill("burnt")
+    page.locator("body").press("Home")
+    page.evaluate("tca.slider.setTime(1.5)")
+    expect(page.locator("#found")).to_have_text("0 found")
+
+
+def test_tasks_of_the_name_that_is_looked_for_come_first(look: Look, tmp_path: Path) -> None:
+    story = Story().module("fry van", "deliver").at(1.0)
+    day, other = story.goal("day", "user"), story.command("deliver", "user")
+    story.delivered(other, "fry van").at(2.0).returned(other).reached(other, Moment.END_ACHIEVING)
+    named, idle = story.command("fry", "user"), story.command("late deliver", "user")
+    story.say(facts.Killed(TaskId(day), "deliver and fry failed", "user")).at(3.0)
+    page = look(story.write(tmp_path / "bakery"))
+    for words, order in (
+        ("deliver", [other, idle, day]),
+        ("fry", [named, other, day]),
+        ("failed", [day]),
+        ("deliver achieved", [other]),
+        ("", []),
+    ):
+        page.locator("#search").fill(words)
+        assert page.evaluate("[...tca.tree.found].map((task) => task.id)") == order
+    page.locator("#search").fill("deliver")
+    for number in (other, idle, day, other):
+        page.keyboard.press("Enter")
+        expect(page.locator("#task h2")).to_contain_text(f"{{{number}}}")

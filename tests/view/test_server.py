@@ -17,6 +17,7 @@ from tools.story import stumbling, walking
 
 from tca_tools.view.__main__ import view
 from tca_tools.view.columns import parsed
+from tca_wire.points import Moment
 
 pytestmark = pytest.mark.slow
 
@@ -35,66 +36,41 @@ def asked(address: str, what: str) -> Any:
     return json.loads(get(f"{address}api/{what}"))
 
 
-def test_why_a_task_waits_is_told_for_any_moment(address: str) -> None:
+STEPS = {"kind": "constraint", "number": 3, "name": "take steps", "moment": Moment.START_ACHIEVING, "since": 0.6}
+LEG = {"kind": "constraint", "number": 6, "name": "move leg", "moment": Moment.END_ACHIEVING, "since": 1.4}
+END = {
+    "thing": "move leg {6}", "number": 6, "which": "controller handles", "that": "controller handles that", "others": 0
+}  # fmt: skip
+
+
+def test_all_there_is_to_say_about_a_task_is_data(address: str) -> None:
     get(f"{address}api/frame")
-    assert asked(address, "message/7?at=2.5")["reasons"] == [
-        {"text": "until move leg {6} is achieved", "since": 1.4, "begun": 1.4}
-    ]
-    assert asked(address, "message/7?at=2.5")["state"] == "held"
+    told = asked(address, "message/7?at=2.5")
+    assert (told["state"], told["how"], told["waits"], told["end"]) == ("held", "waits", [LEG], None)
     told = asked(address, "message/7")
-    assert (told["state"], told["failure"], told["reasons"]) == (
-        "failed",
-        r"terrain collision: leg 4 met\x1b[31m rock",
-        [],
-    )
-    assert told["story"][-2] == {
-        "time": 4.5,
-        "text": r"failed: terrain collision: leg 4 met\x1b[31m rock",
-        "seconds": None,
-        "is_open": False,
-    }
+    assert (told["state"], told["waits"]) == ("failed", [])
+    assert told["failure"] == {"name": "terrain collision", "text": r"leg 4 met\x1b[31m rock"}
+    text = r"failed: terrain collision: leg 4 met\x1b[31m rock"
+    assert told["story"][-2] == {"time": 4.5, "text": text, "seconds": None, "isOpen": False}
+    constraint = {"number": 3, "name": "take steps", "delay": 0.0, "isOwn": False, "isMet": False}
     assert asked(address, "message/4?at=1")["constraints"] == [
-        {"id": 3, "text": "start achieving not before take steps {3} end achieving", "kind": "SEQ", "is_met": False},
-        {"id": 3, "text": "start planning not before take steps {3} start achieving", "kind": "plan ahead", "is_met": False},
-    ]  # fmt: skip
-
-
-def test_a_message_is_no_task_and_has_its_story_too(address: str) -> None:
-    get(f"{address}api/frame")
+        constraint | {"before": Moment.END_ACHIEVING, "moment": Moment.START_ACHIEVING},
+        constraint | {"before": Moment.START_ACHIEVING, "moment": Moment.START_PLANNING},
+    ]
     told = asked(address, "message/5")
     assert (told["name"], told["class"], "state" in told) == ("elevation map", "query", False)
-    assert told["sender"] == "gait planner while handling take steps {2}"
+    assert (told["sender"], told["origin"]) == ("gait planner", {"number": 2, "name": "take steps"})
 
 
 def test_notes_and_the_messages_around_a_moment(address: str) -> None:
     get(f"{address}api/frame")
-    steps, leg = "waits until take steps {3} is being achieved", "waits until move leg {6} is achieved"
-    end = "in the end for move leg {6}, which controller handles"
-    near = asked(address, "notes?ids=4&at=2.5&within=0")["4"]
-    assert (near["text"], near["end"], near["isFurther"]) == (steps, "", True)
+    common: dict[str, Any] = {"how": "waits", "ahead": [], "failure": None, "killed": ""}
     assert asked(address, "notes?ids=4,7,99,x&at=2.5") == {
-        "4": {
-            "text": steps,
-            "age": {"since": 0.6, "begun": 0.6},
-            "whole": f"{steps}\n\n{end}",
-            "end": end,
-            "alone": end,
-            "isFurther": False,
-        },
-        "7": {
-            "text": leg,
-            "age": {"since": 1.4, "begun": 1.4},
-            "whole": leg,
-            "end": "",
-            "alone": "",
-            "isFurther": False,
-        },
+        "4": common | {"waits": [STEPS], "since": 0.6, "start": 0.6, "end": END},
+        "7": common | {"waits": [LEG], "since": 1.4, "start": 1.4, "end": None},
     }
     lines = asked(address, "messages?place=4&before=1&after=0")
     assert {line["place"] for line in lines} == {3, 4}
-    assert (
-        lines[0]["text"].startswith("goal traverse arc {1} from user interface") or lines[0]["kind"] == "module joined"
-    )
     assert asked(address, "messages?place=99999&before=5&after=5") == []
 
 
@@ -113,7 +89,7 @@ def test_what_is_waited_for_in_the_end(address: str) -> None:
     get(f"{address}api/frame")
     told = asked(address, "causes?at=2.5")
     assert (told["waiting"], told["things"]) == (7, 1)
-    assert told["causes"] == [{"text": "move leg {6}, which controller handles", "tasks": 7, "number": 6}]
+    assert told["causes"] == [END | {"tasks": 7, "goto": 6}]
     assert asked(address, "causes?at=-1") == {"waiting": 0, "things": 0, "causes": []}
 
 

@@ -10,9 +10,9 @@ from threading import Semaphore
 import pytest
 from integration.programs import Central, central
 from playwright.sync_api import Page, expect
-from view.conftest import SOON, Look
 
 from tca_module import Client, Command, Goal, Module, Task, connect
+from view.conftest import SOON, Look
 
 pytestmark = pytest.mark.slow
 

@@ -1,9 +1,10 @@
 // The chart's axis and, over all that is drawn, the cursor with what is to come.
 
-import { css, ticks } from "./format.js";
+import { css } from "./dom.js";
 
 export const AXIS = 20;
 const DISTANCE = 90; // pixels between two labels, at least
+const STEPS = [60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 43200, 86400];
 
 // `x` tells where a time is; bars begin at `left`.
 export function drawAxis(context, [from, to], { x, left, width, height }) {
@@ -35,4 +36,28 @@ export function drawCursor(context, x, { left, width, height }) {
   context.lineTo(x, height);
   context.stroke();
   context.lineWidth = 1;
+}
+
+// Round times between start and end, about `most` of them, with labels.
+export function ticks(start, end, most) {
+  const shortest = (end - start) / Math.max(most, 1);
+  if (!(shortest > 0)) return [];
+  let step = STEPS.find((one) => one >= shortest) ?? 86400 * Math.ceil(shortest / 86400);
+  if (shortest <= 30) {
+    const power = 10 ** Math.floor(Math.log10(shortest));
+    step = power * ([1, 2, 5, 10].find((factor) => factor * power >= shortest * (1 - 1e-9)) ?? 10);
+    if (step === 50) step = 30;
+  }
+  const digits = step < 1 ? Math.min(9, Math.ceil(-Math.log10(step) - 1e-9)) : 0, found = [];
+  for (let number = Math.ceil(start / step - 1e-9); number * step <= end + step * 1e-9; number++) found.push({ time: number * step });
+  const isLong = found.length > 0 && found.at(-1).time >= 600;
+  return found.map(({ time }) => ({ time, label: onAxis(time, digits, isLong) }));
+}
+
+// As the clock says it, as exactly as the axis needs; all of one axis in seconds, or in minutes.
+function onAxis(time, digits, isLong) {
+  if (!isLong) return `${time.toFixed(digits)} s`;
+  const minutes = Math.floor(Number(time.toFixed(digits)) / 60), hours = Math.floor(minutes / 60);
+  const rest = Math.max(time - minutes * 60, 0).toFixed(digits).padStart(digits ? digits + 3 : 2, "0");
+  return hours ? `${hours}:${String(minutes % 60).padStart(2, "0")}:${rest}` : `${minutes}:${rest}`;
 }

@@ -1,11 +1,11 @@
 // The Gantt chart: what every resource did when. Bars too narrow to see are drawn as one; what is out of sight costs nothing.
 
 import { AXIS, drawAxis, drawCursor } from "./axis.js";
-import { clipped, css, prepared } from "./format.js";
+import { clipped, css, prepared } from "./dom.js";
 import { ScrollBar } from "./scroll.js";
 import { BETWEEN, LANE, NAMED, THIN, drawCurve, firstWith, inOrder, placed } from "./rows.js";
-import { describe, isLight, share } from "./spans.js";
 import { wasHandled } from "./store.js";
+import { spanWords } from "./words.js";
 
 const NARROW = 1.5; // pixels
 const HELD = "#d08a00";
@@ -390,9 +390,27 @@ export class Chart {
     const found = this.at(offsetX, offsetY);
     this.hint.hidden = !found;
     if (!found) return;
-    this.hint.textContent = describe(found, this.store, this.time);
+    this.hint.textContent = spanWords(found, this.store, this.time);
     const left = Math.min(offsetX + 14, this.width - Math.min(this.hint.offsetWidth, this.width) - 4);
     this.hint.style.left = `${Math.max(left, 0)}px`;
     this.hint.style.top = `${Math.min(offsetY + 16, this.height - 26)}px`;
   }
+}
+
+// Which part of some seconds the spans of a lane between two places take.
+function share(lane, from, to, seconds) {
+  const sums = (lane.sums ??= [0]); // of the lengths of all before each place
+  while (sums.length <= to) {
+    const span = lane[sums.length - 1];
+    if (span.end === Infinity) return 1;
+    sums.push(sums[sums.length - 1] + span.end - span.start);
+  }
+  return Math.min((sums[to] - sums[from]) / seconds, 1);
+}
+
+// Whether a bar is light, since its handler waits, in more than half of a stretch of time.
+function isLight({ kind, waits }, from, to) {
+  let light = 0;
+  for (const wait of waits) light += Math.max(Math.min(wait.end, to) - Math.max(wait.start, from), 0);
+  return kind === "waiting" || light > (to - from) / 2;
 }

@@ -1,6 +1,7 @@
 // All there is to say about one task or message: state, why it waits or failed, times, data, constraints, its story.
 
-import { age, ages, CALM, element, length, near, seconds, soon } from "./format.js";
+import { age, ages, element, soon } from "./dom.js";
+import { clauses, constraint, duration, end, numbered, parted, plain, seconds } from "./words.js";
 
 const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unasked
 const MET = 3, UNMET = 12; // constraints that are shown unasked
@@ -18,25 +19,24 @@ export class Details {
 
   show(id, time) {
     if (id === null || (id === this.id && time === this.time && this.version === this.store.version)) return;
-    Object.assign(this, { id, time, version: this.store.version, changed: performance.now() });
+    Object.assign(this, { id, time, version: this.store.version });
     this.fetch();
   }
 
   async #fetch() {
     if (this.isAsking) return; // the answer comes back here
-    const { id, time, changed } = this, within = near(changed);
+    const { id, time, version } = this;
     this.isAsking = true;
-    const about = await this.ask(`message/${id}`, { at: time, within });
+    const about = await this.ask(`message/${id}`, { at: time });
     this.isAsking = false;
-    if (changed !== this.changed) this.fetch();
-    else if (about?.isFurther) setTimeout(this.fetch, CALM);
+    if (id !== this.id || time !== this.time || version !== this.version) this.fetch();
     if (id !== this.id || !about) return;
     if (about.error) this.panel.replaceChildren(element("p", { class: "faint", text: about.error }));
     else this.panel.replaceChildren(...this.#parts(about));
   }
 
   *#parts(about) {
-    yield element("h2", { text: `${about.name} {${about.id}}` });
+    yield element("h2", { text: plain([numbered({ name: about.name, number: about.id })]) });
     yield* this.#lead(about);
     yield* this.#relations(about);
     if (about.constraints?.length) {
@@ -45,7 +45,7 @@ export class Details {
     }
     yield* this.#data("data", about.data);
     yield* this.#data("result", about.result);
-    yield* this.#data("data of the failure", about.failure_data);
+    yield* this.#data("data of the failure", about.failureData);
     yield element("h3", { text: "story" });
     if (about.untold) yield element("p", { class: "faint", text: `… ${about.untold} sentences before these` });
     const later = about.story.findIndex(({ time }) => time > this.time), known = later < 0 ? about.story : about.story.slice(0, later);
@@ -56,7 +56,7 @@ export class Details {
     }
     if (!about.chain?.length) return;
     yield element("h3", { text: "its failure, step by step" });
-    yield element("table", { id: "chain" }, ...about.chain.map((link) => this.#link(link)));
+    yield element("table", { id: "chain" }, ...about.chain.map((step) => this.#step(step)));
   }
 
   *#lead(about) {
@@ -69,11 +69,15 @@ export class Details {
       const born = about.received > this.time;
       yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
     }
-    for (const reason of about.reasons ?? []) yield this.#reason(about.how, reason);
-    if (about.end) yield element("p", { class: "lead end" }, ...this.#linked(`in the end ${about.end}`));
-    for (const one of about.coming ?? []) yield element("p", { class: "lead" }, ...this.#linked(one));
+    for (const { waits, parts } of clauses(about.waits ?? [])) {
+      const since = Math.max(...waits.map((wait) => wait.since ?? about.since));
+      yield this.#paragraph("", [`${about.how} `, ...parts], ...ages({ since, start: about.start }));
+    }
+    if (about.end) yield this.#paragraph("end", ["in the end for ", ...end(about.end)]);
+    for (const one of about.ahead ?? []) yield element("p", { class: "lead" }, ...this.#linked(one));
     if (about.failure) {
-      yield element("p", { class: `lead ${about.handled ? "handled" : "bad"}` }, ...this.#linked(about.failure));
+      const { name, text } = about.failure;
+      yield element("p", { class: `lead ${about.handled ? "handled" : "bad"}` }, ...this.#linked([name, text].filter(Boolean).join(": ")));
       const later = about.handled ? undefined : this.store.handledLater(about.id, this.time);
       if (later !== undefined) yield element("p", { class: "lead faint" }, "handled later: ", this.#moment(later));
       if (about.told) yield element("p", { class: "lead" }, ...this.#linked(about.told));
@@ -81,17 +85,14 @@ export class Details {
     if (about.killed) yield element("p", { class: `lead ${about.replaced ? "handled" : "bad"}` }, ...this.#linked(`killed: ${about.killed}`));
   }
 
-  #reason(how, reason) {
-    const [lasted, inAll] = ages(reason), told = this.#linked(`${how} ${reason.text}`);
-    return element("p", { class: "lead" }, ...told, lasted, inAll);
-  }
+  #paragraph(kind, parts, ...ages) { return element("p", { class: `lead ${kind}`.trim() }, ...this.#links(parts), ...ages); }
 
   *#relations(about) {
     const lines = [];
-    if (about.parent) lines.push(["under", this.#linkTo(about.parent, about.parent_name)]);
-    lines.push(["sent by", element("span", { text: about.sender })]);
-    if (about.role) lines.push(["as", element("span", {}, element("span", { text: `${about.role} for ` }), this.#linkTo(about.about_id, about.about))]);
-    for (const handler of about.caught_by ?? []) lines.push(["handled as a failure by", this.#linkTo(handler.id, handler.name)]);
+    if (about.parent) lines.push(["under", this.#linkTo(about.parent)]);
+    lines.push(["sent by", element("span", {}, ...this.#links(about.origin ? [`${about.sender} while handling `, numbered(about.origin)] : [about.sender]))]);
+    if (about.role) lines.push(["as", element("span", {}, `${about.role} for `, this.#linkTo(about.about))]);
+    for (const handler of about.caughtBy ?? []) lines.push(["handled as a failure by", this.#linkTo(handler)]);
     for (const [name, span] of Object.entries(about.spans ?? {})) if (span) lines.push([name, times(span)]);
     if (about.children) lines.push(["subtasks", element("span", { text: about.children })]);
     yield element("table", {}, ...lines.map(([name, what]) => element("tr", {}, element("td", { class: "faint", text: name }), element("td", {}, what))));
@@ -106,7 +107,7 @@ export class Details {
 
   // What holds it first; of many the first ones, and the others when they are asked for.
   *#constraints({ id, constraints }) {
-    const met = constraints.filter((one) => one.is_met), unmet = constraints.filter((one) => !one.is_met);
+    const met = constraints.filter((one) => one.isMet), unmet = constraints.filter((one) => !one.isMet);
     for (const [group, most, said] of [[unmet, UNMET, "not met"], [met, MET, "met"]]) {
       const key = `${id} ${said}`, shown = this.unfolded.has(key) || group.length <= most + 1 ? group.length : most;
       yield* group.slice(0, shown).map((one) => this.#constraint(one));
@@ -122,19 +123,18 @@ export class Details {
   }
 
   #constraint(one) {
-    const what = one.id ? this.#linkTo(one.id, one.text) : element("span", { text: one.text });
-    return element("tr", { class: one.is_met ? "met" : "" },
-      element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }),
-      element("td", {}, what, ...one.way ? [", by way of ", this.#linkTo(one.way, one.way_name)] : []));
+    const { isMet, number, way } = one, text = constraint(one), what = number ? this.#link(number, text) : element("span", { text });
+    return element("tr", { class: isMet ? "met" : "" }, element("td", { text: isMet ? "✓" : "•", title: isMet ? "met" : "holds it" }),
+      element("td", {}, what, ...way ? [", by way of ", this.#linkTo(way)] : []));
   }
 
-  #sentence({ time, text, seconds: took, is_open: isOpen }) {
-    const isKnown = time <= this.time, lasts = isOpen && isKnown ? [age(time), " …"] : [took === null ? "" : length(took)];
+  #sentence({ time, text, seconds: took, isOpen }) {
+    const isKnown = time <= this.time, lasts = isOpen && isKnown ? [age(time), " …"] : [took === null ? "" : duration(took)];
     return element("tr", { class: isKnown ? "" : "met" }, element("td", { class: "number" }, this.#moment(time)),
       element("td", { class: "number" }, ...lasts), element("td", { class: "said" }, ...this.#linked(text)));
   }
 
-  #link({ time, depth, text }) {
+  #step({ time, depth, text }) {
     const told = element("td", { class: "said" }, ...this.#linked(text));
     told.style.paddingLeft = `calc(${depth} * var(--indent))`;
     return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)), told);
@@ -148,30 +148,21 @@ export class Details {
 
   // A text in which tasks are links; of a very long one the beginning, and the rest when that is asked for.
   *#linked(text) {
-    const shown = withoutCarets(text);
-    if (shown.length <= LONGEST) return yield* this.#withLinks(shown);
-    yield* this.#withLinks(shown.slice(0, LONGEST));
-    yield "… ";
-    yield rest(shown);
+    const shown = withoutCarets(text), parts = parted(shown.slice(0, LONGEST), (number) => this.store.byId.get(number)?.name);
+    yield* this.#links(parts);
+    if (shown.length > LONGEST) yield* ["… ", rest(shown)];
   }
 
-  // A text in which the tasks that it names are links: "move {7}", "task 7".
-  *#withLinks(text) {
-    let told = 0;
-    for (const { 0: found, 1: braced, 2: plain, index } of text.matchAll(/\{(\d+)\}|\btask (\d+)\b/g)) {
-      const task = this.store.byId.get(Number(braced ?? plain)), name = `${task?.name} `;
-      if (!task) continue;
-      const isNamed = braced && text.slice(told, index).endsWith(name), start = isNamed ? index - name.length : index;
-      yield text.slice(told, start);
-      told = index + found.length;
-      yield this.#linkTo(task.id, text.slice(start, told));
-    }
-    yield text.slice(told);
+  #links(parts) {
+    const isTask = ({ number }) => this.store.byId.has(number);
+    return parts.map((part) => (isTask(part) ? this.#link(part.number, part.text) : part.text ?? part));
   }
 
-  #linkTo(id, name) {
-    const made = element("button", { class: "link", text: name });
-    made.addEventListener("click", () => this.choose(id));
+  #linkTo(task) { return this.#link(task.number, plain([numbered(task)])); }
+
+  #link(number, text) {
+    const made = element("button", { class: "link", text });
+    made.addEventListener("click", () => this.choose(number));
     return made;
   }
 }
@@ -184,11 +175,13 @@ function rest(text) {
 }
 
 // Python marks places in a traceback with lines of ^ and ~, under letters of one width.
-function withoutCarets(text) { return text.replaceAll(/\n[ \t]*[\^~]+[ \t]*(?=\n|$)/g, ""); }
+function withoutCarets(text) {
+  return text.split("\n").filter((line) => ![...line].some((letter) => "^~".includes(letter)) || [...line].some((letter) => !" \t^~".includes(letter))).join("\n");
+}
 
-function times([start, end]) {
-  if (end === null) return element("span", {}, `since ${seconds(start)}  (`, age(start), " so far)");
-  return element("span", { text: `${seconds(start)} – ${seconds(end)}  (${length(end - start)})` });
+function times([start, over]) {
+  if (over === null) return element("span", {}, `since ${seconds(start)}  (`, age(start), " so far)");
+  return element("span", { text: `${seconds(start)} – ${seconds(over)}  (${duration(over - start)})` });
 }
 
 function pretty(text) {

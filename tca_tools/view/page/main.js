@@ -3,12 +3,12 @@
 import { Causes } from "./causes.js";
 import { Chart } from "./chart.js";
 import { Details } from "./details.js";
-import { count, element } from "./format.js";
+import { element, setTime as setAges } from "./dom.js";
 import { Messages } from "./messages.js";
 import { ofRun, Runs } from "./runs.js";
 import { Search } from "./search.js";
 import { Slider } from "./slider.js";
-import { lastNotAfter, Store } from "./store.js";
+import { Store } from "./store.js";
 import { Tree } from "./tree.js";
 
 const BEAT = 250; // milliseconds between two pictures of time that goes on
@@ -47,7 +47,7 @@ function keepUp() { tree.keepsUp = true; }
 
 // A bit on, while the run is played.
 function playTo(time) {
-  if (lastNotAfter(store.times, time) !== tree.moment) return setTime(time, { keepPlaying: true });
+  if (store.place(time) !== store.place(tree.time)) return setTime(time, { keepPlaying: true });
   cursor = time;
   glide(time);
 }
@@ -86,7 +86,7 @@ function draw() {
     if (!store.head) return;
     if (cursor === Infinity) store.goOn();
     const time = Math.min(cursor, store.end);
-    count(time);
+    setAges(time);
     search.update(time);
     tree.show(time);
     chart.show(time);
@@ -94,7 +94,7 @@ function draw() {
     details.show(details.id, time);
     messages.show(time);
     drawCounts(time);
-    causes.show(time, cursor === Infinity);
+    causes.show(time);
     remember();
   });
 }
@@ -111,8 +111,7 @@ function glide(time) {
   chart.show(time);
   if (performance.now() - counted < SLOW) return;
   counted = performance.now();
-  count(time);
-  causes.show(time, cursor === Infinity);
+  setAges(time);
 }
 
 function drawCounts(time) {

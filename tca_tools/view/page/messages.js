@@ -1,12 +1,11 @@
 // The messages around the cursor: what central wrote into the journal, a line a fact.
 
-import { element, seconds, soon } from "./format.js";
-import { lastNotAfter, wasHandled } from "./store.js";
+import { element, soon } from "./dom.js";
+import { wasHandled } from "./store.js";
+import { seconds } from "./words.js";
 
 const BEFORE = 60, AFTER = 40;
 const LONGEST = 600; // characters of a line
-const GOODBYE = "it said goodbye"; // of a module that left because its work was done
-const BAD = ["failed", "killed", "dropped", "refused", "module left", "unhandled"];
 
 export class Messages {
   constructor(store, { choose, setTime, ask }) {
@@ -23,10 +22,10 @@ export class Messages {
   }
 
   async #fetch() {
-    const place = lastNotAfter(this.store.times, this.time);
+    const place = this.store.place(this.time);
     if (place < 0) return;
     const lines = await this.ask("messages", { place, before: BEFORE, after: AFTER });
-    if (!lines || this.panel.hidden || place !== lastNotAfter(this.store.times, this.time)) return;
+    if (!lines || this.panel.hidden || place !== this.store.place(this.time)) return;
     this.widest = lines.reduce((wide, { time }) => Math.max(wide, seconds(time).length), this.widest);
     const made = lines.map((line) => this.#line(line, place));
     this.panel.replaceChildren(...made);
@@ -35,8 +34,8 @@ export class Messages {
   }
 
   // Red, or amber if the run had gone on at the time that is shown.
-  #tint({ kind, id, time, text }) {
-    if (!BAD.includes(kind) || kind === "module left" && text.endsWith(GOODBYE)) return "";
+  #tint({ kind, id, time, isBad }) {
+    if (!isBad) return "";
     return kind === "failed" && wasHandled(this.store.failureAt(id, time), this.time) ? "handled" : "bad";
   }
 

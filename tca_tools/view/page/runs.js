@@ -1,7 +1,7 @@
 // Which run is shown: chosen from those there are, or the newest one, whichever that is. The server asks for a run by an
 // address that stays; what people call it may change, as when another one begins in its folder.
 
-import { element } from "./format.js";
+import { element } from "./dom.js";
 
 const LEFT = "left"; // what the page remembers from one run to the next: the run that it went over from
 const chosen = new URLSearchParams(location.search).get("run"); // by the address; null: the one to begin with

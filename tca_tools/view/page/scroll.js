@@ -1,6 +1,6 @@
 // The bar at the right of the chart, and the button that says how many rows are below: both only where not all has room.
 
-import { element } from "./format.js";
+import { element } from "./dom.js";
 
 const BAR = 15; // pixels, as in style.css
 

@@ -3,7 +3,7 @@
 // module, and what failed so; each in the order in which they were sent. Other messages are found in the same way, if one
 // of the words is of their name: they come behind the tasks. What is sent only later is found by its name alone.
 
-import { lastNotAfter, wasHandled } from "./store.js";
+import { wasHandled } from "./store.js";
 
 const SHORTEST = 3; // letters: of fewer a state must be all
 const NOWHERE = 4;
@@ -30,8 +30,7 @@ export class Search {
     this.time = time;
     const words = this.input.value.toLowerCase().split(/\s+/).filter(Boolean);
     const { store } = this, sent = (all) => all.slice(0, words.length ? store.sentBy(all, time) : 0);
-    const moment = lastNotAfter(store.times, time); // what is found changes with messages, not with time
-    const asked = `${words.join(" ")}@${moment}#${store.version}`;
+    const asked = `${words.join(" ")}@${store.known(time)}`;
     if (asked === this.asked) return;
     this.asked = asked;
     const stood = this.wanted === words.join(" ") ? this.found[this.place] : undefined; // news do not lead back to the first

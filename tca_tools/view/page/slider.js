@@ -1,7 +1,7 @@
 // The time slider: how much happened when, failures in red or amber, and a handle that is dragged; play, steps and speed.
 
-import { css, length, prepared, seconds } from "./format.js";
-import { lastNotAfter } from "./store.js";
+import { css, prepared } from "./dom.js";
+import { duration, seconds } from "./words.js";
 
 const EDGE = 7; // pixels beside the track
 const LONGEST_SILENCE = 5; // seconds: so long it takes at most, however slow the run is played, until the next message
@@ -38,7 +38,7 @@ export class Slider {
   // To another message.
   step(by) {
     this.stop();
-    const { times } = this.store, place = lastNotAfter(times, this.time) + by;
+    const { times } = this.store, place = this.store.place(this.time) + by;
     if (place >= times.length) this.setTime(Infinity);
     if (place < 0 || place >= times.length) return;
     this.setTime(times[place]);
@@ -90,7 +90,7 @@ export class Slider {
 
   // Seconds of the run in a second: as the reader chose, or more where nothing happens for long.
   #speedAt(time) {
-    const { times } = this.store, place = lastNotAfter(times, time);
+    const { times } = this.store, place = this.store.place(time);
     const silence = place < 0 || place + 1 >= times.length ? 0 : times[place + 1] - times[place];
     const chosen = Number(document.getElementById("speed").value), speed = Math.max(chosen, silence / LONGEST_SILENCE);
     this.#tellHaste(speed > chosen, silence);
@@ -99,7 +99,7 @@ export class Slider {
 
   #tellHaste(isFaster, silence) {
     this.clock.classList.toggle("faster", isFaster);
-    this.clock.title = isFaster ? `no message for ${length(silence)}: that is played faster` : "";
+    this.clock.title = isFaster ? `no message for ${duration(silence)}: that is played faster` : "";
   }
 
   #drag(event) {

@@ -6,7 +6,7 @@ import { ofRun } from "./runs.js";
 export const NEVER = -1;
 
 // The last place in a sorted list whose value is not beyond `value`; -1 if all are.
-export function lastNotAfter(list, value) {
+function lastNotAfter(list, value) {
   let low = 0, high = list.length;
   while (low < high) {
     const middle = (low + high) >> 1;
@@ -249,6 +249,10 @@ export class Store {
     return place < 0 ? NEVER : states[place];
   }
 
+  // The number of the last entry that is known at a time, -1 before the first; and a text that changes with all that is.
+  place(time) { return lastNotAfter(this.times, time); }
+  known(time) { return `${this.place(time)}#${this.version}`; }
+
   // How a task stands at a time, by name and colour: its state; or, of a failure, that the run went on after it.
   looksOf(task, time) {
     const state = this.stateAt(task, time), looks = this.head.states[state === NEVER ? 0 : state];
@@ -257,9 +261,9 @@ export class Store {
 
   // The tasks above those that stand as failed at a time, after which the run did not go on.
   aboveBad(time) {
-    const moment = lastNotAfter(this.times, time);
-    if (this.bad?.version === this.version && this.bad.moment === moment) return this.bad.above;
-    this.bad = { version: this.version, moment, above: new Set() };
+    const known = this.known(time);
+    if (this.bad?.known === known) return this.bad.above;
+    this.bad = { known, above: new Set() };
     for (const task of this.failed) {
       if (this.looksOf(task, time).name !== "failed") continue;
       for (let { parent } = task; parent && !this.bad.above.has(parent); { parent } = parent) this.bad.above.add(parent);
@@ -314,6 +318,17 @@ export class Store {
   handledLater(task, time) {
     const failure = this.lastFailure(task, time);
     return failure?.handled ? failure.turns.find((turn) => turn > time) : undefined;
+  }
+
+  // Whether a task has ended between two times; and whether it is in another state.
+  hasEnded(number, from, until) {
+    const task = this.byId.get(number);
+    return task !== undefined && this.ended(task, until) !== null && this.ended(task, from) === null;
+  }
+
+  hasChanged(number, from, until) {
+    const task = this.byId.get(number);
+    return task !== undefined && this.entered(task, from) !== this.entered(task, until);
   }
 
   isOver(state) { return ["achieved", "failed", "killed"].includes(this.head.states[state].name); }

@@ -1,9 +1,9 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
-import { lastNotAfter, NEVER } from "./store.js";
-import { ages, agesInAll, CALM, element, near, NUMBER, ruler, seconds, soon, withEnd } from "./format.js";
+import { ageInAll, ages, element, ruler } from "./dom.js";
+import { NOTHING, Notes } from "./notes.js";
 import { Outline } from "./outline.js";
-import { lasting, toldOf } from "./stale.js";
+import { abridged, numbered, plain, seconds, whole } from "./words.js";
 
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
@@ -11,10 +11,7 @@ const BESIDE_KIND = 10;
 const BESIDE_ROLE = 110; // the same beside a name with a role, without its number and what the row is indented by
 const INDENT = 15; // as in style.css
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
-const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
-const CAUSE = /^(?:waits )?(?:until|for) [^{},]*\{\d+\}/, REASON = /, (?:which|but) [^,;]*…/;
-const NOTHING = { text: "", age: null, whole: "", end: "", alone: "" };
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
 };
@@ -24,7 +21,7 @@ export class Tree {
     this.store = store;
     this.outline = new Outline(store);
     this.choose = choose;
-    this.ask = ask; // the server, for notes
+    this.notes = new Notes(store, { ask, changed: () => this.#draw() });
     this.scroller = document.getElementById("rows");
     this.spacer = document.getElementById("spacer");
     this.head = document.querySelector(".heads span"); // above the names
@@ -34,9 +31,6 @@ export class Tree {
     this.tall = 0; // the room for rows, in pixels
     this.widest = 0; // of all names so far, in characters, with their depth
     this.widthOf = ruler(this.scroller);
-    this.notes = new Map(); // by task: { text, age, whole, end, alone, entered, asked, told }; its state began when it was `entered`
-    this.asked = 0; // goes up with all that may change notes
-    this.isAsking = false;
     this.found = new Set();
     this.keepsUp = true; // what is current stays in sight, until the reader scrolls himself
     this.arrows = document.createElementNS("http://www.w3.org/2000/svg", "svg");
@@ -46,18 +40,10 @@ export class Tree {
     new ResizeObserver(() => this.#resized()).observe(this.scroller);
     this.spacer.addEventListener("click", (event) => this.#click(event));
     this.spacer.addEventListener("dblclick", (event) => this.#toggle(this.#rowOf(event)));
-    this.fetchNotes = soon(() => this.#fetchNotes(), 120);
   }
 
   show(time) {
-    const moment = lastNotAfter(this.store.times, time); // what is known changes with messages, not with time
-    if (moment !== this.moment || this.version !== this.store.version) {
-      this.asked++;
-      this.changed = performance.now();
-    }
     this.time = time;
-    this.moment = moment;
-    this.version = this.store.version;
     const stood = this.#inSight();
     this.rows = this.outline.rows(time);
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
@@ -201,7 +187,7 @@ export class Tree {
     this.spacer.replaceChildren(...lines, this.arrows);
     this.#drawArrows(first, last);
     this.#tellWhere();
-    this.fetchNotes();
+    this.notes.want(this.rows.slice(first, last).flatMap(({ task }) => task ?? []), this.time);
   }
 
   // The head names what the first row in sight lies under, if that is out of sight.
@@ -214,7 +200,7 @@ export class Tree {
     const shown = path.length > 2 ? [path[0], null, path.at(-1)] : path;
     const links = shown.map((task) => (task ? this.#linkTo(task) : element("span", { text: "…" })));
     this.head.replaceChildren(...links.length ? links.flatMap((link) => [link, " ▸ "]) : ["task"]);
-    this.head.title = path.map(({ name, id }) => `${name} {${id}}`).join(" ▸ ");
+    this.head.title = path.map(({ name, id }) => plain([numbered({ name, number: id })])).join(" ▸ ");
   }
 
   #linkTo({ name, id }) {
@@ -259,23 +245,14 @@ export class Tree {
     const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
-    const { text: note, age, whole, end, alone } = this.#note(task) ?? NOTHING;
-    const why = element("span", { class: isHandled ? "why handled" : "why", title: whole }), isOver = isHandled || ["failed", "killed"].includes(name);
-    const told = (note && isOver ? `${name}: ${note}` : note || name).slice(0, LONGEST);
     const kinds = this.related.has(task) ? [...this.related.get(task)].join(", ") : "";
+    const why = element("span", { class: isHandled ? "why handled" : "why" });
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
-    const lasted = age ? ages(age) : [], brief = age ? agesInAll(age) : "", wide = (one) => (one ? this.widthOf(one.textContent) : 0);
     const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4;
-    const [beside, bare] = [room - wide(brief), room].map((left) => withEnd(told, end, alone, left, this.widthOf));
-    const isNamed = (NUMBER.test(beside.join("")) || !CAUSE.test(told)) && !tellsLess(beside.join("; "), bare.join("; "));
-    const [what, last] = isNamed ? beside : bare, rest = last && what ? `; ${last}` : last;
-    if (what) why.append(element("span", { class: "what", text: what }));
-    const hasRoom = lasted.reduce((sum, one) => sum + wide(one), this.widthOf(what + rest)) <= room;
-    if (what && isNamed) why.append(...hasRoom ? lasted : [brief]); // what it waits for comes before for how long
-    if (last) why.append(element("span", { class: "end", text: rest }));
+    this.#tellWhy(why, this.notes.of(task, this.time), name, room);
     if (mark) this.#placeRole(mark, row, cell, why, room - this.widthOf(why.textContent));
     line.append(cell, element("span", { class: "when", text: when }), why);
-    line.title = `${task.name} {${task.id}}: ${name}`;
+    line.title = `${plain([numbered({ name: task.name, number: task.id })])}: ${name}`;
   }
 
   // Beside the name or, if that has no room there, behind what is told at the end of the row.
@@ -290,36 +267,19 @@ export class Tree {
     return element("span", { class: isBad ? "hidden-failure" : "hidden-failure handled", text: "▲", title });
   }
 
-  // What was last heard of a task, until there is news: it holds as long as the task is in the same state, and as those are
-  // that it names.
-  #note(task) {
-    const note = this.notes.get(task.id);
-    if (note?.entered !== this.store.entered(task, this.time)) return undefined;
-    return note.asked === this.asked ? note : lasting(this.store, note, this.time);
-  }
-
-  async #fetchNotes() {
-    if (this.isAsking) return; // the answer comes back here
-    const first = Math.floor(this.scroller.scrollTop / ROW), { asked, time } = this, told = toldOf(this.store, this.moment);
-    const seen = this.rows.slice(Math.max(first - 4, 0), first + Math.ceil(this.scroller.clientHeight / ROW) + 8);
-    const within = near(this.changed), isKnown = ({ isFurther, asked: then } = NOTHING) => then === asked && !(isFurther && within === Infinity);
-    const tasks = seen.filter((row) => row.task && !isKnown(this.#note(row.task)) && this.#hasNote(row.task)).map((row) => row.task);
-    if (!tasks.length) return;
-    this.isAsking = true;
-    const notes = await this.ask("notes", { ids: tasks.map((task) => task.id).join(","), at: time, within });
-    this.isAsking = false;
-    if (!notes) return;
-    for (const task of tasks) {
-      const note = notes[task.id] ?? NOTHING;
-      this.notes.set(task.id, { ...note, entered: this.store.entered(task, time), asked, told });
-    }
-    if (Object.values(notes).some(({ isFurther }) => isFurther)) setTimeout(this.fetchNotes, CALM);
-    this.#draw();
-  }
-
-  #hasNote(task) {
-    const state = this.store.stateAt(task, this.time);
-    return state !== NEVER && this.store.head.states[state].name !== "achieved";
+  // What keeps it, for how long, and what it comes to in the end; what it waits for comes before for how long.
+  #tellWhy(why, note, state, room) {
+    const told = note ?? NOTHING, wide = (one) => (one ? this.widthOf(one.textContent) : 0);
+    why.title = whole(told, state);
+    const lasted = told.start === undefined ? [] : ages(told), brief = lasted.length ? ageInAll(told) : "";
+    const within = (left) => abridged(told, state, (...texts) => this.widthOf(texts.filter(Boolean).join("; ")) <= left);
+    const [beside, bare] = [within(room - wide(brief)), within(room)];
+    const isAged = brief && beside.names >= bare.names && beside.isWhole >= bare.isWhole;
+    const [what, last] = (isAged ? beside : bare).parts, rest = what && last ? `; ${last}` : last;
+    if (what) why.append(element("span", { class: "what", text: what }));
+    const hasRoom = lasted.reduce((sum, one) => sum + wide(one), this.widthOf(what + rest)) <= room;
+    if (what && isAged) why.append(...hasRoom ? lasted : [brief]);
+    if (last) why.append(element("span", { class: "end", text: rest }));
   }
 
   // --- constraint arrows -------------------------------------------------------------------------------------------
@@ -352,12 +312,6 @@ export class Tree {
     }
     this.arrows.replaceChildren(...paths);
   }
-}
-
-// Whether a note names less than another one, or has lost why what it names stands.
-function tellsLess(note, other) {
-  const names = (text) => text.split(NUMBER).length;
-  return names(note) < names(other) || (REASON.test(note) && !REASON.test(other));
 }
 
 // What a row keeps while others come and go: its task, or the first one that is folded.

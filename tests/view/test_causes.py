@@ -1,0 +1,135 @@
+"""What is waited for in the end, on the page: on every row, in the pane, and in the head for all tasks together."""
+
+import re
+import time
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+from tools.story import THIS, Story
+from tools.waits import delayed, stuck
+
+from tca_wire.constraints import sequential_achievement
+from tca_wire.points import Moment, TaskId
+from view.conftest import Look
+
+pytestmark = pytest.mark.slow
+
+END = "in the end for calibrate {3}, which no module handles"
+
+
+def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Path) -> None:
+    page = look(stuck().write(tmp_path / "stuck"), "#task=6")
+    page.set_viewport_size({"width": 2200, "height": 860})
+    why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
+    expect(why[1]).to_have_text(
+        f"waits until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3 s; {END}"
+    )
+    expect(why[2]).to_have_text("waits until calibrate {3} is achieved, for 3 s; no module handles that")
+    expect(why[3]).to_have_text("waits for a module that handles calibrate, for 3 s")
+    expect(why[6]).to_have_text(f"waits until drill {{5}} is achieved, for 3 s; {END}")
+    expect(page.locator("#task .lead.end")).to_have_text(END)
+    page.set_viewport_size({"width": 1300, "height": 860})
+    expect(why[6]).to_have_text("until drill {5} is achieved, for 3 s; in the end for calibrate {3}")
+    expect(why[2]).to_have_text("until calibrate {3} is achieved, for 3 s; no module handles that")
+    page.locator("#task .lead.end button").click()
+    expect(page.locator("#task h2")).to_have_text("calibrate {3}")
+
+
+def test_the_head_counts_by_what_is_waited_for_in_the_end(look: Look, tmp_path: Path) -> None:
+    page = look(stuck().write(tmp_path / "stuck"))
+    causes = page.locator("#causes")
+    expect(causes).to_have_text("6 wait for 1 thing:calibrate {3}, which no module handles")
+    page.keyboard.press("Home")
+    expect(causes).to_have_text("nothing waits")
+    page.keyboard.press("End")
+    causes.locator("button").click()
+    expect(page.locator("#task h2")).to_have_text("calibrate {3}")
+
+
+def in_turn() -> Story:
+    """Three tasks, one after the other: the second one begins when the first has ended, at 2 s."""
+    tale = Story().module("arm", "lift").at(1.0)
+    first = tale.command("lift", "user")
+    second = tale.command("lift", "user", 0, sequential_achievement(TaskId(first), THIS))
+    tale.command("lift", "user", 0, sequential_achievement(TaskId(second), THIS))
+    tale.delivered(first, "arm").at(2.0).returned(first).reached(first, *Moment).delivered(second, "arm")
+    return tale.at(3.0)
+
+
+def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_path: Path) -> None:
+    page = look(in_turn().write(tmp_path / "lifts"), "#t=1.5")
+    page.set_viewport_size({"width": 2200, "height": 860})
+    second, third = (page.locator(f".row[data-task='{number}'] .why") for number in (2, 3))
+    causes = page.locator("#causes")
+    expect(second).to_contain_text("until lift {1} is achieved")
+    expect(third).to_contain_text("until lift {2} is achieved, for 500 ms; in the end for lift {1}, which arm handles")
+    expect(causes).to_have_text("2 wait for 1 thing:lift {1}, which arm handles")
+    page.route("**/api/notes*", lambda _: None)  # no answer comes for a while
+    page.keyboard.press("End")
+    expect(page.locator(".row[data-task='1']")).to_have_class(re.compile("achieved"))
+    assert "lift {1}" not in second.inner_text()
+    expect(third).to_have_text("waits until lift {2} is achieved, for 2 s")
+    expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
+
+
+def test_a_wait_that_has_just_begun_has_lasted_for_no_time(look: Look, tmp_path: Path) -> None:
+    page = look(in_turn().write(tmp_path / "lifts"), "#t=1.0&task=3")
+    page.set_viewport_size({"width": 2200, "height": 860})
+    why, lead = page.locator(".row[data-task='3'] .why"), page.locator("#task .lead").first
+    end = "in the end for lift {1}, which arm handles"
+    expect(why).to_have_text(f"waits until lift {{2}} is achieved; {end}")
+    expect(lead).to_have_text("waits until lift {2} is achieved")
+    page.keyboard.press("End")
+    expect(why).to_have_text("waits until lift {2} is achieved, for 2 s")
+    expect(lead).to_have_text("waits until lift {2} is achieved, for 2 s")
+
+
+def chain(number: int) -> Story:
+    """Tasks that wait one for the other; the first is handled."""
+    tale = Story().module("arm", "lift").at(1.0)
+    last = first = tale.command("lift", "user")
+    for _ in range(number):
+        last = tale.command("lift", "user", 0, sequential_achievement(TaskId(last), THIS))
+    return tale.delivered(first, "arm").at(2.0).module("late")
+
+
+@pytest.mark.parametrize("many", [3_000, pytest.param(20_000, marks=pytest.mark.soak)])
+def test_very_many_that_wait_one_for_the_other_are_told_what_for(look: Look, tmp_path: Path, many: int) -> None:
+    page = look(chain(many).write(tmp_path / "many"), f"#task={many + 1}")
+    for key in ("End", "ArrowLeft", "End"):
+        page.keyboard.press(key)
+        expect(page.locator("#causes")).to_have_text(f"{many:,} wait for 1 thing:lift {{1}}, which arm handles")
+    expect(page.locator("#task .lead.end")).to_have_text("in the end for lift {1}, which arm handles")
+    begun = time.perf_counter()
+    assert page.evaluate(ASKED) == many
+    assert time.perf_counter() - begun < 1  # a tenth of that on a quick machine
+
+
+ASKED = "() => fetch('api/causes?at=1').then((answer) => answer.json()).then(({ waiting }) => waiting)"
+
+
+def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(look: Look, tmp_path: Path) -> None:
+    story = Story().at(1.0)
+    one, two = story.command("one", "user"), story.command("two", "user")
+    story.queued(one).queued(two).at(2.0)
+    head = look(story.write(tmp_path / "apart")).locator("#causes span").first
+    expect(head).to_have_text("2 wait for 2 things:")
+    expect(head).to_have_attribute("title", "")
+    story.command("three", "user", 0, *(sequential_achievement(TaskId(first), THIS) for first in (one, two)))
+    head = look(story.at(3.0).write(tmp_path / "together")).locator("#causes span").first
+    expect(head).to_have_text("3 wait for 2 things:")
+    expect(head).to_have_attribute("title", "a task that waits for several things counts for each")
+
+
+def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
+    page = look(delayed().write(tmp_path / "dinner"), "#task=2")
+    why = page.locator(".row[data-task='2'] .why")
+    expect(why).to_have_text("until 3 s after ring bell {1} is achieved, for 1 s; that waits until 500.250 s")
+    expect(why).to_have_attribute("title", "waits until 3 s after ring bell {1} is achieved\n\nthat"
+                                  " waits until 500.250 s")  # fmt: skip
+    expect(page.locator("#task .lead").first).to_contain_text("waits until 3 s after ring bell {1} is achieved")
+    expect(page.locator("#task table")).to_contain_text(
+        ["", "start achieving not before 3 s after ring bell {1} end achieving"]
+    )
+    expect(page.locator(".row[data-task='1'] .kind")).to_have_text("SEQ + 3.00 s")
