@@ -45,7 +45,7 @@ def compare_in_lives(seed: int, stations: int) -> None:
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=4)
+@settings(max_examples=3)
 def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
     chance = random.Random(seed)
     player = planned_ahead(chance)
