@@ -26,7 +26,7 @@ from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received
 from tca_central.failing import attaching, failures
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability

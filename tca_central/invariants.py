@@ -8,8 +8,8 @@ import itertools
 from collections import Counter
 
 from tca_central.control.kills import Ending
+from tca_central.model.deliveries import Delivery, ModuleResource
 from tca_central.model.intervals import delivered_at
-from tca_central.model.registry import Delivery, ModuleResource
 from tca_central.model.task_tree import Task, first_moments, to_be_fired
 from tca_central.order.holds import Release, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of

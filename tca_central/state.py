@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 from tca_central.events import Effect, Transmit
 from tca_central.model.clock import Clock, Timer
-from tca_central.model.registry import Attached, Blocking, Connection, Delivery, MessageType, Registry, Tap
+from tca_central.model.deliveries import AttachedHandler, Blocking, Connection, Delivery, MessageType, Tap
+from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
-from tca_central.model.task_tree import Kept, Task, TaskTree, taps_of
+from tca_central.model.task_tree import KeptTask, Task, TaskTree, taps_of
 from tca_central.model.variables import Variables
 from tca_central.order.agenda import Agenda
 from tca_central.order.dispatcher import Dispatcher
@@ -96,7 +97,7 @@ class Recovery:
     __slots__ = ("at", "attached", "failing", "failure", "passed")
 
     def __init__(
-        self, failing: Task, failure: Failure, at: Task, attached: Attached, passed: dict[tuple[int, str], None]
+        self, failing: Task, failure: Failure, at: Task, attached: AttachedHandler, passed: dict[tuple[int, str], None]
     ) -> None:
         self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
         #: Attachments, by id, that could not decide about failures of these names; of this failure and all below it.
@@ -162,7 +163,7 @@ class State:
         self.failed: dict[int, str] = {}  #: what failed in it, in words, for the log
         self.clock = Clock()
         self.agenda = Agenda(self.tree, self.facts, self.clock)
-        self.attached: dict[int, Attached] = {}  #: all exception handlers, by id
+        self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
         self.taps: dict[int, Tap] = {}  #: all wiretaps, by id
         self.watches: dict[int, Any] = {}  #: the monitors that watch or are still to, by their tasks' ids
         self.asked: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
@@ -182,7 +183,7 @@ class State:
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
         self.outcome_bytes = 0  #: size of what they hold
         self.forgotten = 0  #: the highest id of a task whose outcome was kept, and is no more
-        self.kept: dict[int, Kept] = {}  #: records of ended tasks that modules keep, by id, oldest first
+        self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that modules keep, by id, oldest first
         self.kept_bytes = 0  #: size of what they hold
         self.promises = 0  #: number of tasks, living or ended, that each module keeps, added up
         self.events = 0  #: number of events handled, and of timers

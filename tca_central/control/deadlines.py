@@ -3,7 +3,7 @@
 from tca_central.control.pending import check_pending, checked_moment
 from tca_central.failing.failures import raise_failure
 from tca_central.model.clock import checked_seconds
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 from tca_central.model.task_tree import Task
 from tca_central.state import Failure, State
 from tca_wire.journal import facts

@@ -7,8 +7,8 @@ TCA 8.5 kept every node until its references were released.)
 """
 
 from tca_central.errors import RequestError
-from tca_central.model.registry import Connection, Module
-from tca_central.model.task_tree import Kept, Task
+from tca_central.model.deliveries import Connection, Module
+from tca_central.model.task_tree import KeptTask, Task
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -43,7 +43,7 @@ def check_room(central: State) -> None:
         raise RequestError(Refusal.OVERLOAD, text)
 
 
-def keep(central: State, task: Task | Kept | None, module: Module) -> None:
+def keep(central: State, task: Task | KeptTask | None, module: Module) -> None:
     """Let *module* keep a task, or the record of one; twice is once."""
     assert task is not None
     if task.id in module.keeps:
@@ -85,7 +85,7 @@ def ended(central: State, task: Task) -> None:
         for record in list(rare.kept.values()):
             _drop(central, record)
         return
-    record = Kept(task, central.outcome(task), rare)
+    record = KeptTask(task, central.outcome(task), rare)
     parent.more.kept[record.id] = record
     central.kept[record.id] = record
     central.kept_bytes += record.size
@@ -93,7 +93,7 @@ def ended(central: State, task: Task) -> None:
         _drop(central, next(iter(central.kept.values())))
 
 
-def _drop(central: State, record: Kept) -> None:
+def _drop(central: State, record: KeptTask) -> None:
     """Forget a record, and all under it."""
     record.siblings.pop(record.id)
     forgotten = [record]

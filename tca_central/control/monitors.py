@@ -9,7 +9,7 @@ else under its parent has ended.
 
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, raise_failure
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 from tca_central.model.task_tree import Task
 from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import data_for, make, make_delivery

@@ -7,7 +7,7 @@ raised on the task.
 
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import find_resource, take, taken_from
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.state import Failure, State

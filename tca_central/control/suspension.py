@@ -1,6 +1,6 @@
 """Tasks are suspended and resumed, with all under them."""
 
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 from tca_central.outgoing.central_messages import suspend
 from tca_central.state import State
 from tca_wire.packets import headers

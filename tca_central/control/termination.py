@@ -1,7 +1,7 @@
 """Messages that are sent when a task is killed, to leave things safe (TDL: ON TERMINATE)."""
 
 from tca_central.errors import RequestError
-from tca_central.model.registry import MessageType
+from tca_central.model.deliveries import MessageType
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import make_task
 from tca_central.state import State

@@ -19,7 +19,7 @@ from tca_central.control.revoking import is_kept, take_away
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import take
-from tca_central.model.registry import Connection, Delivery
+from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting

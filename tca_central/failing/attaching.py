@@ -1,7 +1,7 @@
 """Exception handlers are attached: to a task, to all tasks of a message or to the root; and taken away again."""
 
 from tca_central.errors import RequestError
-from tca_central.model.registry import Attached, Connection, MessageType
+from tca_central.model.deliveries import AttachedHandler, Connection, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.state import State
 from tca_central.watching.taps import remove as remove_tap
@@ -50,7 +50,7 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
             raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, and no exception handler")
 
 
-def attach(central: State, wanted: Attachment, place: Task | MessageType, by: str) -> Attached:
+def attach(central: State, wanted: Attachment, place: Task | MessageType, by: str) -> AttachedHandler:
     """Attach an exception handler as the newest; the same one of the same module, or of a copy, makes room for it."""
     check_attachments(central, [wanted])
     others = place.more.attached if isinstance(place, Task) else place.attached
@@ -61,7 +61,7 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: st
     if len(others) >= MOST_ATTACHED:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
     handler = central.registry.messages[wanted.handler]
-    attached = Attached(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by)
+    attached = AttachedHandler(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by)
     is_first = not others
     others.append(attached)
     if isinstance(place, Task):
@@ -105,7 +105,7 @@ def _end_monitor(central: State, number: int, by: str) -> bool:
     return True
 
 
-def _remove(central: State, attached: Attached, by: str) -> None:
+def _remove(central: State, attached: AttachedHandler, by: str) -> None:
     place = attached.place
     (place.more.attached if isinstance(place, Task) else place.attached).remove(attached)
     del central.attached[attached.id]

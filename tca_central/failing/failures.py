@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from tca_central.errors import RequestError
 from tca_central.locks import claims
-from tca_central.model.registry import Attached, Connection, Delivery
+from tca_central.model.deliveries import AttachedHandler, Connection, Delivery
 from tca_central.model.task_tree import Task, Verdict
 from tca_central.order.cycles import Place, find_path
 from tca_central.outgoing.central_messages import make_task, suspend
@@ -132,7 +132,7 @@ def _ask(central: State, task: Task, failure: Failure, below: Recovery | None = 
     return handler
 
 
-def _count(central: State, at: Task, attached: Attached) -> None:
+def _count(central: State, at: Task, attached: AttachedHandler) -> None:
     """One call more. Calls of exception handlers that have been removed are forgotten when they are the most."""
     calls = at.more.invocations
     calls[attached.id] = calls.get(attached.id, 0) + 1
@@ -158,7 +158,7 @@ def _find(
     return None
 
 
-def _candidates(central: State, task: Task, below: Recovery | None) -> Iterator[tuple[Task, Attached]]:
+def _candidates(central: State, task: Task, below: Recovery | None) -> Iterator[tuple[Task, AttachedHandler]]:
     """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
     start: Task | None = task
     if below is not None:
@@ -169,7 +169,7 @@ def _candidates(central: State, task: Task, below: Recovery | None) -> Iterator[
         yield from ((at, attached) for group in (own, at.message.attached) for attached in reversed(group))
 
 
-def _rest(at: Task, after: Attached) -> Iterator[tuple[Task, Attached]]:
+def _rest(at: Task, after: AttachedHandler) -> Iterator[tuple[Task, AttachedHandler]]:
     """The exception handlers of one task that come after *after*, which may have been removed meanwhile."""
     is_own = isinstance(after.place, Task)
     for attached in reversed(at.rare.attached) if is_own and at.rare is not None else ():

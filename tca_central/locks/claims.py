@@ -8,7 +8,7 @@ is *kept* when the handler that made it has returned: others wait then for the e
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import checked_seconds
-from tca_central.model.registry import Connection, Delivery, Module, ModuleResource, Taken
+from tca_central.model.deliveries import Connection, Delivery, LostClaim, Module, ModuleResource
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import why_not_granted
 from tca_central.outgoing.direct_routes import review_copies
@@ -150,7 +150,7 @@ def take(central: State, claim: Claim[Connection], why: str, text: str) -> None:
 
 def _note_taken(slot: Connection, claim: Claim[Connection], text: str) -> None:
     delivery = claim.holder.given_as if claim.holder is not None else 0
-    slot.taken[claim.number] = Taken(delivery, claim.resource.name, text)
+    slot.taken[claim.number] = LostClaim(delivery, claim.resource.name, text)
     if len(slot.taken) > MOST_CLAIMS:
         del slot.taken[next(iter(slot.taken))]
 
@@ -163,7 +163,7 @@ def taken_from(slot: Connection, delivery: Delivery) -> str:
     return "; ".join(f"'{one.resource}' was taken from it: {one.text}" for one in lost)
 
 
-def outlive(central: State, delivery: Delivery) -> None:
+def suspect_kept_claims(central: State, delivery: Delivery) -> None:
     """A handler has returned and has not released what it has: from now on that waits for the end of the task."""
     if central.claimed_for:
         central.suspects.extend(claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted)

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
+from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Tap
 from tca_central.model.guards import Guard, Guards
 from tca_central.model.intervals import STARTS
-from tca_central.model.registry import Attached, Connection, Delivery, MessageType, Module, Tap
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
 from tca_wire.rules import DELIVERY
 from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
@@ -23,7 +23,7 @@ class Rare:
                  "void_followers", "watch")  # fmt: skip
 
     def __init__(self) -> None:
-        self.attached: list[Attached] = []  #: its exception handlers, newest last
+        self.attached: list[AttachedHandler] = []  #: its exception handlers, newest last
         self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
         self.attempts = 1  #: how often it is being or has been handled
         self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
@@ -44,7 +44,7 @@ class Rare:
         self.guests = 0  #: number of such children
         self.offspring: Siblings | None = None  #: its children but those aside, once the newest has been killed
         self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
-        self.kept: dict[int, Kept] = {}  #: records of ended tasks that hang under it, oldest end first
+        self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that hang under it, oldest end first
 
 
 class Task(Delivery):
@@ -186,14 +186,14 @@ class Verdict(NamedTuple):
     failed: int = ROOT  #: the task whose failure nobody handled, if it is for that
 
 
-class Kept:
+class KeptTask:
     """The record of an ended task that is kept."""
 
     __slots__ = ("body", "id", "keepers", "kept", "message", "outcome", "parent", "role")
 
     def __init__(self, task: Task, outcome: tuple[Outcome, str, str, bytes], rare: Rare) -> None:
         self.id, self.message, self.role, self.body, self.outcome = task.id, task.message, task.role, task.body, outcome
-        self.parent: Task | Kept | None = task.parent  #: what it hangs under
+        self.parent: Task | KeptTask | None = task.parent  #: what it hangs under
         self.keepers = rare.keepers
         self.kept = rare.kept  #: the records under it
         for child in self.kept.values():
@@ -205,14 +205,14 @@ class Kept:
         return len(self.body) + len(self.outcome[2]) + len(self.outcome[3])
 
     @property
-    def siblings(self) -> dict[int, "Kept"]:
+    def siblings(self) -> dict[int, "KeptTask"]:
         """The records under its parent."""
         assert self.parent is not None
         return self.parent.more.kept if isinstance(self.parent, Task) else self.parent.kept
 
-    def lineage(self) -> Iterator["Task | Kept"]:
+    def lineage(self) -> Iterator["Task | KeptTask"]:
         """This record, what it hangs under and so on; the root left out."""
-        one: Task | Kept | None = self
+        one: Task | KeptTask | None = self
         while one is not None and one.id != ROOT:
             yield one
             one = one.parent

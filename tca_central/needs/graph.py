@@ -11,8 +11,8 @@ comes a None for whatever was looked at and holds nothing back; so a step never 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from tca_central.model.deliveries import Connection, Delivery, ModuleResource
 from tca_central.model.intervals import STARTS, delivered_at
-from tca_central.model.registry import Connection, Delivery, ModuleResource
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.order.cycles import Each, Place, predecessors

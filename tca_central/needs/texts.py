@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from tca_central.model.registry import Connection, Delivery, MessageType, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, MessageType, ModuleResource
 from tca_central.model.resources import Claim
 from tca_central.needs.graph import Freeing, TurnAt, Waiting
 from tca_central.needs.waits import kept_from, replies_to, waits_of

@@ -8,7 +8,7 @@ from itertools import chain, islice
 
 from msgspec.structs import replace
 
-from tca_central.model.registry import Connection, Delivery, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, ModuleResource
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import (

@@ -12,8 +12,8 @@ from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
+from tca_central.model.deliveries import Delivery, Tap
 from tca_central.model.intervals import STARTS, delivered_at
-from tca_central.model.registry import Delivery, Tap
 from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, taps_of, to_be_fired
 from tca_central.order.holds import Holds, Release, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from tca_central.model.clock import Clock
-from tca_central.model.registry import Connection, Delivery, Handler, MessageType, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_wire.journal.facts import HandlerRemoved, Queued, Unqueued
 

@@ -6,7 +6,7 @@ A message is handled as long as a handler of it has a slot to be called in; ``Me
 from collections.abc import Iterable
 
 from tca_central.errors import RequestError
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 from tca_central.outgoing import notices
 from tca_central.state import PresenceWait, State
 from tca_wire.messages.notices import HANDLERS_CHANGED, HandlerCount

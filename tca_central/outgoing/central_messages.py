@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tca_central.model.registry import Delivery, MessageType
+from tca_central.model.deliveries import Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.fan_out import route_statement
 from tca_central.state import State

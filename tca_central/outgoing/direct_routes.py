@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 
 from tca_central.errors import RequestError
-from tca_central.model.registry import Connection, Delivery, MessageType, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, MessageType, ModuleResource
 from tca_central.model.resources import Resource
 from tca_central.state import State
 from tca_wire.journal import facts

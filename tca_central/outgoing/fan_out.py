@@ -1,6 +1,6 @@
 """One message to many handlers: a delivery of its own for each. Knows nothing of replies."""
 
-from tca_central.model.registry import Delivery, ModuleResource
+from tca_central.model.deliveries import Delivery, ModuleResource
 from tca_central.needs.texts import why_full
 from tca_central.state import State, dropped
 

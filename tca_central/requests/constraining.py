@@ -1,7 +1,7 @@
 """Constraints are added between tasks that exist."""
 
 from tca_central.errors import RequestError
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 from tca_central.state import State
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts

@@ -1,7 +1,7 @@
 """Who asked and went on waits after all; who waited gives up, and is told why there was no answer yet."""
 
 from tca_central.locks.claims import give_up_claim
-from tca_central.model.registry import Connection, Delivery
+from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
 from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped

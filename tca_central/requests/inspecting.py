@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from tca_central.errors import RequestError
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 from tca_central.state import State
 from tca_central.status import topics as status
 from tca_wire.packets import headers

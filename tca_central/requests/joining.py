@@ -5,7 +5,7 @@ from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.locks import claims
-from tca_central.model.registry import Connection, Delivery, Handler, Module
+from tca_central.model.deliveries import Connection, Delivery, Handler, Module
 from tca_central.model.task_tree import Task, to_be_fired
 from tca_central.outgoing import direct_routes as direct
 from tca_central.outgoing import notices

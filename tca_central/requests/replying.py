@@ -4,8 +4,8 @@ from tca_central.control.monitors import tested
 from tca_central.control.revoking import warn_if_taken
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, failure_of, kill, reissue
-from tca_central.locks.claims import end_with, outlive, taken_from
-from tca_central.model.registry import Connection, Delivery
+from tca_central.locks.claims import end_with, suspect_kept_claims, taken_from
+from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.task_tree import Task, Verdict
 from tca_central.needs.texts import end_of_multi_query
 from tca_central.state import Collector, Failure, State, dropped
@@ -58,7 +58,7 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     else:
         delivery.result = b"" if body == NIL else body
         central.agenda.returned(delivery)
-        outlive(central, delivery)
+        suspect_kept_claims(central, delivery)
         warn_if_taken(central, connection, delivery)
     taken_from(connection, delivery)
 

@@ -8,7 +8,7 @@ from tca_central.control.termination import check_farewell, keep_for_termination
 from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
 from tca_central.model.clock import checked_seconds
-from tca_central.model.registry import Connection, Delivery, MessageType
+from tca_central.model.deliveries import Connection, Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import at_birth
@@ -18,7 +18,7 @@ from tca_central.requests.constraining import check_number
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, Failure, State
 from tca_central.watching.taps import happened
-from tca_central.watching.watches import become_monitor, check_options, ends_by_itself, enlist, is_put_by_others
+from tca_central.watching.watches import become_monitor, check_options, ends_by_itself, enlist, is_foreign
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
@@ -157,7 +157,7 @@ def _make_monitor(central: State, task: Task, parent: Task, header: headers.Send
     _check_end(task.message, parent, options)
     become_monitor(central, task, options)
     task.is_watcher = not (ends_by_itself(task.message, options) or options.for_ever)
-    task.more.is_guest = is_put_by_others(central, parent, header.origin)
+    task.more.is_guest = is_foreign(central, parent, header.origin)
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:

@@ -1,8 +1,8 @@
 """Waits of modules for a moment of a task."""
 
 from tca_central.errors import RequestError
+from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.intervals import SINGLE_MOMENTS
-from tca_central.model.registry import Connection, Delivery
 from tca_central.state import State, TaskWait
 from tca_wire.journal import facts
 from tca_wire.packets import headers

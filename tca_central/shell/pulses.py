@@ -6,7 +6,7 @@ sent none meanwhile, so it blames nobody for its own lateness.
 
 from collections.abc import Iterable
 
-from tca_central.model.registry import Connection
+from tca_central.model.deliveries import Connection
 
 LATE = 20
 """So many beats are let pass for a line that has never been there. A process notices within 10 s that its line leads

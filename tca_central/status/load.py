@@ -11,7 +11,7 @@ from itertools import islice
 from operator import itemgetter
 from typing import Any
 
-from tca_central.model.registry import Connection, Delivery, MessageType, Module, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, ModuleResource
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import Granting, Node, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import Ends, next_of, waits_of

@@ -4,8 +4,8 @@ import itertools
 from collections.abc import Iterable
 from typing import Any
 
-from tca_central.model.registry import Handler, MessageType, ModuleResource
-from tca_central.model.task_tree import Kept, Task
+from tca_central.model.deliveries import Handler, MessageType, ModuleResource
+from tca_central.model.task_tree import KeptTask, Task
 from tca_central.order.holds import held_counts
 from tca_central.state import State
 from tca_central.status.load import load
@@ -111,19 +111,19 @@ def tree(central: State) -> list[dict[str, Any]]:
     return [describe(task) for task in everything]
 
 
-def _kept_under(task: Task | Kept) -> Iterable[Kept]:
+def _kept_under(task: Task | KeptTask) -> Iterable[KeptTask]:
     """Ended tasks that hang under it."""
     if isinstance(task, Task):
         return task.rare.kept.values() if task.rare else ()
     return task.kept.values()
 
 
-def describe(task: Task | Kept) -> dict[str, Any]:
+def describe(task: Task | KeptTask) -> dict[str, Any]:
     """A task in plain values."""
     return _describe_living(task) if isinstance(task, Task) else _describe_kept(task)
 
 
-def _describe_kept(task: Kept) -> dict[str, Any]:
+def _describe_kept(task: KeptTask) -> dict[str, Any]:
     outcome, failure, text, _ = task.outcome
     return {
         "task": int(task.id),
@@ -158,14 +158,14 @@ def _describe_living(task: Task) -> dict[str, Any]:
     }
 
 
-def relatives(central: State, task: Task | Kept | None, relation: str, message: str) -> list[dict[str, Any]]:
+def relatives(central: State, task: Task | KeptTask | None, relation: str, message: str) -> list[dict[str, Any]]:
     """Tasks around *task* (of one message, where named), with their data; nearest or oldest first. Living ones, but for
     the relation "kept", and the task itself.
     """
     if task is None:
         return []
     living = task if isinstance(task, Task) else None
-    related: dict[str, Iterable[Task | Kept | None]] = {
+    related: dict[str, Iterable[Task | KeptTask | None]] = {
         "self": (task,),
         "parent": (task.parent,),
         "children": (living.children or {}).values() if living else (),
@@ -175,7 +175,7 @@ def relatives(central: State, task: Task | Kept | None, relation: str, message: 
     }
     wanted = (one for one in related[relation] if one is not None and one.id and message in ("", one.message.name))
     return [
-        {**describe(one), "data": one.body, "result": one.outcome[3] if isinstance(one, Kept) else b""}
+        {**describe(one), "data": one.body, "result": one.outcome[3] if isinstance(one, KeptTask) else b""}
         for one in itertools.islice(wanted, SHOWN_TASKS)
     ]
 

@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from msgspec.structs import replace
 
 from tca_central.errors import RequestError
+from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Tap
 from tca_central.model.intervals import STARTS, delivered_at
-from tca_central.model.registry import Connection, Delivery, MessageType, Module, Tap
 from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
 from tca_central.outgoing import direct_routes as direct
 from tca_central.outgoing.central_messages import data_for, make_statement, make_task

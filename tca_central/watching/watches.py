@@ -2,7 +2,7 @@
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Timer, checked_seconds
-from tca_central.model.registry import Delivery, MessageType
+from tca_central.model.deliveries import Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import data_for, make
 from tca_central.state import State, dropped, involved
@@ -91,9 +91,9 @@ def enlist(central: State, task: Task) -> None:
         central.watches[task.id] = task.more.watch
 
 
-def is_put_by_others(central: State, parent: Task, origin: int) -> bool:
-    """Whether a monitor that the handler of delivery *origin* (0: nobody's) puts under *parent* comes from elsewhere
-    than from the handling of *parent*: then nobody puts it there again when that is retried, and a retry spares it.
+def is_foreign(central: State, parent: Task, origin: int) -> bool:
+    """Whether a monitor that the handler of delivery *origin* (0: none) puts under *parent* comes from elsewhere than
+    the handling of *parent*. A retry of *parent* spares it then, since nobody would put it there again.
 
     Looks who sent what to that handler, back to *parent*. Who helps after a failure comes from elsewhere, and so does
     what a monitor of others has sent, and what wiretaps have that are fired for *parent* once. Each

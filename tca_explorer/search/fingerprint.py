@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from tca_central.model.registry import MessageType
+from tca_central.model.deliveries import MessageType
 from tca_central.model.task_tree import Verdict
 from tca_explorer.observed.messages import TrackedMessage
 from tca_explorer.play.actors import Actor

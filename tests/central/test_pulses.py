@@ -6,7 +6,7 @@ import pytest
 from central.player import Player
 
 from tca_central.events import ConnectionId
-from tca_central.model.registry import Connection, Module
+from tca_central.model.deliveries import Connection, Module
 from tca_central.shell.pulses import LATE, Pulses
 from tca_wire.packets.headers import PROTOCOL_VERSION, Hello, Refused
 from tca_wire.vocabulary import Limit, Refusal

@@ -25,7 +25,8 @@ from sampling import one_in
 from tca_central.control.kills import Ending
 from tca_central.core import Central
 from tca_central.events import ConnectionId
-from tca_central.model.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
+from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, ModuleResource
+from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Rare, Siblings, TaskTree, Verdict
 from tca_central.order.holds import Release

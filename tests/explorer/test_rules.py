@@ -8,7 +8,7 @@ import pytest
 from explorer.recoveries import HIGHER, helped
 from explorer.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, walking
 
-from tca_central.model.registry import ModuleResource
+from tca_central.model.deliveries import ModuleResource
 from tca_central.model.task_tree import Task as LiveTask
 from tca_central.order.agenda import Agenda
 from tca_central.order.dispatcher import Dispatcher

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
-from tca_central.model.registry import Delivery
+from tca_central.model.deliveries import Delivery
 from tca_central.model.task_tree import Task
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Delivered, Received

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from properties.folded import Folding
 from properties.test_deadlocks import Blocking, waits_in
 
-from tca_central.model.registry import Connection, Delivery
+from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.state import Collector, TaskWait
 from tca_tools.run.fold import History

@@ -19,7 +19,7 @@ from properties.test_ends import reached
 
 from tca_central.core import Central
 from tca_central.events import Effect
-from tca_central.model.registry import Connection, Delivery
+from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim as Wanted
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fold import History

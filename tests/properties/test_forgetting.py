@@ -15,7 +15,7 @@ from tca_central.control.deadlines import Bound
 from tca_central.control.kills import Ending
 from tca_central.core import Central
 from tca_central.model.clock import Timer
-from tca_central.model.registry import Delivery
+from tca_central.model.deliveries import Delivery
 from tca_central.model.task_tree import Rare
 from tca_central.order.holds import Release
 from tca_central.watching.taps import Listening

@@ -1,0 +1,237 @@
+"""Messages on their way: which there are, who is connected, who handles what, and what is attached to it.
+
+Knows nothing of tasks, time or sockets.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from tca_central.events import ConnectionId
+from tca_central.model.resources import PendingLimit, Resource
+from tca_wire.messages.notices import NOTICES
+from tca_wire.packets.headers import ToModule
+from tca_wire.packets.parts import MessageFormat, WatchOptions
+from tca_wire.packets.routes import Entrance
+from tca_wire.vocabulary import Condition, Role
+
+REMEMBERED_ANSWERS = 64
+"""Answers kept per connection for a request that is repeated after a reconnect."""
+
+
+class ModuleResource(Resource["Connection", "Delivery"]):
+    """A resource of a module: its slots are connections, and deliveries wait for them."""
+
+    def __init__(self, module: str, name: str) -> None:
+        super().__init__(module, name)
+        self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
+        self.delivered = 0  #: number of messages that were given to it
+        self.busy = 0.0  #: seconds in which they were handled, added up over its slots
+
+
+class LostClaim(NamedTuple):
+    """That a lock or reservation was taken away."""
+
+    delivery: int  #: whose handler had it (0: no handler's)
+    resource: str
+    text: str  #: by whom, or why
+
+
+class Blocking(NamedTuple):
+    """That a connection, or the coroutine of one of its handlers, does nothing until its request is answered."""
+
+    origin: int  #: the delivery whose handler waits (0: none)
+    since: int  #: the event in which that began
+    at: float  #: and its time
+    together: tuple[int, ...] = ()  #: of a coroutine: all that it awaits; it goes on when one of them is answered
+
+
+class Connection:
+    """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
+
+    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "module", "number", "orphans",
+                 "outstanding", "pauses", "pulse", "resource", "routes", "session", "taken", "waits", "watchers",
+                 "watches")  # fmt: skip
+
+    def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
+        self.id = connection_id
+        self.session = session  #: names it across reconnects
+        self.number = number  #: which of its module's it is
+        self.module = module
+        self.pulse = b""  #: of its process, for the server
+        self.resource: ModuleResource | None = None
+        self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
+        self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first
+        self.last_number = 0  #: the highest request number seen
+        self.handling: dict[Delivery, int] = {}  #: what it handles, and the event in which it got that; oldest first
+        self.orphans: list[int] = []  #: what it handled when it was lost, and is to be told to end
+        self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then
+        self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
+        self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
+        self.taken: dict[
+            int, LostClaim
+        ] = {}  #: taken from it, and it does not know yet, by the Lock's number
+        self.entrance: Entrance | None = None  #: where this slot takes messages directly
+        self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
+        self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
+        self.watchers: dict[Connection, None] = {}  #: who is told of this slot's end
+
+    def remember(self, number: int, header: ToModule, body: bytes) -> None:
+        """Keep an answer in case the request is repeated."""
+        answers = self.answers
+        answers[number] = (header, body)
+        if len(answers) > REMEMBERED_ANSWERS:
+            del answers[next(iter(answers))]
+
+
+class Module:
+    """A connected program. It is there as long as one of its connections is."""
+
+    def __init__(self, name: str, called: str, incarnation: str, process: str) -> None:
+        self.name = name  #: unique among those connected
+        self.called = called  #: what it calls itself: several copies of a program do alike
+        self.incarnation = incarnation
+        self.process = process
+        self.connections: dict[str, Connection] = {}  #: by session
+        self.resources: dict[str, ModuleResource] = {}
+        self.handlers: dict[str, Handler] = {}  #: by message name
+        self.keeps: dict[int, None] = {}  #: ids of the tasks, living or ended, that it wants remembered
+
+    @property
+    def has_slots(self) -> bool:
+        """Whether any thread of it handles messages, or may."""
+        return any(resource.capacity for resource in self.resources.values())
+
+
+class Handler:
+    """That a module handles a message, in one of its resources."""
+
+    __slots__ = ("direct", "message", "module", "pending", "pool", "resource")
+
+    def __init__(
+        self, message: "MessageType", module: Module, resource: ModuleResource, pool: str, pending: int,
+        *, direct: bool = False,
+    ) -> None:  # fmt: skip
+        self.message = message
+        self.module = module
+        self.resource = resource
+        self.pool = pool  #: handlers of one pool share the messages
+        self.pending = pending  #: so many messages may wait for it (0: no limit of its own)
+        self.direct = direct  #: senders may do without central, where nothing speaks against it
+
+
+class MessageType:
+    """A declared message: its format, who uses it, who handles it, and what waits because nobody does."""
+
+    def __init__(self, declared: MessageFormat, by: str) -> None:
+        self.redefine(declared, by)
+        self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
+        self.handlers: list[Handler] = []  #: newest last
+        self.serving = 0  #: number of handlers that have a slot to be called in
+        self.delivered = 0  #: how often a handler got it
+        self.failed = 0  #: how often one failed
+        self.awaited_by: dict[Any, None] = {}  #: waits until it is handled
+        self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
+        self.attached: list[AttachedHandler] = []  #: exception handlers of each of its tasks, newest last
+        self.taps: list[Tap] = []  #: oldest first
+        self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
+        self.told: dict[Connection, None] = {}  #: senders that know the route
+
+    def redefine(self, declared: MessageFormat, by: str) -> None:
+        """Take a format; those who declared another are gone."""
+        self.format = declared
+        self.name = declared.name
+        self.parts = declared.parts
+        self.message_class = declared.message_class
+        self.is_goal = declared.message_class.is_goal
+        self.is_aside = declared.message_class.is_aside
+        self.is_notice = declared.name in NOTICES
+        self.fans_out = declared.message_class.fans_out
+        self.first_declared_by = by
+
+    def candidates(self) -> Iterator[ModuleResource]:
+        """The resources that may handle this message: of the newest handler and of those in its pool."""
+        if not self.handlers:
+            return
+        newest = self.handlers[-1]
+        yield newest.resource
+        if newest.pool:
+            for handler in reversed(self.handlers[:-1]):
+                if handler.pool == newest.pool:
+                    yield handler.resource
+
+
+class AttachedHandler:
+    """An exception handler, attached to a task or to all tasks of a message."""
+
+    __slots__ = ("by", "failure", "handler", "id", "maximum", "place")
+
+    def __init__(
+        self, attachment_id: int, failure: str, handler: MessageType, maximum: int, place: Any, by: str
+    ) -> None:
+        self.id = attachment_id  #: newer ones have higher ids
+        self.failure = failure  #: "" for any
+        self.handler = handler
+        self.maximum = maximum  #: of its calls for one task; 0: any number
+        self.place = place  #: the task or message type that it is attached to
+        self.by = by  #: what the module that attached it calls itself
+
+
+class Tap:
+    """A wiretap on a message or a task. *before* are the moments that it is fired before and holds; *at* what it is
+    fired after.
+    """
+
+    __slots__ = ("at", "before", "condition", "holders", "id", "listener", "place", "watch")
+
+    def __init__(self, tap_id: int, condition: Condition, listener: MessageType, place: Any) -> None:
+        self.id = tap_id
+        self.condition = condition
+        self.listener = listener
+        self.place = place  #: the task or message type that it taps
+        self.before = 0
+        self.at = 0
+        self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
+        self.holders: dict[str, str] = {}
+        """The modules that added it and have not taken it away: by unique name, what each calls itself."""
+
+
+class Delivery:
+    """One message on its way to one handler."""
+
+    __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested", "number",
+                 "origin", "priority", "queues", "role", "sender", "sent_by", "since", "slot", "ticket")  # fmt: skip
+
+    def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
+        self.id = delivery_id
+        self.given_as = delivery_id  #: the number under which a handler has it; another one each time
+        self.message_id = delivery_id
+        self.message = message
+        self.body = body
+        self.role = Role.NONE  #: why central made it
+        self.context: Any = None  #: what it is about, where central made it
+        self.sender = sender  #: who wants the answer; None when it is gone
+        self.sent_by: object = sender.module if sender is not None else None
+        """The module that sent it; of what central made, who sent the message that it was made for (None: nobody)."""
+        self.origin = 0  #: of what is no task: the delivery whose handler sent it (0: nobody's, or not known)
+        self.number = 0  #: of the sender's request (0: no answer wanted)
+        self.priority = 0
+        self.arrival = 0  #: when it could first be handled; kept when it has to queue again
+        self.since = 0.0  #: when it last began to wait in a queue or for a handler, or to be handled; of a task, to be
+        self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
+        self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
+        self.slot: Connection | None = None  #: the connection whose thread handles it
+        self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
+
+    @property
+    def is_stranded(self) -> bool:
+        """Whether it is an exception handler that nobody handles."""
+        return self.role is Role.EXCEPTION and not self.message.handlers
+
+    def withdraw(self) -> None:
+        """Leave the queues."""
+        self.ticket += 1
+        for resource in self.queues or ():
+            resource.left_queue(self)
+            if limit := resource.limits.get(self.message.name):
+                limit.left(self)
+        self.queues = None
