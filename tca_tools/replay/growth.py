@@ -37,9 +37,8 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"
         room = None if width is None else max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME)
         line = f"{start_of_line}{cut(words.called(task), room)}: "
-        note = words.note(at, task, within=_FAR)
-        rest = cut(
-            note if note.startswith(state) else f"{state}" + (f", {note}" if note else ""),
-            None if width is None else max(width - columns_of(line), _SHORTEST_STATE - 2),
-        )
+        note = words.note_of(at, task, within=_FAR)
+        told = note.within(None, at.time)
+        said = told if note.says_state else ", ".join(filter(None, (state, told)))
+        rest = cut(said, None if width is None else max(width - columns_of(line), _SHORTEST_STATE - 2))
         yield line + click.style(rest[: len(state)], fg=COLOURS[state]) + rest[len(state) :]

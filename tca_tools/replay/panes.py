@@ -20,15 +20,13 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut
-from tca_tools.why.ages import age
 from tca_tools.why.coping import coped_with
-from tca_tools.why.last import in_the_end
 from tca_tools.why.story import Sentence, story
-from tca_tools.why.waiting import coming, waits_how, why_waiting
+from tca_tools.why.wait_words import age_of, coming, how, in_the_end, shown, told_now
 from tca_wire.journal.facts import kind_of
-from tca_wire.points import TaskId
 from tca_wire.text.bodies import data_text
 from tca_wire.text.printable import printable
+from tca_wire.text.waits_in_words import several_in_words
 
 _STATE_WIDTH = 11
 _SHORTEST_NOTE = 8
@@ -210,16 +208,16 @@ class StoryPane(Widget):
         lines = [head]
         if data := words.data(task):
             lines.append(Text.assemble((cut(data, 3 * max(self.size.width, 20)), "dim")))
-        if reasons := why_waiting(at, TaskId(self._shown)):
-            waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(age(at, task), at.time)}"
-            lines.append(Text.assemble((printable(waits), "yellow")))
+        if waits := shown(at, task):
+            told = f"{how(task)} {several_in_words(told_now(at, task, waits))}{words.lasting(age_of(waits), at.time)}"
+            lines.append(Text.assemble((printable(told), "yellow")))
         if end := in_the_end(at, task):
             lines.append(Text.assemble((printable(f"in the end {end}"), "yellow")))
         lines += [Text.assemble((printable(said), "yellow")) for said in coming(at, task)]
         above = [line for text in lines for line in self._wrapped(text, self.size.width)]
         above = above[: max(self.size.height - _LEAST_STORY, 1)]
-        told = [one for one in story(at.run, self._shown, at.moment) if one.time <= at.moment]
-        body = [line for sentence in told for line in self._sentence(sentence, at)]
+        sentences = [one for one in story(at.run, self._shown, at.moment) if one.time <= at.moment]
+        body = [line for sentence in sentences for line in self._sentence(sentence, at)]
         room = max(self.size.height - len(above) - 1, 1)
         self._back = min(self._back, max(len(body) - room, 0))
         last = len(body) - self._back

@@ -3,18 +3,17 @@
 from collections.abc import Iterator
 from math import nextafter
 
-from tca_tools.analysis.words import seconds
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import Failure, Message
 from tca_tools.run.whole_run import Run
-from tca_tools.why.ages import age
-from tca_tools.why.last import Ends, last_of
-from tca_tools.why.leads import Kind
-from tca_tools.why.waiting import waits_how, why_waiting
-from tca_tools.why.whereabouts import NAMED
+from tca_tools.why.ends import Ends
+from tca_tools.why.wait_words import NAMED, age_of, how, in_the_end, shown, told_now
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import by_whom, place
+from tca_wire.text.measures import duration
+from tca_wire.text.waits_in_words import several_in_words
+from tca_wire.waits import WaitKind
 
 _FAR = 500
 """Waits: what a task that ran out of time waited for beyond so many is not looked for."""
@@ -31,21 +30,18 @@ def out_of_time(run: Run, message: Message, failed: float, failure: Failure) -> 
         return
     for one in run.tasks[task.id].suspensions[-NAMED:]:
         if one.start >= deadlines[0] and one.end is not None and one.end < failed:
-            yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {seconds(one.end - one.start)}"
-    if reasons := why_waiting(at, task.id):
-        since, begun = age(at, task)
-        since = begun if since is None else since
-        how = waits_how(task).replace("waits", "waited", 1)
-        end = last_of(at, task, _FAR)
-        lasted = f", for {seconds(failed - since)}"
-        yield since, False, f"{task} {how} {', and '.join(reasons)}{lasted}" + (f"; in the end {end}" if end else "")
+            yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {duration(one.end - one.start)}"
+    if age := age_of(waits := shown(at, task)):
+        end, told = in_the_end(at, task, _FAR), several_in_words(told_now(at, task, waits))
+        how_long = f", for {duration(failed - age.since)}" + (f"; in the end {end}" if end else "")
+        yield age.since, False, f"{task} {how(task, verb='waited')} {told}{how_long}"
     yield from _had_by(at, task, failed)
 
 
 def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, bool, str]]:
     """Who handled what it waited for in the end when its time ran out, or kept it locked."""
     ends = Ends.at(at).of(task.id, _FAR)
-    for number in [end.number for end in ends if end.kind is Kind.GOES_ON or end.number in at.run.claims][:NAMED]:
+    for number in [end.number for end in ends if end.kind is WaitKind.RUNNING or end.number in at.run.claims][:NAMED]:
         claim, message = at.run.claims.get(number), at.run.messages.get(number)
         if claim is not None and claim.granted is not None and at.is_granted(claim):
             since, what = claim.granted, f"{claim.sender} had the {claim}"
@@ -55,4 +51,4 @@ def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, boo
             since, what = run.start, f"{message} was being handled by {place(run.module, run.resource)}"
         else:
             continue
-        yield since, number != task.id, f"{what}, for {seconds(failed - since)} when time ran out"
+        yield since, number != task.id, f"{what}, for {duration(failed - since)} when time ran out"

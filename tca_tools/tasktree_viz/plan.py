@@ -91,26 +91,14 @@ def plan(at: RunAt, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan:
 
 
 def _tell(place: Place, at: RunAt, task: TaskAt, with_data: bool) -> None:
-    note = words.note(at, task)
-    place.notes = words.lines_of(_state_and(note, task), _NOTE_COLUMNS, _NOTE_LINES)
+    note = words.with_state(at, task, words.note_of(at, task))
+    place.notes = words.lines_of(note, _NOTE_COLUMNS, _NOTE_LINES)
     if with_data and (data := words.data(task)):
         place.notes += wrap(cut(data, _LONGEST_DATA), _NOTE_COLUMNS)
     place.planning = words.span(task, Interval.PLANNING)
     place.achieving = words.span(task, Interval.ACHIEVING)
     if place.planning == place.achieving and task.state is not State.PLANNING:
         place.planning = None
-
-
-def _state_and(note: str, task: TaskAt) -> str:
-    """``held, waits until ...``, ``failed: slip``."""
-    if not note:
-        return task.standing
-    if note.startswith(task.standing):  # "suspended by user, until ..."
-        return note
-    if task.state in (State.FAILED, State.KILLED, State.ENDING):
-        return f"{task.standing}: {note}"
-    says_how = task.failure and task.state is not State.RECOVERING
-    return f"{task.state}, failed: {note}" if says_how else f"{task.state}, {note}"
 
 
 def _lines(rows: list[Row], found: Arrows) -> list[Line]:

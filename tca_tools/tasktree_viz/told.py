@@ -14,8 +14,8 @@ from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
 from tca_tools.terminal import columns_of, cut
 from tca_tools.why.coping import standing
-from tca_tools.why.last import in_the_end
 from tca_tools.why.story import story
+from tca_tools.why.wait_words import in_the_end
 from tca_wire.points import TaskId
 from tca_wire.text.printable import printable
 
@@ -65,7 +65,7 @@ def _task_lines(run: Run, task: Task, width: int) -> Iterator[str]:
         yield from _wrapped("under ", " > ".join(printable(run.describe(one)) for one in above), width)
     at = RunAt(run)
     if end := in_the_end(at, at.tasks[task.id]):
-        yield from _wrapped("waits in the end ", end, width)
+        yield from _wrapped("waits in the end ", str(end), width)
 
 
 def _wrapped(start: str, text: str, width: int) -> Iterator[str]:

@@ -17,7 +17,7 @@ from tca_tools.why.waits import Wait, keepers_of, next_node, steps, waits_now
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
-from tca_wire.text.waits_in_words import clauses, reached
+from tca_wire.text.waits_in_words import clauses, not_answered, reached
 from tca_wire.vocabulary import Scope
 from tca_wire.waits import WaitFor, WaitKind
 
@@ -86,8 +86,13 @@ def _of_constraint(at: RunAt, wait: Wait) -> WaitFor:
 
 def _of_reply(at: RunAt, wait: Wait) -> WaitFor:
     query = at.run.messages.get(wait.on.number)
-    answered, because = where(at, query) if query else (0, ())
-    return WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number), answered=answered, because=because)
+    return of_query(at, query) if query else WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number))
+
+
+def of_query(at: RunAt, query: Message) -> WaitFor:
+    """A query that is waited for, with where it is."""
+    answered, because = where(at, query)
+    return WaitFor(WaitKind.REPLY, query.id, query.name, answered=answered, because=because)
 
 
 def _of_suspension(at: RunAt, wait: Wait) -> WaitFor:
@@ -213,11 +218,7 @@ def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
     """The queries that its handler has sent, and goes on, without their replies."""
     if task.wait or not task.handling:
         return []
-    found = []
-    for query in task.asking[: NAMED + 1]:
-        answered, because = where(at, query)
-        found.append(WaitFor(WaitKind.REPLY, query.id, query.name, answered=answered, because=because))
-    return found[:NAMED]
+    return [of_query(at, query) for query in task.asking[:NAMED]]
 
 
 def how(task: TaskAt, verb: str = "waits") -> str:
@@ -314,9 +315,10 @@ def last_of(at: RunAt, end: End, more: int = 0) -> Last:
         return Last(f"the {claim}", end.number, does, f"{does} that", more)
     thing = at.describe(end.number)
     query = run.messages.get(end.number)
-    late = not_answered(at, query) if query and query.message_class.asks_many else ""
-    if late and end.kind is not WaitKind.CIRCLE:
-        return Last(thing, end.number, late, f"{late} that", more)
+    if query and query.message_class.asks_many and end.kind is not WaitKind.CIRCLE:
+        asked_of = of_query(at, query)
+        late = not_answered(asked_of) if asked_of.because else "has not been answered"
+        return Last(thing, end.number, late, late, more)
     if does := "no module handles" if end.kind is WaitKind.HANDLER else _handled_by(at, end):
         return Last(thing, end.number, does, f"{does} that", more)
     which = _why_last(at, end)
@@ -344,12 +346,6 @@ def _why_last(at: RunAt, end: End) -> str:
     if end.kind is WaitKind.DELAY:
         found = clauses(told(at, [one for one in waits_now(at, task.id) if one.kind is WaitKind.DELAY])) or found
     return f"{how(task)} {', and '.join(found)}" if found else f"is {task.standing}"
-
-
-def not_answered(at: RunAt, query: Message) -> str:
-    """Who has not answered a query to many: ``arm and legs have not answered``; "" if all have."""
-    names = [place(one.module, one.resource) for one in where(at, query)[1]]
-    return f"{listed(names)} {'has' if len(names) == 1 else 'have'} not answered" if names else ""
 
 
 # --- what is to come -------------------------------------------------------------------------------------------------

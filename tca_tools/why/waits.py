@@ -70,6 +70,8 @@ _NEXT = {
     State.ENDING: END_ACHIEVING,
 }
 """The moment that a task in a state comes to next (0: it is to be resumed)."""
+_ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
+"""The moments that come after its handler has returned."""
 _LATELY = 32
 """Waits of a handler that are looked at, of those that had begun at a moment."""
 _OF_ITS_STATE = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.DELAY, WaitKind.SUBTASK)
@@ -133,7 +135,7 @@ def waits_of_handling(run: Run, handling: Handling, time: float | None = None) -
     end = inf if handling.end is None else handling.end
     waits = handling.waits if time is None else _lately(handling.waits, time)
     if time is None or not waits:
-        yield Wait(handling.start, end, WaitKind.RUNNING, node_of(run, handling), END_HANDLING, handling)
+        yield Wait(handling.start, end, WaitKind.RUNNING, node_of(run, handling), _ENDS, handling)
     for wait in waits:
         yield of_handler_wait(run, wait)
 
@@ -142,7 +144,7 @@ def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
     """What a handler or program blocks for: a reply, a task or a lock."""
     end = inf if wait.end is None else wait.end
     kind = WaitKind.TASK if wait.moment else WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
-    return Wait(wait.start, end, kind, Node(wait.awaited, int(wait.moment or 0)), END_HANDLING, wait, wait.start)
+    return Wait(wait.start, end, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS, wait, wait.start)
 
 
 def node_of(run: Run, handling: Handling) -> Node:
@@ -180,14 +182,16 @@ def _of_queueing(message: Message, queueing: Queueing) -> Wait:
     end = inf if queueing.end is None else queueing.end
     kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
     is_first = isinstance(message, Task) and _time(message, START_HANDLING) > queueing.start
-    holds = START_HANDLING if is_first else END_HANDLING
+    holds = START_HANDLING if is_first else _ENDS
     return Wait(queueing.start, end, kind, Node(message.id), holds, queueing)
 
 
 def _of_task(run: Run, task: Task, time: float | None, wanted: int) -> Iterator[Wait]:
     """What keeps a task from its moments, beside queues and handlers."""
     for wait in _of_its_own(run, task):
-        if wait.holds & wanted and (wait.start < wait.end if time is None else wait.start <= time < wait.end):
+        if (wait.holds & wanted or wanted < 0) and (
+            wait.start < wait.end if time is None else wait.start <= time < wait.end
+        ):
             yield wait
     moments = [moment for moment in (END_ACHIEVING, END_PLANNING) if moment & wanted]
     for moment in moments if time is None else moments[:1]:  # what is achieved is planned
@@ -209,7 +213,7 @@ def _of_its_own(run: Run, task: Task) -> Iterator[Wait]:
             end = min(_time(parent, moment), _time(task, moment), killed)
             if end > task.received:
                 yield Wait(task.received, end, WaitKind.PARENT, Node(parent.id, moment), moment)
-    if task.suspensions or task.retries or task.caught_by or task.message_class.is_monitor:
+    if task.suspensions or task.retries or task.failure or task.changes or task.message_class.is_monitor:
         yield from _of_the_rare(run, task)
 
 
@@ -221,7 +225,7 @@ def _of_the_rare(run: Run, task: Task) -> Iterator[Wait]:
         yield from _of_retry(run, task, retry.time)
     yield from _of_recovery(run, task)
     for start, end in watching(task) if task.message_class.is_monitor else ():
-        yield Wait(start, end, WaitKind.CONDITION, Node(task.id), END_HANDLING)
+        yield Wait(start, end, WaitKind.CONDITION, Node(task.id), _ENDS)
 
 
 def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[Wait]:
@@ -245,7 +249,7 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     starts = _BEFORE[task.message_class.is_goal][START_ACHIEVING]
     holds = reduce(or_, (one for one in starts if _time(task, one) > start), 0)
     if not holds and _is_to_be_handled_again(task, start):
-        holds = END_HANDLING
+        holds = _ENDS
     return Wait(start, end, WaitKind.RESUME, Node(suspension.cause), holds, suspension)
 
 
@@ -257,7 +261,7 @@ def _of_retry(run: Run, task: Task, retried: float) -> Iterator[Wait]:
         for number in task.children:
             child = run.tasks[number]
             start, end = max(retried, child.received), min(_time(child, END_ACHIEVING), begun)
-            yield Wait(start, end, WaitKind.SUBTASK, Node(number, END_ACHIEVING), END_HANDLING)
+            yield Wait(start, end, WaitKind.SUBTASK, Node(number, END_ACHIEVING), _ENDS)
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
@@ -265,9 +269,11 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     for since, over, state in states_of(task):
         if state is State.RECOVERING:
-            for handler, later in zip(called, [*(one.received for one in called[1:]), inf], strict=True):
+            if not called:  # the journal begins later
+                yield Wait(since, over, WaitKind.RECOVERY, Node(0), _ENDS)
+            for handler, later in zip(called, [*(one.received for one in called[1:]), inf], strict=False):
                 start, end = max(since, handler.received), min(over, later)
-                yield Wait(start, end, WaitKind.RECOVERY, Node(handler.id, END_ACHIEVING), END_HANDLING)
+                yield Wait(start, end, WaitKind.RECOVERY, Node(handler.id, END_ACHIEVING), _ENDS)
 
 
 def states_of(task: Task) -> Iterator[tuple[float, float, State]]:
@@ -319,10 +325,17 @@ def next_node(at: RunAt, number: int) -> Node:
     state = task.state
     if state is State.ENDING:
         return Node(number, END_ACHIEVING)
-    if task.handling or task.watches:
+    if (task.handling or task.watches) and _time(at.run.tasks[number], END_HANDLING) > at.moment:
         return Node(number, END_HANDLING)
-    is_first = state is State.QUEUED and _time(at.run.tasks[number], START_HANDLING) > at.moment
-    return Node(number, START_HANDLING if is_first else _NEXT.get(state, END_ACHIEVING))
+    return Node(number, _next_moment(at.run.tasks[number], state, at.moment))
+
+
+def _next_moment(task: Task, state: State, time: float) -> int:
+    """What a task comes to next from a state; of what is handled once more that again."""
+    if state is State.QUEUED and _time(task, START_HANDLING) > time:
+        return START_HANDLING
+    moment = _NEXT.get(state, END_ACHIEVING)
+    return END_ACHIEVING if moment == END_HANDLING and _time(task, END_HANDLING) <= time else moment
 
 
 def keeping(at: RunAt, node: Node) -> list[Wait]:
@@ -366,7 +379,7 @@ def _is_leaf(wait: Wait) -> bool:
 def _look(run: Run, message: Message, node: Node, time: float) -> list[Wait]:
     if isinstance(message, Task):
         wanted = _moments(message, node.moment, time) if node.moment else -1
-        waits = [one for one in _all(run, message, time, wanted) if one.holds & wanted]
+        waits = [one for one in _all(run, message, time, wanted) if one.holds & wanted or wanted < 0]
         return waits if node.moment else [one for one in waits if one.kind is WaitKind.RESUME]
     waits = list(_all(run, message, time))
     return [one for one in waits if _delivery(one) == node.delivery] if node.delivery else waits
@@ -510,15 +523,12 @@ def told_waits(run: Run, task: Task) -> list[Wait]:
 
 
 def _moments_in_state(task: Task, state: State, since: float) -> int:
-    if state is State.SUSPENDED:
-        return 0
-    is_first = state is State.QUEUED and _time(task, START_HANDLING) > since
-    return _moments(task, START_HANDLING if is_first else _NEXT[state], since)
+    return 0 if state is State.SUSPENDED else _moments(task, _next_moment(task, state, since), since)
 
 
 def _is_of_state(wait: Wait, state: State) -> bool:
     """Whether something keeps a task since it is in its state, and not since the wait as such began."""
-    return wait.kind in _OF_ITS_STATE or (state is State.ENDING and wait.kind is WaitKind.RUNNING)
+    return wait.kind in _OF_ITS_STATE or state is State.ENDING
 
 
 def _begun(task: Task, place: int) -> float:

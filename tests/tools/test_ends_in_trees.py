@@ -7,29 +7,37 @@ from click.testing import Result
 from tools.story import THIS, Story
 from tools.waits import delayed, stuck
 
-from tca_tools.run.at_time import RunAt
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.tasktree_viz import words
-from tca_tools.why.ages import Age
-from tca_tools.why.last import MOST, Ends, causes, in_the_end
-from tca_tools.why.leads import Kind
-from tca_tools.why.waiting import why_waiting
+from tca_tools.why.ends import MOST, Ends, causes
+from tca_tools.why.wait_words import Age, Last, in_the_end, last_of, reasons
 from tca_wire.constraints import Constraint, delay_planning, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
+from tca_wire.waits import WaitKind
 
 Tca = Callable[..., Result]
 
 SINCE_1 = Age(1.0, 1.0)
 
 
+def _end(at: RunAt, task: TaskAt) -> str:
+    return str(in_the_end(at, task) or "")
+
+
+def _causes(at: RunAt) -> tuple[int, int, list[tuple[str, int, int]]]:
+    waiting, things, found = causes(at)
+    return waiting, things, [(str(last_of(at, one.ends[0])), one.tasks, one.first) for one in found]
+
+
 def test_the_end_of_a_chain_is_told_from_however_far() -> None:
     at = RunAt(stuck(6_000).fold())
     end = "for calibrate {3}, which no module handles"
-    assert [in_the_end(at, at.tasks[number]) for number in (1, 2, 3, 6_002)] == [end, end, "", end]
-    assert causes(at) == (6_002, 1, [("calibrate {3}, which no module handles", 6_002, 3)])
+    assert [_end(at, at.tasks[number]) for number in (1, 2, 3, 6_002)] == [end, end, "", end]
+    assert _causes(at) == (6_002, 1, [("for calibrate {3}, which no module handles", 6_002, 1)])
     before = RunAt(at.run, 1.5)
-    assert in_the_end(before, before.tasks[1]) == ""  # the drill has a handler, and it is what is next
+    assert _end(before, before.tasks[1]) == ""  # the drill has a handler, and it is what is next
 
 
 def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> None:
@@ -40,14 +48,14 @@ def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> No
     story.delivered(drill, "rig").queued(story.command("paint", "brain", mission))
     story.returned(mission)
     at = RunAt(story.fold())
-    assert in_the_end(at, at.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
+    assert _end(at, at.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
     for _ in range(MOST + 5):
         story.queued(story.command("paint", "brain", mission))
     at = RunAt(story.fold())
-    assert in_the_end(at, at.tasks[1]).endswith(f", and for {MOST} or more others")
-    waiting, things, (first, *_) = causes(at)
+    assert _end(at, at.tasks[1]).endswith(f", and for {MOST} or more others")
+    waiting, things, (first, *_) = _causes(at)
     assert (waiting, things) == (MOST + 7, 2)
-    assert first == ("paint, which no module handles", MOST + 7, 3)
+    assert first == ("for paint {3}, which no module handles", MOST + 7, 1)
 
 
 def test_of_what_is_named_already_the_others_are_others_that_are_waited_for() -> None:
@@ -59,8 +67,8 @@ def test_of_what_is_named_already_the_others_are_others_that_are_waited_for() ->
         story.delivered(story.command("bake", "baker", plan), "oven")
     last = story.command("eat", "user", 0, sequential_achievement(TaskId(plan), THIS))
     at = RunAt(story.at(4.0).fold())
-    assert in_the_end(at, at.tasks[last]) == "for plan {1}, which baker handles, and for 2 others"
-    told = "waits until plan {1} is achieved, for 3.00 s; baker handles that; in the end also for 2 others"
+    assert _end(at, at.tasks[last]) == "for plan {1}, which baker handles, and for 2 others"
+    told = "waits until plan {1} is achieved, for 3 s; baker handles that; in the end also for 2 others"
     assert words.note(at, at.tasks[last]) == told
 
 
@@ -73,8 +81,8 @@ def test_a_circle_is_told_as_one() -> None:
     story.say(facts.WaitBegan("b", look, TaskId(walk), Moment.END_ACHIEVING))
     after = story.command("rest", "user", 0, sequential_achievement(TaskId(walk), THIS))
     at = RunAt(story.fold())
-    assert in_the_end(at, at.tasks[after]) == "for walk {1}, which waits for itself by way of look {2}"
-    assert in_the_end(at, at.tasks[look]) == "for walk {1}, which waits for itself by way of look {2}"
+    assert _end(at, at.tasks[after]) == "for walk {1}, which waits for itself by way of look {2}"
+    assert _end(at, at.tasks[look]) == "for walk {1}, which waits for itself by way of look {2}"
     assert Ends.at(at).circle(1) == [1, 2]
     assert causes(at)[:2] == (3, 1)
 
@@ -82,7 +90,7 @@ def test_a_circle_is_told_as_one() -> None:
 def test_a_delay_that_has_not_begun_is_told_with_what_it_begins_with() -> None:
     at = RunAt(delayed().fold())
     assert words.note(at, at.tasks[2]) == (
-        "waits until 3.00 s after ring bell {1} is achieved, for 1.00 s; that waits until 500.250 s"
+        "waits until 3 s after ring bell {1} is achieved, for 1 s; that waits until 500.250 s"
     )
 
 
@@ -92,24 +100,24 @@ def test_the_text_of_a_story_says_it_too(tca: Tca, tmp_path: Path) -> None:
 
 
 def test_what_is_told_of_waits_gives_way_before_their_end() -> None:
-    end = "in the end for calibrate {3}"
-    note = words.Note("waits until a very long name of a step {7} is achieved", SINCE_1, end)
-    assert note.within(None, 4.0) == f"waits until a very long name of a step {{7}} is achieved, for 3.00 s; {end}"
-    assert note.within(84, 4.0) == f"waits until a very long name of a step {{7}} is achieved; {end}"
+    last = Last("calibrate {3}", 3, "no module handles", "no module handles that", 0)
+    note = words.Note("waits until a very long name of a step {7} is achieved", SINCE_1, last)
+    cause, end = "waits until a very long name of a step {7} is achieved", "in the end for calibrate {3}"
+    assert note.within(None, 4.0) == f"{cause}, for 3 s; {end}, which no module handles"
+    assert note.within(95, 4.0) == f"{cause}, for 3 s; {end}"
+    assert note.within(84, 4.0) == f"{cause}; {end}"
     assert note.within(80, 4.0) == f"waits until a very long name of a step {{7}} is ach…; {end}"
-    assert note.within(70, 4.0) == f"until a very long name of a step {{7}} is…; {end}"
-    assert note.within(66, 4.0) == "waits until a very long name of a step {7} is achieved, for 3.00 s"
-    assert note.within(60, 4.0) == "waits until a very long name of a step {7} is achieved"
+    assert note.within(63, 4.0) == f"waits until a very long name of …; {end}"
+    assert note.within(56, 4.0) == cause
     assert note.within(20, 4.0) == "waits until a very …"
 
 
 def test_of_the_whole_wait_is_told_where_there_is_room() -> None:
     note = words.Note("waits until walk {7} is achieved", Age(3.0, 1.0))
-    assert note.within(None, 4.0) == "waits until walk {7} is achieved, for 1.00 s (3.00 s in all)"
-    assert note.within(55, 4.0) == "waits until walk {7} is achieved, for 3.00 s in all"
+    assert note.within(None, 4.0) == "waits until walk {7} is achieved, for 1 s (3 s in all)"
+    assert note.within(50, 4.0) == "waits until walk {7} is achieved, for 3 s in all"
     assert note.within(45, 4.0) == "waits until walk {7} is achieved"  # not for one second: that would mislead
-    assert words.Note("waits", Age(None, 1.0)).within(None, 4.0) == "waits (3.00 s in all)"
-    assert words.Note("waits", Age(4.0, 1.0)).within(None, 4.0) == "waits (3.00 s in all)"
+    assert words.Note("waits", Age(4.0, 1.0)).within(None, 4.0) == "waits (3 s in all)"
 
 
 def test_how_long_stands_behind_what_it_is_said_of() -> None:
@@ -117,37 +125,33 @@ def test_how_long_stands_behind_what_it_is_said_of() -> None:
     end = "in the end for calibrate {3}, which no module handles"
     notes = [words.note(at, at.tasks[number]) for number in (1, 3, 6)]
     assert notes == [
-        f"waits until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3.00 s; {end}",
-        "waits for a module that handles calibrate, for 3.00 s",
-        "waits until drill {5} is achieved, for 3.00 s; in the end for calibrate {3}, which no module handles",
+        f"waits until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3 s; {end}",
+        "waits for a module that handles calibrate, for 3 s",
+        "waits until drill {5} is achieved, for 3 s; in the end for calibrate {3}, which no module handles",
     ]
 
 
 def test_no_name_is_said_twice() -> None:
     at = RunAt(stuck().fold())
-    assert words.note(at, at.tasks[2]) == ("waits until calibrate {3} is achieved, for 3.00 s; no module handles that")
-    assert in_the_end(at, at.tasks[2]) == "for calibrate {3}, which no module handles"
+    assert words.note(at, at.tasks[2]) == ("waits until calibrate {3} is achieved, for 3 s; no module handles that")
+    assert _end(at, at.tasks[2]) == "for calibrate {3}, which no module handles"
 
 
 def test_the_cause_is_the_last_to_give_way() -> None:
     """And no duration stands alone: nobody could tell what it is of."""
-    end = "in the end for ring bell {12}, which waits until 500.250 s, and for 2 others"
-    note = words.Note("waits until its parent package {7} is being achieved", SINCE_1, end)
-    assert (
-        note.within(84, 2.0) == "waits until its parent package {7}…; in the end for ring bell {12}, and for 2 others"
-    )
-    assert note.within(63, 2.0) == "waits until its parent package {7} is being achieved"
-    assert all(f"{note.within(room, 2.0)} ".startswith(("waits until its", "until its")) for room in range(20, 120))
-    assert words.Note("", SINCE_1, end).within(49, 2.0) == "in the end for ring bell {12}, and for 2 others"
-    assert words.Note("", SINCE_1, end).within(20, 2.0) == "for ring bell {12}"
-    assert words.Note("", SINCE_1, end).within(14, 2.0) == "for ring… {12}"
+    last = Last("ring bell {12}", 12, "waits until 500.250 s", "that waits until 500.250 s", 2)
+    note = words.Note("waits until its parent package {7} is being achieved", SINCE_1, last)
+    assert all(note.within(room, 2.0).startswith("waits until its") for room in range(20, 120))
+    assert words.Note("", None, last).within(49, 2.0) == "in the end for ring bell {12}, and for 2 others"
+    assert words.Note("", None, last).within(20, 2.0) == "for ring bell {12}"
+    assert words.Note("", None, last).within(14, 2.0) == "for ring… {12}"
 
 
 def test_an_end_that_the_cause_names_is_not_named_again() -> None:
-    note = words.Note("waits until calibrate {3} is achieved", SINCE_1, "no module handles that")
-    assert note.within(80, 4.0) == "waits until calibrate {3} is achieved, for 3.00 s; no module handles that"
+    last = Last("calibrate {3}", 3, "no module handles", "no module handles that", 0)
+    note = words.Note("waits until calibrate {3} is achieved", SINCE_1, last, is_named=True)
+    assert note.within(80, 4.0) == "waits until calibrate {3} is achieved, for 3 s; no module handles that"
     assert note.within(61, 4.0) == "waits until calibrate {3} is achieved; no module handles that"
-    assert note.within(50, 4.0) == "waits until calibrate {3}…; no module handles that"
 
 
 def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:
@@ -162,7 +166,7 @@ def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:
     story.delivered(row, "boss").returned(row).reached(row, Moment.END_PLANNING).returned(east)
     at = RunAt(story.fold())
     end = f"for harvest {{{west}}}, which is suspended by op"
-    assert [in_the_end(at, at.tasks[one]) for one in (east, row, later)] == [end] * 3
+    assert [_end(at, at.tasks[one]) for one in (east, row, later)] == [end] * 3
     assert causes(at)[:2] == (4, 1)
 
 
@@ -173,10 +177,10 @@ def test_what_is_queued_waits_for_the_first_slot_that_comes_free() -> None:
     story.delivered(stuck_one, "rig").delivered(other, "rig").queued(queued, "rig").queued(part)
     story.say(facts.WaitBegan("rig", stuck_one, TaskId(part), Moment.END_ACHIEVING))
     at = RunAt(story.fold())
-    assert "calibrate" not in in_the_end(at, at.tasks[queued])
+    assert "calibrate" not in _end(at, at.tasks[queued])
     story.at(2.0).say(facts.WaitBegan("rig", other, TaskId(part), Moment.END_ACHIEVING))
     at = RunAt(story.fold())
-    assert "calibrate" in in_the_end(at, at.tasks[queued])
+    assert "calibrate" in _end(at, at.tasks[queued])
 
 
 def test_a_lock_that_is_next_in_line_is_told_though_there_is_room() -> None:
@@ -192,12 +196,10 @@ def test_a_lock_that_is_next_in_line_is_told_though_there_is_room() -> None:
     assert words.note_of(at, at.tasks[queued]).text == (
         f"waits for rig, which boss waits to lock while handling lock up {{{first}}}"
     )
-    assert in_the_end(at, at.tasks[queued]) == f"for job {{{runs}}}, which rig handles"
-    (why,) = why_waiting(at, TaskId(second))
-    assert why.startswith(
-        f"for the lock of rig {{51}}, but rig is busy with job {{{runs}}}, and boss waits to lock it "
-    )
-    assert why.endswith(f" first while handling lock up {{{first}}}")
+    assert _end(at, at.tasks[queued]) == f"for job {{{runs}}}, which rig handles"
+    (why,) = reasons(at, at.tasks[second])
+    assert why.startswith(f"for the lock of rig {{51}}, busy with job {{{runs}}}, and which boss waits to lock first ")
+    assert why.endswith(f" while handling lock up {{{first}}}")
 
 
 def test_a_lock_that_was_wanted_later_keeps_nobody_out() -> None:
@@ -206,7 +208,7 @@ def test_a_lock_that_was_wanted_later_keeps_nobody_out() -> None:
     story.delivered(runs, "rig").queued(queued, "rig").at(2.0)
     story.say(facts.Claimed(50, "rig", "rig", False, "boss", 0))
     at = RunAt(story.fold())
-    assert why_waiting(at, TaskId(queued)) == [f"for rig, busy with job {{{runs}}}"]
+    assert reasons(at, at.tasks[queued]) == [f"for rig, busy with job {{{runs}}}"]
 
 
 def test_what_is_to_be_planned_is_not_waited_for_where_only_the_start_is() -> None:
@@ -221,7 +223,7 @@ def test_what_is_to_be_planned_is_not_waited_for_where_only_the_start_is() -> No
     following = story.goal("row", "boss", harvest, Constraint(*begun))
     story.delivered(row, "boss").queued(story.command("calibrate", "boss", row)).returned(harvest)
     at = RunAt(story.fold())
-    assert in_the_end(at, at.tasks[following]) == f"for mow {{{mow}}}, which rig handles"
+    assert _end(at, at.tasks[following]) == f"for mow {{{mow}}}, which rig handles"
 
 
 def test_what_is_planned_is_not_waited_for_where_only_the_plan_is() -> None:
@@ -233,7 +235,7 @@ def test_what_is_planned_is_not_waited_for_where_only_the_plan_is() -> None:
     planned = Constraint(Point(TaskId(harvest), Moment.END_PLANNING), Point(THIS, Moment.START_HANDLING))
     report = story.command("report", "user", 0, planned)
     at = RunAt(story.fold())
-    assert in_the_end(at, at.tasks[report]) == f"for row {{{row}}}, which no module handles"
+    assert _end(at, at.tasks[report]) == f"for row {{{row}}}, which no module handles"
 
 
 def test_monitors_that_watch_do_not_wait() -> None:
@@ -241,5 +243,5 @@ def test_monitors_that_watch_do_not_wait() -> None:
     watch = story.received("watch", MessageClass.POLLING_MONITOR, "user", 0)
     story.reached(watch, Moment.START_HANDLING, Moment.START_PLANNING, Moment.START_ACHIEVING)
     at = RunAt(story.fold())
-    assert Ends.at(at).of(watch)[0].kind is Kind.WATCHES
+    assert Ends.at(at).of(watch)[0].kind is WaitKind.CONDITION
     assert causes(at) == (0, 0, [])

@@ -15,7 +15,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import note
 from tca_tools.why.coping import Fate
 from tca_tools.why.story import story
-from tca_tools.why.waiting import why_waiting
+from tca_tools.why.wait_words import reasons
 from tca_wire.constraints import Constraint, not_before, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -60,9 +60,9 @@ def test_a_task_that_a_wiretap_holds_names_the_listener_and_whose_it_is() -> Non
     history = folded(player)
     check = history.tasks[move].children[0]
     assert history.tasks[move].state is State.HELD
-    reason = f"until check {{{check}}}, the listener of a wiretap of checker, has been handled"
+    reason = f"until check {{{check}}}, the listener of a wiretap by checker, has been handled"
     assert noted(history, move) == f"waits {reason}"
-    assert f"held, {reason}" in told(history, move)
+    assert [one for one in told(history, move) if one.startswith(f"held, until check {{{check}}}, the listener of a ")]
     player.tick(5.0)
     player.send("user", "walk")
     longest = waits(folded(player))[0].longest[0]
@@ -95,8 +95,8 @@ def test_what_a_wiretap_s_listener_holds_waits_for_it() -> None:
     tale.say(facts.TapFired(90, move, check), facts.Delivered(check, check, "checker", "checker"))
     tale.reached(check, *ACTING).at(3.0)
     tale.command("move", "user")
-    reason = f"waits until check {{{check}}}, the listener of a wiretap of safety, has been handled"
-    assert noted(tale.fold(), move) == f"{reason}, for 2.00 s"
+    reason = f"waits until check {{{check}}}, the listener of a wiretap by safety, has been handled"
+    assert noted(tale.fold(), move) == f"{reason}, for 2 s"
     tale.at(4.0).reached(check, *Moment).delivered(move, "legs")
     assert noted(tale.fold(), move) == ""
 
@@ -109,7 +109,7 @@ def test_a_killed_task_whose_handler_runs_has_not_ended() -> None:
     player.task("user", "walk")
     history = folded(player)
     assert history.tasks[move].state is State.ENDING
-    assert noted(history, move) == "killed: too slow (by user); its handler still runs, for 29.0 s"
+    assert noted(history, move) == "killed: too slow (by user); waits until its handler returns, for 29 s"
     player.reply("legs/1")
     history = folded(player)
     end = history.tasks[move].reached[Moment.END_ACHIEVING]
@@ -126,8 +126,10 @@ def test_a_killed_task_waits_for_what_is_to_leave_things_safe() -> None:
     player.receive("user", headers.Kill(player.number("user"), TaskId(walk), "stop"))
     history = folded(player)
     check = history.tasks[walk].children[-1]
-    assert noted(history, walk) == f"killed: stop (by user); waits until move {{{move}}}, check {{{check}}} have ended"
-    assert noted(history, move) == "killed; its handler still runs"
+    assert (
+        noted(history, walk) == f"killed: stop (by user); waits until move {{{move}}} and check {{{check}}} have ended"
+    )
+    assert noted(history, move) == "killed; waits until its handler returns"
 
 
 def test_a_handler_that_goes_on_while_it_waits_for_a_reply() -> None:
@@ -138,7 +140,9 @@ def test_a_handler_that_goes_on_while_it_waits_for_a_reply() -> None:
     tale.delivered(where, "bee").at(6.0)
     tale.command("look", "user")
     history = tale.fold()
-    assert noted(history, look) == f"asked where {{{where}}}, which bee handles, no reply yet, for 4.00 s"
+    assert (
+        noted(history, look) == f"goes on while it waits for the reply to where {{{where}}}, which bee handles, for 4 s"
+    )
     assert f"its handler asked where {{{where}}}, which bee handles, and goes on" in told(history, look)
     tale.at(7.0).returned(where).say(facts.Answered(where))
     assert noted(tale.fold(), look) == ""
@@ -150,7 +154,7 @@ def test_a_reply_that_does_not_come_since_nobody_handles_the_query() -> None:
     tale.delivered(look, "aio")
     tale.queued(tale.received("where", QUERY, "aio", origin=look, blocking=True)).at(2.0)
     tale.command("look", "user")
-    assert noted(tale.fold(), look) == "waits for the reply to where {2}, which no module handles, for 1.00 s"
+    assert noted(tale.fold(), look) == "waits for the reply to where {2}, which no module handles, for 1 s"
 
 
 def test_deadlines_and_kills_that_are_to_come() -> None:
@@ -164,7 +168,7 @@ def test_deadlines_and_kills_that_are_to_come() -> None:
     sent = history.tasks[move].received
     assert noted(history, move) == f"deadline: end achieving by {sent + 100:.3f} s"
     assert noted(history, other) == (
-        f"waits until move {{{move}}} is achieved (is to be killed by user at {begun + 800:.3f} s), for 1.00 s"
+        f"waits until move {{{move}}} is achieved (is to be killed by user at {begun + 800:.3f} s), for 1 s"
     )
     assert f"deadline: end achieving by {sent + 100:.3f} s" in told(history, move)
     player.reply("legs/1")
@@ -178,7 +182,7 @@ def test_a_kill_after_a_point_says_after_which() -> None:
     first, second = player.task("user", "move"), player.task("user", "walk")
     point = Point(TaskId(first), Moment.END_ACHIEVING)
     player.receive("user", headers.Kill(player.number("user"), TaskId(second), "", Scope.TASK, point, 3.0))
-    assert f"is to be killed by user 3.00 s after move {{{first}}} is achieved" in noted(folded(player), second)
+    assert f"is to be killed by user 3 s after move {{{first}}} is achieved" in noted(folded(player), second)
 
 
 def test_an_exception_handler_that_has_been_called_as_often_as_it_may() -> None:
@@ -231,12 +235,12 @@ def test_a_monitor_says_whether_its_condition_holds() -> None:
     tale = Story().at(1.0)
     watch = tale.received("until ready", MessageClass.POLLING_MONITOR, "user")
     tale.reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING)
-    assert noted(tale.fold(), watch) == "watches: its condition has not been tested"
+    assert noted(tale.fold(), watch) == "watches for its condition until ready, which has not been tested"
     tale.at(2.0).say(facts.MonitorTested(TaskId(watch), False))
-    assert noted(tale.fold(), watch) == "watches: its condition does not hold, for 1.00 s"
+    assert noted(tale.fold(), watch) == "watches for its condition until ready, which did not hold, for 1 s"
     tale.at(5.0).say(facts.MonitorTested(TaskId(watch), True)).at(5.5)
     assert (
-        noted(tale.fold(), watch) == "watches: its condition holds, for 0.50 s"
+        noted(tale.fold(), watch) == "watches for its condition until ready, which held, for 500 ms"
     )  # it watches for longer, but waits not
 
 
@@ -246,9 +250,9 @@ def test_a_wait_goes_on_after_a_suspension() -> None:
     tale.delivered(move, "legs").at(2.0)
     behind = tale.command("move", "user", ROOT, sequential_achievement(TaskId(move), THIS))
     tale.at(4.0).say(facts.SuspendedOrResumed(TaskId(behind), True)).at(5.0)
-    assert noted(tale.fold(), behind) == "waits until move {2} is resumed, for 1.00 s"
+    assert noted(tale.fold(), behind) == "waits until move {2} is resumed, for 1 s"
     tale.say(facts.SuspendedOrResumed(TaskId(behind), False)).at(7.0)
-    assert noted(tale.fold(), behind) == "waits until move {1} is achieved, for 2.00 s (5.00 s in all)"
+    assert noted(tale.fold(), behind) == "waits until move {1} is achieved, for 2 s (5 s in all)"
 
 
 def test_a_task_that_fails_under_what_was_killed_already_goes_on() -> None:
@@ -278,9 +282,9 @@ def test_a_row_tells_since_when_its_cause_is_the_cause() -> None:
     run = story.fold()
     told = [note(at := RunAt(run, time), at.tasks[last]) for time in (1.5, 4.0, 7.0)]
     assert told == [
-        "waits for legs, busy with move {1}, for 0.50 s",
-        f"waits for legs, busy with move {{{second}}}, for 2.00 s (3.00 s in all)",
-        f"waits for legs, busy with move {{{third}}}, for 2.00 s (6.00 s in all)",
+        "waits for legs, busy with move {1}, for 500 ms",
+        f"waits for legs, busy with move {{{second}}}, for 2 s (3 s in all)",
+        f"waits for legs, busy with move {{{third}}}, for 2 s (6 s in all)",
     ]
 
 
@@ -305,9 +309,9 @@ def test_what_must_have_come_to_the_same_moment_is_told_as_one_reason() -> None:
     later = Constraint(Point(TaskId(weighs[1]), Moment.END_ACHIEVING), Point(THIS, Moment.START_ACHIEVING), 2.0)
     others = [Constraint(begun, Point(THIS, Moment.START_ACHIEVING)), later, not_before(THIS, 9.0)]
     bake = story.command("bake", "user", batch, *achieved, *others)
-    history = story.at(2.0).fold()
-    assert sorted(why_waiting(RunAt(history), TaskId(bake))) == [
-        "until 2.00 s after weigh {3} is achieved",
+    at = RunAt(story.at(2.0).fold())
+    assert sorted(reasons(at, at.tasks[bake])) == [
+        "until 2 s after weigh {3} is achieved",
         "until 9.000 s",
         "until its parent batch {1} is being achieved",
         "until weigh {2} is being achieved",

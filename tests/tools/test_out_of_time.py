@@ -34,9 +34,9 @@ def test_who_handled_what_was_waited_for_when_time_ran_out() -> None:
     before = player.time
     player.tick(30.0)
     assert steps(player, bake)[:3] == [
-        "  heat {2} was being handled by oven, for 35.0 s when time ran out",
-        "bake {1} was suspended by user, for 3.00 s",
-        "bake {1} waited until heat {2} is achieved, for 30.0 s",
+        "  heat {2} was being handled by oven, for 35 s when time ran out",
+        "bake {1} was suspended by user, for 3 s",
+        "bake {1} waited until heat {2} is achieved, for 30 s",
     ]
     assert steps(player, bake, before) == [], "nobody knew that time would run out"
 
@@ -47,8 +47,8 @@ def test_who_had_locked_what_was_waited_for() -> None:
     heat = player.task("user", "heat", deadline=20.0)
     player.tick(30.0)
     assert steps(player, heat)[:2] == [
-        "  user had the lock of oven {1}, for 31.0 s when time ran out",
-        "heat {2} waited for oven, which user has locked, for 30.0 s",
+        "  user had the lock of oven {1}, for 31 s when time ran out",
+        "heat {2} waited for oven, which user has locked, for 30 s",
     ]
 
 
@@ -56,4 +56,4 @@ def test_its_own_handler_was_at_it() -> None:
     player = playing()
     bake = player.task("user", "bake", deadline=20.0)
     player.tick(30.0)
-    assert steps(player, bake)[0] == "bake {1} was being handled by baker, for 30.0 s when time ran out"
+    assert steps(player, bake)[0] == "bake {1} was being handled by baker, for 30 s when time ran out"

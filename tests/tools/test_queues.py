@@ -129,7 +129,7 @@ def test_how_long_a_task_has_been_queued_is_told_of_the_queue_that_it_is_in() ->
     run = story.fold()
     told = [words.note(at := RunAt.by_clock(run, time), at.tasks[second]) for time in (69.0, 71.5, 81.0)]
     assert told == [
-        "waits for legs, busy with move {1}, for 59.0 s",
-        "waits for a module that handles move, for 1.50 s",
-        "waits for a module that handles move, for 11.0 s",
+        "waits for legs, busy with move {1}, for 59 s",
+        "waits for a module that handles move, for 1.5 s",
+        "waits for a module that handles move, for 11 s",
     ]

@@ -144,7 +144,7 @@ def test_why_the_selected_task_waits() -> None:
         assert "so far" not in story
         await pilot.press("g", *"3.4", "enter")
         story = " ".join(story_of(app).split())
-        assert "being achieved, for 1.20 s" in story
+        assert "being achieved, for 1.2 s" in story
         assert "being achieved, 1.200 s so far" in story
         selected = app.selected
         await pilot.press("up")

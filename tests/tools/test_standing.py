@@ -70,14 +70,14 @@ def recovering() -> Story:
 def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: Path) -> None:
     folder = recovering().write(tmp_path / "walk")
     line = tca("tree", folder).stdout.splitlines()[2]
-    assert line.endswith("waits until recover {3} has dealt with slip: on ice, for 1.50 s")
+    assert line.endswith("slip: on ice; waits until recover {3} has dealt with its failure, for 1.5 s")
     assert (
         tca("tree", folder, "--at", 2.5)
         .stdout.splitlines()[2]
-        .endswith("waits until recover {2} has dealt with slip: on ice, for 0.50 s")
+        .endswith("slip: on ice; waits until recover {2} has dealt with its failure, for 500 ms")
     )
     at = RunAt(recovering().fold())
-    assert "recovering, waits until recover {3} has dealt" in outline_svg(at, whole_outline(at), "")
+    assert "recovering, slip: on ice; waits until recover {3}" in outline_svg(at, whole_outline(at), "")
 
 
 def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
@@ -88,7 +88,7 @@ def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
         ]
     at = RunAt(told.fold())
     line = next(line for line in tree_lines(at, whole_outline(at)) if line.startswith("move {1}"))
-    assert "until somebody has dealt with slip: on ice" in line
+    assert "slip: on ice; waits until somebody has dealt with its failure" in line
 
 
 @pytest.mark.parametrize("width", [10, 20, 30, 40, 49, 60, 79])

@@ -171,11 +171,13 @@ def test_the_row_of_a_suspended_task_says_so_from_when_on_it_was() -> None:
         State.SUSPENDED, State.SUSPENDED, State.ACHIEVING,
     ]  # fmt: skip
     until = "until mop floor {1} is resumed"
-    assert note(sweeping, sweeping.tasks[1]) == f"waits until sweep {{2}} has been handled, and {until}, for 0.50 s"
+    assert (
+        note(sweeping, sweeping.tasks[1]) == f"waits until the handler of sweep {{2}} returns, and {until}, for 500 ms"
+    )
     assert sweeping.tasks[2].state is State.HANDLING
-    assert note(sweeping, sweeping.tasks[2]) == "still runs, though mop floor {1} is suspended, for 0.50 s"
-    assert note(standing, standing.tasks[1]) == f"waits {until}, for 3.00 s"
-    assert note(standing, standing.tasks[3]) == f"waits {until}, for 3.00 s"
+    assert note(sweeping, sweeping.tasks[2]) == "still runs, though mop floor {1} is suspended, for 500 ms"
+    assert note(standing, standing.tasks[1]) == f"waits {until}, for 3 s"
+    assert note(standing, standing.tasks[3]) == f"waits {until}, for 3 s"
     assert note(resumed, resumed.tasks[1]) == ""
 
 
@@ -188,10 +190,10 @@ def test_who_suspended_and_resumed_is_told_to_those_who_wait() -> None:
     assert "2.0 (1.0 s) suspended by operator panel with mop floor {1}" in told(history, 2)
     sweeping, standing = RunAt(history, 2.5), RunAt(history, 5.0)
     assert note(sweeping, sweeping.tasks[2]) == (
-        "still runs, though mop floor {1} is suspended by operator panel, for 0.50 s"
+        "still runs, though mop floor {1} is suspended by operator panel, for 500 ms"
     )
     for task in (1, 3):
-        words = "suspended by operator panel, until mop floor {1} is resumed, for 3.00 s"
+        words = "suspended by operator panel, until mop floor {1} is resumed, for 3 s"
         assert note(standing, standing.tasks[task]) == words
     typed = RunAt(mopping("tca suspend").fold(), 5.0)
     assert note(typed, typed.tasks[1]).startswith("suspended by the command 'tca suspend', until")

@@ -49,7 +49,7 @@ def test_waits_and_bars_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path
     rested = tca("tree", run).stdout
     assert rested.startswith("run: 4.00 s, 8 tasks")
     assert (
-        "take steps {3} is being achieved, for 3.40 s; in the end for move body {7}, which controller handles\n"
+        "take steps {3} is being achieved, for 3.4 s; in the end for move body {7}, which controller handles\n"
         in rested
     )
     title, *_, last = live.splitlines()

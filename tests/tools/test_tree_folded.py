@@ -58,7 +58,7 @@ def test_what_was_killed_with_what_it_was_under_is_folded_around_what_failed() -
 def test_whole_jobs_stay_and_of_many_the_first_and_last() -> None:
     few, many = (told(outline(RunAt(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
     assert few == ["job achieved", "+ 90 tasks achieved"] * 10
-    assert many[:5] == ["job achieved", "+ 90 tasks achieved"] * 2 + [f"+ {36 * 91} tasks achieved"]
+    assert many[:5] == ["job achieved", "+ 90 tasks achieved"] * 2 + [f"+ {36 * 91:,} tasks achieved"]
     assert many[5:] == ["job achieved", "+ 90 tasks achieved"] * 2
 
 

@@ -160,8 +160,8 @@ def test_what_ran_out_of_time_waited_for_something() -> None:
     )
     run = story.at(4.0).fold()
     assert [(link.time, link.text) for link in failure_chain(run, TaskId(order))] == [
-        (1.0, "deliver {3} waited until batch {2} is achieved, for 2.00 s"),
-        (1.0, "batch {2} was being handled by baker, for 2.00 s when time ran out"),
+        (1.0, "deliver {3} waited until batch {2} is achieved, for 2 s"),
+        (1.0, "batch {2} was being handled by baker, for 2 s when time ran out"),
         (3.0, "deliver {3} failed: timeout: too late"),
         (3.0, f"order {{1}} was killed: {why}"),
         (3.0, f"deliver {{3}} was killed: {why}"),
