@@ -1,21 +1,27 @@
 """Bounds that keep one module from stopping the others."""
 
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
 import pytest
 from central.player import ANY, Player, before, point
 
-from tca_central.control import keeping
+from tca_central.control import keeping, termination
+from tca_central.failing import attaching
 from tca_central.failing.failures import LONGEST_TEXT
 from tca_central.invariants import check_invariants
 from tca_central.locks import claims
 from tca_central.model import registry
 from tca_central.order import dispatcher
+from tca_central.watching import taps
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Killed
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
 from tca_wire.points import Moment, TaskId
 from tca_wire.text.waits_in_words import in_words
-from tca_wire.vocabulary import Limit, MessageClass, Refusal, Scope
+from tca_wire.vocabulary import Condition, Limit, MessageClass, Refusal, Scope
 from tca_wire.waits import WaitFor, WaitKind
 
 
@@ -306,3 +312,28 @@ def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyP
     assert not any(isinstance(answer, headers.Refused) for answer in others)
     assert last.refusal is Refusal.OVERLOAD
     assert last.text == "3 wait to lock or reserve resource 'legs'"
+
+
+FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
+    "wiretaps": (taps, "MOST_TAPS", lambda request, task: headers.Tap(
+        request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)), "has 1 wiretaps already"),
+    "exception handlers": (attaching, "MOST_ATTACHED", lambda request, task: headers.Attach(
+        request, Attachment(f"failure {request}", "recover"), TaskId(task)), "has 1 exception handlers already"),
+    "farewells": (termination, "MOST_FAREWELLS", lambda request, task: headers.Send(
+        request, "move", parent=TaskId(task), when_killed=True), "1 messages wait for the termination of"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", FLOODS)
+def test_so_much_and_no_more(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    place, bound, make, why = FLOODS[what]
+    monkeypatch.setattr(place, bound, 1)
+    player = Player()
+    player.module("user")
+    player.declare("user", "goal walk", "command move", "query where", "exception handler recover")
+    task = player.task("user", "walk")
+    for _ in range(2):
+        answers = player.receive("user", make(player.number("user"), task))
+    (refused,) = answers
+    assert refused.refusal is Refusal.OVERLOAD
+    assert why in refused.text

@@ -3,7 +3,6 @@
 import json
 import re
 import threading
-from pathlib import Path
 
 import pytest
 from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SILENT, SOON, TICK, WALK, WHERE, Pose, tca
@@ -273,12 +272,3 @@ def test_nonsense_is_refused(robot: list[str], user: Client) -> None:
     assert "is no number of seconds" in tca(query, "where", "x=1", "--timeout", "nan")[2]
     assert tca(raise_failure, "walk", "a\nb")[0] == 2
     assert walk.info() is not None
-
-
-def test_without_central_each_says_so_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    nowhere = f"ipc://{tmp_path}/nowhere.sock"
-    monkeypatch.setenv("TCA_CENTRAL", nowhere)
-    monkeypatch.setattr("tca_live.shared._PATIENCE", 0.2)
-    advice = "start it with 'tca central', or set $TCA_CENTRAL to where it listens\n"
-    for command in (send, query, get_variable, set_variable, kill, suspend, resume):
-        assert tca(command, "x") == (1, "", f"central at {nowhere} does not answer: {advice}")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from integration.programs import Central, central, program, tca
 
-from tca_module import CentralLost, Client, PendingReply, Query, QueryFailed, connect
+from tca_module import Client, PendingReply, Query, QueryFailed, connect
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
 
@@ -70,17 +70,3 @@ def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
             assert not left_behind.exists()
     shown = tca("log", "show", str(daemon.journal), "--kind", "direct").stdout
     assert "direct         height from user to map, 9 bytes, 0.0" in shown
-
-
-def test_a_central_that_is_killed_while_direct_messages_flow(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, connect("user", daemon.address) as user, program(MAP, daemon.address) as module:
-        assert module.stdout
-        assert module.stdout.readline() == "runs\n"
-        ask_until_direct(daemon, user)
-        daemon.signal(signal.SIGKILL)
-        daemon.process.wait(SOON)
-        for x in range(100):
-            assert user.query(HEIGHT, float(x), timeout=SOON) == x
-        pending = begin_slow_query(user, module)
-        with pytest.raises(CentralLost, match="does not answer"):
-            pending.receive(None)  # nobody could tell whether its module is lost
