@@ -22,6 +22,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from tca_tools.run.records import State
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
 from tca_tools.view.feed import OUTCOMES, ROLES, STATES, SpanKind
@@ -126,7 +127,7 @@ def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | 
             "problem": reading.problem or reading.cut,
             "remark": reading.remark,
             "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
-            "handled": {"name": HANDLED, "colour": FILLS[HANDLED]},
+            "handled": {"name": HANDLED, "words": [State.FAILED, "handled"], "colour": FILLS[HANDLED]},
             "colours": reading.feed.colours(),
             "outcomes": [outcome or "" for outcome in OUTCOMES],
             "roles": ROLES,

@@ -19,7 +19,7 @@ from tca_tools.view.columns import Columns
 from tca_tools.view.verdicts import Verdicts
 from tca_tools.why.coping import WATCHING, Failing, failing, watches
 from tca_wire.journal.facts import Entry, Failed, Killed, Received
-from tca_wire.text.facts_in_words import by_whom, kill_reason, place
+from tca_wire.text.facts_in_words import kill_reason, place
 from tca_wire.vocabulary import Outcome, Role
 
 _LONGEST_SAID = 300
@@ -42,7 +42,7 @@ TABLES = {
     "state.time": "d",
     "state.state": "B",
     "suspended.span": "i",
-    "suspended.by": "i",  # a text: who wanted that
+    "suspended.by": "i",  # a text: the module that wanted it
     "failure.message": "i",  # or 0: of what came directly
     "failure.time": "d",
     "failure.span": "i",  # the run of a handler that ended with it, or what it was raised beside; or -1
@@ -253,7 +253,7 @@ class Feed:
             span = self._suspended[task.id] = self._add_span(
                 self._row("", SUSPENDED), SpanKind.SUSPENDED, task.name, task.id, time
             )
-            self.columns.add("suspended", span, self.columns.text(by_whom(by)))
+            self.columns.add("suspended", span, self.columns.text(by))
 
     def _tell_watching(self, monitor: Task, *, has_changed: bool) -> None:
         """A monitor watches, and goes on when it does no longer, in one state of its task."""

@@ -27,7 +27,7 @@ def queue_of(number: int) -> Story:
     return story
 
 
-@pytest.mark.parametrize("number", [10_000, pytest.param(100_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("number", [3_000, pytest.param(100_000, marks=pytest.mark.soak)])
 def test_a_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number: int) -> None:
     log = tmp_path / "long.tcaj"
     log.write_bytes(queue_of(number).encoded())

@@ -59,8 +59,17 @@ def left_of(page: Page, what: str) -> float:
     return box["x"]
 
 
-@pytest.mark.parametrize("width", [2400, 1400])
-def test_a_wide_screen_shows_the_whole_chart(paged: Page, width: int) -> None:
+def test_the_chart_is_legible_on_every_screen_and_on_paper(paged: Page) -> None:
+    for width in (2400, 1400):
+        is_as_wide_as_the_screen(paged, width)
+    for width in (2400, 900):
+        has_whole_labels(paged, width)
+    for width in (900, 420):
+        scrolls_beside_its_labels(paged, width)
+    is_in_parts_on_paper(paged)
+
+
+def is_as_wide_as_the_screen(paged: Page, width: int) -> None:
     paged.set_viewport_size({"width": width, "height": 900})
     assert paged.evaluate(INSIDE)
     assert scrolls(paged) == 0
@@ -72,8 +81,7 @@ def test_a_wide_screen_shows_the_whole_chart(paged: Page, width: int) -> None:
     assert chart["x"] + chart["width"] <= width
 
 
-@pytest.mark.parametrize("width", [2400, 900])
-def test_no_label_is_cut_off_at_the_left(paged: Page, width: int) -> None:
+def has_whole_labels(paged: Page, width: int) -> None:
     paged.set_viewport_size({"width": width, "height": 900})
     left = left_of(paged, "#r-labels")
     labels = paged.locator("#r-labels text").all()
@@ -84,19 +92,19 @@ def test_no_label_is_cut_off_at_the_left(paged: Page, width: int) -> None:
         assert box["x"] >= left, label.text_content()
 
 
-@pytest.mark.parametrize("width", [900, 420])
-def test_a_narrow_screen_scrolls_the_plot_and_keeps_the_labels(paged: Page, width: int) -> None:
+def scrolls_beside_its_labels(paged: Page, width: int) -> None:
     paged.set_viewport_size({"width": width, "height": 900})
     assert paged.evaluate(INSIDE)
     assert scrolls(paged) > 0
     assert paged.evaluate(LETTERS, ".r-plot") >= LEAST
+    paged.locator(".r-scroll").evaluate("(one) => { one.scrollLeft = 0; }")
     labels, plot = left_of(paged, "#r-labels"), left_of(paged, "#r-plot")
     paged.locator(".r-scroll").evaluate("(one) => { one.scrollLeft = 40; }")
     assert left_of(paged, "#r-labels") == labels
     assert left_of(paged, "#r-plot") == pytest.approx(plot - 40, abs=1)
 
 
-def test_on_paper_the_chart_is_in_parts_that_can_be_read(paged: Page) -> None:
+def is_in_parts_on_paper(paged: Page) -> None:
     paged.emulate_media(media="print")
     paged.set_viewport_size({"width": 1032, "height": 700})  # A4, landscape, without its margins
     assert paged.evaluate(INSIDE)

@@ -24,11 +24,13 @@ export class Causes {
     if (this.isAsking || this.wanted === this.asked) return; // the answer comes back here
     this.isAsking = true;
     this.asked = this.wanted;
-    const answer = await this.ask("causes", { at: this.time }), told = JSON.stringify(answer);
-    this.isAsking = false;
+    const begun = performance.now(), answer = await this.ask("causes", { at: this.time }), told = JSON.stringify(answer);
     if (answer && told !== this.told) this.#draw(answer); // what is pressed just now stays there
     if (answer) this.told = told;
-    this.fetch();
+    setTimeout(() => { // a rest as long as that took: where very many wait, the server has other things to do, too
+      this.isAsking = false;
+      this.fetch();
+    }, performance.now() - begun);
   }
 
   #draw({ waiting, things, causes }) {

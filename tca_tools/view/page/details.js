@@ -176,7 +176,8 @@ function rest(text) {
 
 // Python marks places in a traceback with lines of ^ and ~, under letters of one width.
 function withoutCarets(text) {
-  return text.split("\n").filter((line) => ![...line].some((letter) => "^~".includes(letter)) || [...line].some((letter) => !" \t^~".includes(letter))).join("\n");
+  const isMark = (line) => line.trim() && [...line.trim()].every((letter) => ["^", "~", " "].includes(letter));
+  return text.split("\n").filter((line) => !isMark(line)).join("\n");
 }
 
 function times([start, over]) {

@@ -28,7 +28,7 @@ export class Search {
 
   update(time = this.time) {
     this.time = time;
-    const words = this.input.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const words = this.input.value.toLowerCase().split(" ").filter(Boolean);
     const { store } = this, sent = (all) => all.slice(0, words.length ? store.sentBy(all, time) : 0);
     const asked = `${words.join(" ")}@${store.known(time)}`;
     if (asked === this.asked) return;
@@ -70,7 +70,7 @@ export class Search {
 
   // Who looks for failures is told how many of them were handled: they are counted apart elsewhere.
   #handled(words) {
-    if (!words.some((word) => word.length >= SHORTEST && "failed".startsWith(word))) return "";
+    if (!words.some((word) => begins("failed", word))) return "";
     const handled = this.found.filter((task) => wasHandled(this.store.lastFailure(task.id, this.time), this.time)).length;
     return handled ? `, ${handled} handled` : "";
   }
@@ -91,12 +91,14 @@ export class Search {
   #place(task, word) {
     const { store, time } = this, isIn = (text) => text.toLowerCase().includes(word);
     if (isNamed(task, word)) return 0;
-    const states = task.times ? store.looksOf(task, time).name.split(/[ ()]+/) : [], hasFailed = store.failuresOf.get(task.id)?.[0].time <= time;
-    if ([...states, ...hasFailed ? ["failed"] : []].some((state) => state === word || (word.length >= SHORTEST && state.startsWith(word)))) return 1;
+    const states = task.times ? [store.looksOf(task, time)].flatMap(({ name, words = [name] }) => words) : [], hasFailed = store.failuresOf.get(task.id)?.[0].time <= time;
+    if ([...states, ...hasFailed ? ["failed"] : []].some((state) => state === word || begins(state, word))) return 1;
     if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return 2;
     for (const module of task.modules ?? []) if (isIn(module)) return 2;
     return task.said.some((one) => one.time <= time && one.text.includes(word)) ? 3 : NOWHERE;
   }
 }
+
+function begins(state, word) { return word.length >= SHORTEST && state.slice(0, word.length) === word; }
 
 function isNamed({ name, id }, word) { return name.toLowerCase().includes(word) || String(id) === word || `{${id}}` === word; }
