@@ -7,10 +7,10 @@ after the other, each column again filled up: a browser lays typed arrays over i
 import json
 import sys
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-_ALIGNED = 8
+ALIGNED = 8
 
 
 class Column:
@@ -70,17 +70,4 @@ class Columns:
 
 
 def _filled(data: bytes, filler: bytes) -> bytes:
-    return data + filler * (-len(data) % _ALIGNED)
-
-
-def parsed(frame: bytes) -> tuple[dict[str, Any], dict[str, Sequence[Any]]]:
-    """A frame's head and columns."""
-    end = frame.index(b"\n") + 1
-    head, start = json.loads(frame[:end]), end + -end % _ALIGNED
-    columns: dict[str, Sequence[Any]] = {}
-    for told in head["columns"]:
-        numbers: array[Any] = array(told["kind"])
-        place = start + told["offset"]
-        numbers.frombytes(frame[place : place + told["bytes"]])
-        columns[told["name"]] = numbers
-    return head, columns
+    return data + filler * (-len(data) % ALIGNED)

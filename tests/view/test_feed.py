@@ -18,13 +18,13 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import State
 from tca_tools.view import verdicts
-from tca_tools.view.columns import parsed
 from tca_tools.view.feed import LANES_OF, OUTCOMES, STATES, TABLES, Feed, SpanKind
 from tca_tools.why.coping import WATCHING, Failing, has_coped, went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
+from view.frames import parsed
 
 
 class Page:

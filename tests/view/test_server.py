@@ -16,8 +16,8 @@ from click.testing import CliRunner
 from tools.story import stumbling, walking
 
 from tca_tools.view.__main__ import view
-from tca_tools.view.columns import parsed
 from tca_wire.points import Moment
+from view.frames import parsed
 
 pytestmark = pytest.mark.slow
 

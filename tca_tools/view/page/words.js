@@ -244,8 +244,8 @@ export function abridged(note, state, hasRoom) {
   const short = cut(text(TERSE), last ? 2 : 1, (one) => hasRoom(one, plain(brief)));
   if (!last) return made(short ?? [`${plain(text(TERSE)).split(" ")[0]} …`], [], false);
   if (namesIn(short ?? [])) return made(short, brief, !waits.some(({ because }) => because));
-  const alone = [t`in the end for ${end(last)}`, t`for ${end(last)}`, brief, t`for ${end(last, ALONE)}`], least = alone.at(-1);
-  return made([], alone.find((one) => hasRoom("", plain(one))) ?? cut(least, 2, (one) => hasRoom("", one)) ?? least);
+  const alone = [t`in the end for ${end(last)}`, t`for ${end(last)}`, brief, t`for ${end(last, ALONE)}`];
+  return made([], alone.find((one) => hasRoom("", plain(one))) ?? alone.at(-1));
 }
 
 const namesIn = (parts) => parts.filter((part) => part.number).length;
