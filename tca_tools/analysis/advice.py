@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from tca_tools.analysis.advised import Advice, Sum, Topic, Words
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import Overlap
 from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import Kind
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.slow_waits import bottleneck, on_waits
-from tca_tools.analysis.steps import Causes, Doing
+from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import span_of
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, Span

@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import nextafter
 
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import named
 from tca_tools.analysis.resources import Key, capacity_of
-from tca_tools.analysis.steps import Causes, Doing, Step
+from tca_tools.analysis.steps import Doing, Step
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run

@@ -7,11 +7,12 @@ only way to end sooner, and it helps until another path is the longest.
 from dataclasses import dataclass, field
 from math import inf, nextafter
 
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.given_up import still_handled_in_words
 from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.releases import ended_at, in_words, released
-from tca_tools.analysis.standing import going_on
-from tca_tools.analysis.steps import Causes, Doing, Step
+from tca_tools.analysis.standing import at_last
+from tca_tools.analysis.steps import Doing, Step
 from tca_tools.analysis.summary import is_over, mattering
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Message, Queueing, Task
@@ -88,7 +89,7 @@ def critical_path(run: Run, causes: Causes, task: Task) -> CriticalPath:
     if is_over(task):
         steps = list(causes.back_from(_end_of(task), task.id))
         return CriticalPath(task, False, steps[::-1])
-    found = going_on(run, task)
+    found = at_last(run, task)
     steps = [found.standing] if found.standing else []
     steps += causes.back_from(found.time, found.message_id, found.handling)
     return CriticalPath(task, True, steps[::-1], found.because)

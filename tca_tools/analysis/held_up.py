@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
 from tca_tools.analysis.locks import Locks
 from tca_tools.analysis.long_waits import is_in_vain
-from tca_tools.analysis.steps import Causes, Doing, Step
+from tca_tools.analysis.steps import Doing, Step
 from tca_tools.run.records import Claim, HandlerWait, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, Span

@@ -4,12 +4,13 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from tca_tools.analysis.advised import Advice, Sum, Topic, Words, length
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.given_up import still_handled_in_words
 from tca_tools.analysis.held_up import HeldUp, Reason, held_up
 from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.resources import Use
-from tca_tools.analysis.steps import Causes, Doing
+from tca_tools.analysis.steps import Doing
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Span
 from tca_wire.text.measures import duration, percent, run_time, times

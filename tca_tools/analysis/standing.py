@@ -1,4 +1,4 @@
-"""What keeps a task that has not ended when the journal ends: what runs under it, or else what it stands on.
+"""What keeps a task at a moment, when the journal ends or it is cut off: what runs under it, or else what it stands on.
 
 A walk follows all that the task waits for, each thing once. What is under it counts first; where nothing there goes
 on, its constraints, and its handlers that wait, lead to tasks elsewhere.
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from tca_tools.analysis.steps import Doing, Step, delay_of
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Queueing, Suspension, Task
+from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.wait_words import wait_for
 from tca_tools.why.waits import Node, Wait, further, keeping, steps, waits_now
@@ -21,10 +21,10 @@ from tca_wire.waits import WaitKind
 
 @dataclass(slots=True)
 class GoingOn:
-    """What a task waits for at the journal's end."""
+    """What a task waits for at a moment."""
 
     time: float
-    """Until when something went on: the journal's end, or when it came to stand."""
+    """Until when something went on: that moment, or when it came to stand."""
     message_id: int
     handling: Handling | None = None
     """The handler that went on until then."""
@@ -34,28 +34,38 @@ class GoingOn:
     """If it is not under the task: the waits that lead there, in words."""
 
 
-def going_on(run: Run, task: Task) -> GoingOn:
-    """What an open task waits for: what runs comes before what stands, and that before monitors that watch; of what
-    stands that which has stood longest.
+def going_on(at: RunAt, message: Message, until: float) -> GoingOn | None:
+    """What a task or message waited for *until* just after a moment: what runs comes before what stands, and that
+    before monitors that watch; of what stands that which has stood longest. None if nothing is known.
     """
-    walk = _Walk(RunAt(run), task)
+    walk = _Walk(at, message, until)
     found = min(walk.found, key=_Found.rank, default=None)
     if found is None:
-        return _unknown(run, task)
+        return None
     step = found.stands
     because = walk.way_to(found.node) if found.is_elsewhere else []
     if step is None:
-        return GoingOn(run.time, found.cause, found.handling, None, because)
+        return GoingOn(until, found.cause, found.handling, None, because)
     return GoingOn(step.start, found.cause, found.handling, step if step.seconds > 0 else None, because)
 
 
-def _unknown(run: Run, task: Task) -> GoingOn:
-    """Nothing is known that it waits for: back from when something last happened under it."""
-    own = [one for one in run.under(task) if one.states]
-    last = max((one.states[-1][0] for one in own), default=task.received)
+def at_last(run: Run, task: Task) -> GoingOn:
+    """What an open task waits for when the journal ends; if that is not known, since when nothing happened under it."""
+    if (found := going_on(RunAt(run), task, run.time)) is not None:
+        return found
+    last = last_change(run, task, run.time)
     doing = Doing.HELD if waits_now(RunAt(run), task.id) else Doing.UNKNOWN
     step = Step(last, run.time, doing, task.id, "") if run.time > last else None
     return GoingOn(last, task.id, standing=step)
+
+
+def last_change(run: Run, message: Message, before: float) -> float:
+    """When something last happened to a task or to what is under it, or when a message was handled last."""
+    if isinstance(message, Task):
+        times = [time for one in run.under(message) for time, _ in one.states]
+    else:
+        times = [handling.end for handling in message.handlings if handling.end is not None]
+    return max((time for time in times if time < before), default=message.received)
 
 
 class _Way(NamedTuple):
@@ -87,13 +97,13 @@ class _Found(NamedTuple):
 class _Walk:
     """From a task to all that it waits for, and what that waits for."""
 
-    def __init__(self, at: RunAt, task: Task) -> None:
-        self._at = at
-        self._own = {one.id for one in at.run.under(task)}
+    def __init__(self, at: RunAt, message: Message, until: float) -> None:
+        self._at, self._until = at, until
+        self._own = {one.id for one in at.run.under(message)} if isinstance(message, Task) else {message.id}
         self.found: list[_Found] = []
         self._ways: dict[Node, _Way] = {}
         self._nodes: list[Node] = []
-        self._come_to(Node(task.id, END_ACHIEVING), None, None)
+        self._come_to(Node(message.id, END_ACHIEVING if isinstance(message, Task) else 0), None, None)
         for node in self._nodes:  # grows while it is walked
             if (claim := at.run.claims.get(node.number)) is not None:
                 self._at_claim(node, claim)
@@ -140,7 +150,7 @@ class _Walk:
             return
         since, by = max(wait.start, claim.granted or 0.0), wait.by
         number = by.message_id if isinstance(by, Handling) else 0
-        step = Step(since, self._at.run.time, Doing.LOCKED, number, claim.sender)
+        step = Step(since, self._until, Doing.LOCKED, number, claim.sender)
         handling = by if isinstance(by, Handling) and since == wait.start else None
         self.found.append(_Found(node, self._ways[node].is_elsewhere, step, number, handling))
 
@@ -150,13 +160,13 @@ class _Walk:
             return _Found(node, elsewhere, None, record.message_id, record)
         if isinstance(record, Queueing):
             doing = Doing.QUEUED if record.module else Doing.NO_HANDLER
-            step = Step(record.start, run.time, doing, node.number, record.module, record.resource)
+            step = Step(record.start, self._until, doing, node.number, record.module, record.resource)
             return _Found(node, elsewhere, step, node.number)
         if wait.kind is WaitKind.DELAY and isinstance(record, Hold):
             start, cause = delay_of(run, run.tasks[node.number], record)
-            return _Found(node, elsewhere, Step(start, run.time, Doing.DELAY, node.number, ""), cause)
-        if isinstance(record, Suspension) and (since := record.standstill) is not None:
-            return _Found(node, elsewhere, Step(since, run.time, Doing.SUSPENDED, record.cause, ""), record.cause)
+            return _Found(node, elsewhere, Step(start, self._until, Doing.DELAY, node.number, ""), cause)
+        if isinstance(record, Suspension) and (since := record.standstill) is not None and since < self._until:
+            return _Found(node, elsewhere, Step(since, self._until, Doing.SUSPENDED, record.cause, ""), record.cause)
         if wait.kind is WaitKind.CONDITION:
-            return _Found(node, elsewhere, Step(wait.start, run.time, Doing.WATCHING, node.number, ""), node.number)
+            return _Found(node, elsewhere, Step(wait.start, self._until, Doing.WATCHING, node.number, ""), node.number)
         return None

@@ -18,7 +18,8 @@ from tca_tools.analysis.critical_path import (
 from tca_tools.analysis.failures import Kind, failures
 from tca_tools.analysis.long_waits import WaitsOfKind, long_waits
 from tca_tools.analysis.resources import Use, uses
-from tca_tools.analysis.steps import Causes, Doing
+from tca_tools.analysis.backwards import Causes
+from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import Summary, summary
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story

@@ -67,9 +67,10 @@ class History(ReactionFold):
     def apply(self, entry: facts.Entry) -> None:
         """Take in the facts that one event caused."""
         self.news.clear()
-        self._tick(entry)
         cause = entry.cause
-        self.asker = self._deliveries.get(cause.origin) if type(cause) is Request and cause.origin else None
+        request = cause if type(cause) is Request else None
+        self.asker = self._deliveries.get(request.origin) if request and request.origin else None
+        self._tick(entry, self.asker or (request.module if request else ""))
         for fact in entry.facts:
             if take := _TAKE.get(type(fact)):
                 take(self, fact)
@@ -83,7 +84,7 @@ class History(ReactionFold):
         self._touched.clear()
         self._turned.clear()
 
-    def _tick(self, entry: facts.Entry) -> None:
+    def _tick(self, entry: facts.Entry, asker: Handling | str) -> None:
         """Each entry has a time of its own, however fast they follow each other: a time is a place in the journal."""
         if self.numbers and entry.number == self.numbers[-1]:
             return  # an event of so many facts that it takes several records
@@ -91,6 +92,7 @@ class History(ReactionFold):
         self.times.append(self.time)
         self.clock.append(entry.time)
         self.numbers.append(entry.number)
+        self.asked_by.append(asker)
 
     # --- what each fact changes -----------------------------------------------------------------------------------
 

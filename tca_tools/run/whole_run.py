@@ -1,7 +1,7 @@
 """All records of a run, as far as they are known. fold.py fills it; at_time.py asks it what was known when."""
 
 from array import array
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from math import inf
 from typing import Any
@@ -51,6 +51,8 @@ class Reactions:
         """By task the messages that were to be sent if it was killed."""
         self.askers: dict[int, Handling] = {}
         """By id of an exception handler or wiretap the run of a handler that attached it."""
+        self.asked_by: list[Handling | str] = []
+        """Who brought each entry about: the run of a handler, or a module outside of handlers; "" if nobody asked."""
         self.raised: dict[int, list[Raised]] = {}
         """By task the failures that were raised beside its handler."""
         self.deadlocks: dict[tuple[float, str], str] = {}
@@ -108,6 +110,11 @@ class Run(Reactions):
         """How many informs of each message were sent directly and lost."""
         self.memo: dict[object, Any] = {}
         """What others have worked out of the records, by whoever did; they look themselves whether it still holds."""
+
+    def asker_at(self, time: float) -> Handling | str:
+        """Who brought about the entry of a time; "" if nobody asked."""
+        place = bisect_left(self.times, time)
+        return self.asked_by[place] if place < len(self.times) and self.times[place] == time else ""
 
     def suspensions(self) -> Iterator[Suspension]:
         """Those of tasks that were suspended themselves."""

@@ -167,7 +167,7 @@ class Facts:
         return stood and not any(self.at_work_under(step))
 
     def _killed(self, step: Step) -> bool:
-        return self._lives(step) and not any(self.at_work_under(step))
+        return self._unknown(step)
 
     def _held(self, step: Step) -> bool:
         return self._lives(step) and not any(one.meets(step) for one in self.of("run", step.message_id))

@@ -57,7 +57,15 @@ class Story:
         return self
 
     def fold(self, until: float | None = None) -> History:
-        return History.until(self.entries, until)
+        return History.until(self.caused(), until)
+
+    def caused(self) -> list[Entry]:
+        """Its entries, each with the cause that its facts tell of, where none was told."""
+        claims: dict[int, facts.Claimed] = {}
+        return [
+            entry if entry.cause else msgspec.structs.replace(entry, cause=_cause(entry, claims))
+            for entry in self.entries
+        ]
 
     def say(self, *said: Any) -> "Story":
         self.entries[-1].facts.extend(said)
@@ -136,7 +144,7 @@ class Story:
         return self.at(round(time + took, 6)).returned(number).reached(number, Moment.END_ACHIEVING)
 
     def encoded(self) -> bytes:
-        return b"".join(map(record, self.entries))
+        return b"".join(map(record, self.caused()))
 
     def write(self, folder: Path, segments: int = 1) -> Path:
         """The journal as a directory, its entries spread over so many segments."""
@@ -155,6 +163,23 @@ class Story:
                 ]
             (folder / f"{number + 1:08d}.tcaj").write_bytes(b"".join(map(record, entries)))
         return folder
+
+
+def _cause(entry: Entry, claims: dict[int, facts.Claimed]) -> Request | None:
+    """Who must have asked for it: the handler that returned, or whoever sent or locked something."""
+    sent: Request | None = None
+    for fact in entry.facts:
+        match fact:
+            case facts.Returned():
+                return Request("any", 1, 1, "Reply", fact.id)
+            case facts.Received() if not fact.role:
+                sent = sent or Request(fact.sender, 0, 1, "Send", fact.origin)
+            case facts.Claimed():
+                claims[fact.id] = fact
+                sent = sent or Request(fact.sender, 0, 1, "Lock", fact.origin)
+            case facts.ClaimEnded() if fact.id in claims:
+                sent = sent or Request(claims[fact.id].sender, 0, 1, "Unlock", claims[fact.id].origin)
+    return sent
 
 
 def _resolved(point: Any, number: int) -> Any:

@@ -14,11 +14,11 @@ from tools.story import Story
 from tca_central.events import ConnectionId, Received, Transmit
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advised import Advice, Topic
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
-from tca_tools.analysis.steps import Causes
 from tca_tools.analysis.summary import summary
 from tca_tools.report.contents import contents
 from tca_tools.run.fold import History

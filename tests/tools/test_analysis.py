@@ -8,11 +8,11 @@ from tools.story import Story, mopping, stumbling, walking
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advised import Topic
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.analysis.resources import uses
-from tca_tools.analysis.steps import Causes
 from tca_tools.analysis.summary import summary
 from tca_tools.export.tables import TABLES
 from tca_tools.run.records import State

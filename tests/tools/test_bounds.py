@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tca_central.events import ConnectionId, Received, Transmit
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task
-from tca_tools.analysis.steps import Causes
 from tca_tools.analysis.summary import summary
 from tca_tools.run.fold import History
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead

@@ -6,11 +6,11 @@ from tools.story import THIS, Story, walking
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advised import Advice, Topic
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import Overlap, overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
-from tca_tools.analysis.steps import Causes
 from tca_tools.analysis.summary import summary
 from tca_tools.run.whole_run import Run
 from tca_wire.constraints import sequential_achievement

@@ -7,8 +7,9 @@ import pytest
 from tools.made_robots import commanding, looking_ahead, near, recovering, stepping
 from tools.story import QUERY, Story, mopping, stumbling, walking
 
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
-from tca_tools.analysis.steps import Causes, Doing
+from tca_tools.analysis.steps import Doing
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
@@ -366,3 +367,32 @@ def test_a_constraint_on_the_end_of_handling_or_planning_is_a_reason(moment: str
         story.reached(walk, Moment.START_ACHIEVING)
     run = story.say(facts.Returned(walk, Outcome.DONE, b"")).fold()
     assert (run.tasks[walk].state, why_waiting(RunAt(run), TaskId(walk))) == (state, ["until walk {1} is achieved"])
+
+
+def test_a_task_that_its_deadline_killed_leads_to_what_it_waited_for_elsewhere() -> None:
+    """As its story does: most of its time went by because nobody handled what another task needed."""
+    story = Story().module("a", "walk", "charge").at(1.0)
+    charge = story.goal("charge", "user")
+    story.delivered(charge, "a").reached(charge, Moment.START_ACHIEVING).at(1.5)
+    story.queued(story.command("plug in", "a", charge)).returned(charge).reached(charge, Moment.END_PLANNING).at(2.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).at(3.0)
+    step = story.command("step", "a", walk, _start_after(4, charge))
+    story.returned(walk).at(9.0).say(facts.Failed(walk, "timeout", "", is_beside=True))
+    for task in (step, walk):
+        story.say(facts.Killed(TaskId(task), "late", walk)).reached(task, *Moment)
+    run = story.fold()
+    assert steps_of(run, run.tasks[TaskId(walk)]) == [
+        ("charge", "a", 1.0, 1.5),
+        ("no handler", "", 1.5, 9.0),
+    ]
+
+
+def test_a_task_that_a_handler_kills_leads_into_that_handler() -> None:
+    story = Story().module("a", "walk", "watch").at(1.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).returned(walk).at(2.0)
+    watch = story.goal("watch", "user")
+    story.delivered(watch, "a").at(5.0).asked_by(watch).say(facts.Killed(TaskId(walk), "enough")).reached(walk, *Moment)
+    run = story.fold()
+    assert steps_of(run, run.tasks[TaskId(walk)])[-1] == ("watch", "a", 2.0, 5.0)

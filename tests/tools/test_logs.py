@@ -87,7 +87,7 @@ def test_what_cant_be_read_is_refused(tmp_path: Path) -> None:
 def test_a_torn_tail_is_no_damage_but_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     story = walking()
     path = tmp_path / "00000001.tcaj"
-    whole = b"".join(map(record, story.entries[:-1]))
+    whole = b"".join(map(record, story.caused()[:-1]))
     path.write_bytes(story.encoded()[: len(whole) + 9])
     log = open_log(path)
     assert len(numbers(log)) == len(story.entries) - 1

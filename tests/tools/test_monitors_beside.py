@@ -7,8 +7,8 @@ import pytest
 from click.testing import Result
 from tools.story import Story
 
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
-from tca_tools.analysis.steps import Causes
 from tca_tools.analysis.summary import span_of, summary
 from tca_tools.report.contents import contents
 from tca_wire.journal import facts

@@ -7,8 +7,8 @@ from tools.story import Story
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advised import Topic
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.queues import growing
-from tca_tools.analysis.steps import Causes
 from tca_tools.analysis.summary import span_of
 from tca_tools.report.contents import contents
 from tca_tools.run.at_time import RunAt

@@ -1,0 +1,250 @@
+"""What led to what: backwards from any moment of a run through whatever was waited for last. Pure.
+
+Theory. An entry of the journal holds all that one event brought about, and no two entries have the same time. So the
+cause of what happened at a time is the event of that entry, and the entry says who asked for it: the run of a handler,
+which returned or sent something, a program outside of handlers, or nobody, if a time was due. A handler had worked
+since it was given its message, or since it last resumed from a wait; the event of *that* entry let it begin or resume;
+and so on, back to where somebody acted of his own will. What was cut off before it came to its end leads to what it
+waited for just then (standing.py). Each step goes back in time, so a walk costs what it passes through.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import nextafter
+
+from tca_tools.analysis.standing import going_on, last_change
+from tca_tools.analysis.steps import Doing, Step, delay_of
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Suspension, Task
+from tca_tools.run.whole_run import Run
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Role
+
+
+@dataclass(slots=True)
+class _At:
+    """Where a walk stands: before *time*, in the run of a handler; or (None) at what happened to a message then."""
+
+    time: float
+    message_id: int
+    handling: Handling | None = None
+    wait: HandlerWait | None = None
+    """The wait that was over then, if the walk came by one."""
+
+
+_Back = tuple[Step | None, _At | None]
+"""A step back, if it took time, and where the walk stands before it; None where it begins."""
+
+
+class Causes:
+    """The causes of a run's events."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._released = {
+            claim.end: claim for claim in run.claims.values() if claim.end is not None and claim.granted is not None
+        }
+        self._outside = {name: _Outside(run, module.waits) for name, module in run.modules.items()}
+        self._waits: dict[int, list[HandlerWait]] = {}
+        """Of runs of handlers that were walked through, their waits as they ended."""
+
+    def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[Step]:
+        """The steps that led to what happened at *time* to a message, or that a handler did then; the newest first."""
+        return self._back(_At(time, message_id, handling), lambda _: None)
+
+    def back_before(self, step: Step, since: Callable[[Step], float | None]) -> Iterator[Step]:
+        """The steps before *step*, newest first, as if there had been no waits before those for which *since* says from
+        when on they waited: from there the walk goes on with who waited, not with what he waited for.
+        """
+        start = since(step)
+        return self._back(_before(step, step.start if start is None else start), since)
+
+    def _back(self, first: _At, since: Callable[[Step], float | None]) -> Iterator[Step]:
+        at: _At | None = first
+        seen = set()
+        while at is not None and (place := (at.time, at.message_id, id(at.handling))) not in seen:
+            seen.add(place)
+            step, at = self._in_handler(at, at.handling) if at.handling else self._at_event(at)
+            if step is not None and step.end > step.start:
+                yield step
+                if (start := since(step)) is not None:
+                    at = _before(step, start)
+
+    def _in_handler(self, at: _At, handling: Handling) -> _Back:
+        """Back to where the handler last resumed, or else began."""
+        wait = self._last_over(handling, at.time)
+        if wait is None:
+            start, before = handling.start, _At(handling.start, handling.message_id)
+        else:
+            start = _end_of(wait)
+            before = _At(start, wait.awaited, wait=wait)
+        message = handling.message_id
+        step = Step(start, at.time, Doing.WORK, message, handling.module, handling.resource, handling, wait)
+        return step, before
+
+    def _last_over(self, handling: Handling, time: float) -> HandlerWait | None:
+        """The one of a handler's waits that was over last by then."""
+        if not handling.waits:
+            return None
+        if (waits := self._waits.get(id(handling))) is None:
+            waits = self._waits[id(handling)] = _by_end(handling.waits)
+        place = bisect_right(waits, time, key=_end_of)
+        return waits[place - 1] if place else None
+
+    # --- what an event was, and who brought it about -------------------------------------------------------------
+
+    def _at_event(self, at: _At) -> _Back:
+        """Of a message, a lock or a wait that was over then."""
+        message = self._run.messages.get(at.message_id)
+        if isinstance(message, Task) and (stood := _resumed(message, at.time)):
+            return stood, _At(stood.start, stood.message_id)
+        if (ended := self._asker(at, message)) is not None:
+            return None, _At(at.time, at.message_id, ended)
+        if message is not None and message.received == at.time and not message.role:
+            return self._by(message.sender, message.by, message.id, at.time)
+        if (found := self._at_claim(at)) is not None:
+            return found
+        if message is not None:
+            return self._without_asker(message, at)
+        return (None, None) if at.wait is None else self._in_vain(at.wait, at.time)
+
+    def _asker(self, at: _At, message: Message | None) -> Handling | None:
+        """The handler that returned then, or asked for what happened; one that was cut off while it waited did nothing.
+        Of several that were lost with their module it is that of the message.
+        """
+        own = (run for run in reversed(message.handlings) if run.end == at.time) if message else ()
+        ended = next(iter(own), None) or self._run.asker_at(at.time)
+        waited = at.wait.by if at.wait else None
+        is_it = isinstance(ended, Handling) and ended is not waited and ended.start < at.time
+        return ended if is_it and isinstance(ended, Handling) else None
+
+    def _by(self, module: str, by: Handling | None, number: int, time: float) -> _Back:
+        """Back into the handler that did something; or to where the program last waited, outside of any handler."""
+        if by is not None and by.start < time and (by.end is None or by.end >= time):
+            return None, _At(time, number, by)
+        if by is not None and by.end is not None and by.end < time:
+            return Step(by.end, time, Doing.OUTSIDE, number, module), _At(by.end, by.message_id, by)  # beside it
+        outside = self._outside.get(module) if by is None else None
+        if outside is None or (found := outside.last_over(time)) is None:
+            return None, None
+        start, wait = found
+        return Step(start, time, Doing.OUTSIDE, number, module, resumed=wait), _At(start, wait.awaited, wait=wait)
+
+    def _at_claim(self, at: _At) -> _Back | None:
+        """Back into who had a lock until then; or from a lock that was wanted until then, to where it was asked for."""
+        wanted, held = self._run.claims.get(at.message_id), self._released.get(at.time)
+        if held is None or held is wanted or held.granted is None or held.granted >= at.time:
+            return None if wanted is None else self._wanted(wanted, at.time)
+        if held.by is not None and held.by.start < at.time and (held.by.end is None or held.by.end >= at.time):
+            return None, _At(at.time, at.message_id, held.by)
+        return Step(held.granted, at.time, Doing.LOCKED, at.message_id, held.sender), _At(held.granted, held.id)
+
+    def _wanted(self, claim: Claim, time: float) -> _Back:
+        """Back to where a lock was asked for: nothing is known that let it be granted, or it was wanted in vain."""
+        if claim.start >= time:
+            return self._by(claim.sender, claim.by, claim.id, time)
+        message = claim.by.message_id if claim.by else claim.id
+        step = Step(claim.start, time, Doing.LOCKED, message, claim.module, claim.resource)
+        return step, _At(claim.start, claim.id)
+
+    # --- what nobody asked for: a time was due, or it was cut off ------------------------------------------------
+
+    def _without_asker(self, message: Message, at: _At) -> _Back:
+        time = at.time
+        if message.role in (Role.CONDITION, Role.ACTION) and message.received == time:
+            return self._monitored(message, time)
+        queueings = [*message.queueings, *self._run.copies.get(message.id, ())]
+        queueing = next((one for one in queueings if one.end == time and one.start < time), None)
+        if queueing is not None:
+            doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
+            step = Step(queueing.start, time, doing, message.id, queueing.module, queueing.resource)
+            return step, _At(queueing.start, message.id)
+        for hold in message.holds if isinstance(message, Task) else ():
+            if hold.over == time and isinstance(message, Task):
+                start, cause = delay_of(self._run, message, hold)
+                start = start if start < time else min(hold.added, time)  # it counts from when it was asked for
+                return Step(start, time, Doing.DELAY, message.id, ""), _At(start, cause)
+        if message.received == time:
+            return None, (_At(time, message.about) if message.about in self._run.messages else None)
+        return self._cut_off(message, at)
+
+    def _monitored(self, message: Message, time: float) -> _Back:
+        """Central asks a monitor's condition, or sends its action, when the time has come: back to its start."""
+        monitor = self._run.tasks.get(message.about)
+        if monitor is None:
+            return None, None
+        start = monitor.reached.get(Moment.START_HANDLING, monitor.received)
+        if start >= time:
+            return None, _At(time, monitor.id)
+        return Step(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
+
+    def _cut_off(self, message: Message, at: _At) -> _Back:
+        """It was killed or suspended then, or somebody no longer waited for it: back to what it waited for itself."""
+        was_killed = any(when == at.time and name in ("killed", "failure") for when, name, _ in message.changes)
+        found = going_on(RunAt(self._run, nextafter(at.time, 0.0)), message, at.time)
+        if found is not None:
+            return found.standing, _At(found.time, found.message_id, found.handling)
+        if at.wait is not None and at.wait.start < at.time and not was_killed:
+            return self._in_vain(at.wait, at.time)
+        since = last_change(self._run, message, at.time)
+        doing = Doing.KILLED if was_killed else Doing.UNKNOWN
+        return Step(since, at.time, doing, message.id, ""), _At(since, message.id)
+
+    def _in_vain(self, wait: HandlerWait, time: float) -> _Back:
+        """Nothing is known that ended a wait: back to where it began."""
+        if (claim := self._run.claims.get(wait.awaited)) is not None:
+            return self._wanted(claim, time)
+        message_id, run = (wait.by.message_id, wait.by) if isinstance(wait.by, Handling) else (wait.awaited, None)
+        return Step(wait.start, time, Doing.UNKNOWN, wait.awaited, ""), _At(wait.start, message_id, run)
+
+
+def _resumed(task: Task, time: float) -> Step | None:
+    """The part of a suspension that was over then in which nothing ran any more."""
+    ended = (one for one in task.suspensions if one.end == time)
+    return next(filter(None, (_stood(one, time) for one in ended)), None)
+
+
+def _stood(suspension: Suspension, end: float) -> Step | None:
+    since = suspension.standstill
+    return Step(since, end, Doing.SUSPENDED, suspension.cause, "") if since is not None and since < end else None
+
+
+def _before(step: Step, since: float) -> _At:
+    """Where a walk goes on that leaves out the wait before a step: in its handler, or where it was put into a queue."""
+    return _At(since, step.message_id, step.handling if step.resumed else None)
+
+
+def _by_end(waits: list[HandlerWait]) -> list[HandlerWait]:
+    """Those that took time and are over, as they ended. What takes no time is over with the event that begins it."""
+    return sorted((wait for wait in waits if wait.end is not None and wait.end > wait.start), key=_end_of)
+
+
+def _end_of(wait: HandlerWait) -> float:
+    return wait.start if wait.end is None else wait.end
+
+
+class _Outside:
+    """What a program waited for outside of any handler. Where it looks at what had come so far before, it has waited
+    until then.
+    """
+
+    def __init__(self, run: Run, waits: list[HandlerWait]) -> None:
+        self._ends: list[float] = []
+        self._last: list[tuple[float, HandlerWait]] = []
+        """What was over last until then, and since when."""
+        for wait in sorted((wait for wait in waits if wait.end is not None), key=_end_of):
+            end = since = _end_of(wait)
+            if wait.start == end:
+                task = run.tasks.get(wait.awaited)
+                since = task.reached.get(wait.moment, end) if task is not None and wait.moment else end
+                if since == end:
+                    continue
+            self._ends.append(end)
+            is_last = not self._last or since >= self._last[-1][0]
+            self._last.append((since, wait) if is_last else self._last[-1])
+
+    def last_over(self, time: float) -> tuple[float, HandlerWait] | None:
+        """What was over last when it did something at a time, and since when."""
+        place = bisect_left(self._ends, time)
+        return self._last[place - 1] if place else None
