@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advised import Advice
+from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import (
     CriticalPath,
@@ -18,7 +19,6 @@ from tca_tools.analysis.critical_path import (
 from tca_tools.analysis.failures import Kind, failures
 from tca_tools.analysis.long_waits import WaitsOfKind, long_waits
 from tca_tools.analysis.resources import Use, uses
-from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import Summary, summary
 from tca_tools.run.whole_run import Run

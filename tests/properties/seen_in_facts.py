@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from tca_tools.analysis.steps import Step
 from tca_wire.journal import facts
-from tca_wire.points import Moment
+from tca_wire.points import ROOT, Moment, Point
 
 
 class Seen(NamedTuple):
@@ -147,7 +147,29 @@ class Facts:
 
     def _delay(self, step: Step) -> bool:
         over = [fact for time, fact in self.said if isinstance(fact, facts.TimedOut) and time == step.end]
-        return any(fact.constraint.after.task == step.message_id for fact in over) or step.end == self.said[-1][0]
+        is_over = any(fact.constraint.after.task == step.message_id for fact in over)
+        return is_over or step.end == self.said[-1][0] or self._is_cut_off(step)
+
+    def _is_cut_off(self, step: Step) -> bool:
+        """Whether a delay would have lasted longer than the step."""
+        told = ((time, fact) for time, fact in self.said if isinstance(fact, facts.Received | facts.Constrained))
+        of_it = ((time, one) for time, fact in told for one in fact.constraints if one.after.task == step.message_id)
+        return any(
+            self._begun(one.before, time)
+            <= step.start
+            < step.end
+            <= max(time, self._begun(one.before, time)) + one.delay
+            for time, one in of_it
+        )
+
+    def _begun(self, point: Point, said: float) -> float:
+        """When a point was reached; of the root's, when the constraint was said."""
+        reached = (
+            time
+            for time, fact in self.said
+            if isinstance(fact, facts.Reached) and fact.task == point.task and fact.moments & point.moment
+        )
+        return next(reached, said if point.task == ROOT else inf)
 
     def _no_handler(self, step: Step) -> bool:
         return any(one.covers(step) and not one.about[0] for one in self.of("queue", step.message_id))

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from properties.seen_in_facts import Facts
 from properties.test_blocked_is_told import Told
 
-from tca_tools.analysis.critical_path import critical_path, why_then
 from tca_tools.analysis.backwards import Causes
+from tca_tools.analysis.critical_path import critical_path, why_then
 from tca_wire.packets import headers
 from tca_wire.points import Moment
 
@@ -75,6 +75,7 @@ def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
 
 
 @example(752)  # killed, but its handler does not heed it
+@example(7511)  # killed before its delay is over
 @example(1027)  # a question to many is given up while a copy stands in a queue
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=20)

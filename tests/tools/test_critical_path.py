@@ -380,7 +380,7 @@ def test_a_task_that_its_deadline_killed_leads_to_what_it_waited_for_elsewhere()
     step = story.command("step", "a", walk, _start_after(4, charge))
     story.returned(walk).at(9.0).say(facts.Failed(walk, "timeout", "", is_beside=True))
     for task in (step, walk):
-        story.say(facts.Killed(TaskId(task), "late", walk)).reached(task, *Moment)
+        story.say(facts.Killed(TaskId(task), "late")).reached(task, *Moment)
     run = story.fold()
     assert steps_of(run, run.tasks[TaskId(walk)]) == [
         ("charge", "a", 1.0, 1.5),
