@@ -59,7 +59,7 @@ async def in_time(awaited: Awaitable[Any]) -> Any:
 class Circle:
     """Two modules, each of whose one slot waits for what the other's must handle."""
 
-    def __init__(self, central: Any, how: How, *, blocks: bool = False) -> None:
+    def __init__(self, central: Any, how: How) -> None:
         self.eyes, self.maps = Module("eyes", central), Module("maps", central)
         both = threading.Barrier(2)
         self.maps.handles(WHERE)(lambda _: 1)
@@ -70,18 +70,10 @@ class Circle:
             both.wait(SOON)
             await how(task.query_send(WHERE))
 
-        if blocks:
-
-            @self.maps.handles(MAP)
-            def map_(task: Task) -> None:
-                both.wait(SOON)
-                task.query(LOOK, timeout=SOON)
-        else:
-
-            @self.maps.handles(MAP)
-            async def map_later(task: Task) -> None:
-                both.wait(SOON)
-                await how(task.query_send(LOOK))
+        @self.maps.handles(MAP)
+        async def map_(task: Task) -> None:
+            both.wait(SOON)
+            await how(task.query_send(LOOK))
 
     def outcomes(self, user: Client) -> tuple[str, list[Outcome]]:
         """What became of both; the failure of the one that failed."""
@@ -101,11 +93,6 @@ def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(how: How, centra
     assert text.startswith("deadlock: ")
     assert "draw {" in text
     assert "map {" in text
-
-
-def test_a_circle_of_a_coroutine_and_a_handler_that_blocks(central: LocalCentral, user: Client) -> None:
-    text, outcomes = Circle(central, alone, blocks=True).outcomes(user)
-    assert (outcomes, text[:8]) == ([Outcome.DONE, Outcome.FAILED], "deadlock")
 
 
 def test_a_circle_of_tasks(central: LocalCentral, user: Client) -> None:

@@ -18,11 +18,8 @@ from tca_module import (
     Module,
     PollingMonitor,
     Query,
-    Refused,
     Task,
-    connect,
 )
-from tca_module.session import redeclaration
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
 
@@ -92,15 +89,6 @@ def attached(user: Client) -> list[str]:
     return [one["handler"] for one in known["exception_handlers"]] + [one["listener"] for one in known["wiretaps"]]
 
 
-@contextmanager
-def held_back(module: Module) -> Iterator[None]:
-    """The module hears nothing of a restart before this block has ended."""
-    link = module._link
-    assert link is not None
-    with link._lock:
-        yield
-
-
 # --- what is there again ---------------------------------------------------------------------------------------------
 
 
@@ -124,23 +112,6 @@ def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely
 
 
 ATTACHING = (facts.TapAdded, facts.Attached, facts.HandlerAdded)
-
-
-def test_exception_handlers_keep_their_order_and_what_took_anothers_place_is_the_newest(
-    central: LocalCentral, robot: Robot, user: Client
-) -> None:
-    @robot.safety.at_start
-    def begin(module: Module) -> None:
-        for handler in (STOP, RECOVER, REPLAN, RECOVER):
-            module.on_failure(SLIP, handler, of=MOVE)
-        module.on_failure(None, STOP)
-
-    with robot.running():
-        for epoch in ("once", "twice"):
-            assert robot.moves(-1, user) == ["move -1", "recover", "replan", "stop"]
-            restarted(central, user, epoch)
-        assert robot.moves(-1, user) == ["move -1", "recover", "replan", "stop"]
-        assert sorted(attached(user)) == ["recover", "replan", "stop", "stop"]
 
 
 def test_what_a_handler_has_attached_is_there_again_in_its_place(
@@ -170,15 +141,6 @@ def test_what_a_handler_has_attached_is_there_again_in_its_place(
         user.inform(NOTE, 1)
         until(lambda: "removed" in robot.done, "the handler has removed its wiretap")
         assert robot.moves(-1, user) == ["move -1", "recover", "stop"]
-
-
-def test_a_client_attaches_anew_when_it_hears_of_the_restart(central: LocalCentral, robot: Robot, user: Client) -> None:
-    with robot.running(), connect("operator", central) as operator:
-        operator.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
-        restarted(central, user)
-        assert robot.moves(1, user) == ["move 1"]
-        operator.modules()
-        assert robot.moves(1, user) == ["check 1", "move 1"]
 
 
 def test_monitors_are_declared_with_their_parts_and_listen_as_before(
@@ -221,15 +183,6 @@ def test_what_was_removed_is_not_attached_anew_and_a_handle_goes_on_under_the_ne
         assert attached(user) == []
 
 
-def test_what_is_removed_before_anybody_knows_of_the_restart_is_not_attached_anew(
-    central: LocalCentral, user: Client
-) -> None:
-    tap = user.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
-    central.restart("afresh")
-    tap.remove()
-    assert attached(user) == []
-
-
 def test_what_was_attached_to_a_task_is_gone_with_it(central: LocalCentral, user: Client) -> None:
     user.goal(WALK).on_failure(SLIP, RECOVER)
     central.restart("afresh")
@@ -250,58 +203,4 @@ def test_what_an_operator_took_away_is_there_again(central: LocalCentral, robot:
         assert robot.moves(1, user) == ["check 1", "move 1"]
 
 
-def test_who_has_left_attaches_nothing_anew(central: LocalCentral, robot: Robot, user: Client) -> None:
-    with robot.running():
-        with connect("operator", central) as operator:
-            operator.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
-        assert attached(user) == ["check"]
-        restarted(central, user)
-        assert attached(user) == []
-
-
 # --- before the handlers ---------------------------------------------------------------------------------------------
-
-
-def test_what_a_module_requires_it_requires_after_a_restart_too(
-    central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(redeclaration, "PATIENCE", 0.0)
-    legs, safety = Module("legs", central, requires=[CHECK]), Module("safety", central)
-    legs.handles(MOVE)(lambda _, __: None)
-    safety.handles(CHECK)(lambda _, __: None)
-    with safety.running(), legs.running():
-        with held_back(safety):
-            central.restart("afresh")
-            until(lambda: "waits for handlers of 'check', which it requires" in caplog.text, "legs say it")
-            assert user.handlers(MOVE) == []
-        user.wait_until_handled(MOVE, timeout=SOON)
-        assert [one.module for one in user.handlers(CHECK)] == ["safety"]
-
-
-def test_what_is_refused_is_said_and_tried_again_and_no_handler_is_there_before(
-    central: LocalCentral, robot: Robot, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Somebody who comes first after the restart means something else by 'note'."""
-    monkeypatch.setattr(redeclaration, "AGAIN", 0.2)
-
-    @robot.safety.at_start
-    def begin(module: Module) -> None:
-        module.tap(Condition.AFTER_HANDLED, MOVE, NOTE)
-
-    other = Inform("note", str)
-    with robot.safety.running():
-        with held_back(robot.safety):
-            central.restart("afresh")
-            stranger = connect("stranger", central)
-            stranger.inform(other, "mine")
-        with stranger:
-            until(lambda: "refuses messages" in caplog.text, "it is said")
-            assert "two formats for message 'note'" in caplog.text
-            assert "no handler is declared before" in caplog.text
-            assert user.handlers(CHECK) == []
-            with pytest.raises(Refused):
-                user.tap(Condition.AFTER_HANDLED, MOVE, NOTE)
-        user.wait_until_handled(CHECK, timeout=SOON)
-        assert attached(user) == ["note"]
-        assert "attached anew: 1" in caplog.text
-    assert caplog.text.count("refuses") == 1

@@ -70,15 +70,6 @@ def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:
     assert not clock.callbacks
 
 
-def test_after_a_stall_there_is_one_call(clock: Clock) -> None:
-    called: list[float] = []
-    clock.callbacks.every(0.5, lambda: called.append(clock.now))
-    clock.begin()
-    for seconds in (0.5, 0.5, 10.2, 0.2, 0.1):
-        clock.pass_by(seconds)
-    assert called == pytest.approx([100.5, 101.0, 111.2, 111.5])
-
-
 def test_a_slow_callback_skips(clock: Clock) -> None:
     called: list[float] = []
 
@@ -247,14 +238,6 @@ def test_the_thread_of_callbacks_begins_when_it_is_first_needed(legs: Module, us
             assert rang.get(timeout=SOON) == "callbacks 2"
 
 
-def test_a_module_without_handlers_has_callbacks(legs: Module, user: Client) -> None:
-    rang = threading.Event()
-    legs.every(0.01)(rang.set)
-    with legs.running():
-        assert rang.wait(SOON)
-        assert [one["resource"] for one in user.status("modules")[-1]["resources"]] == ["callbacks"]
-
-
 def test_what_can_be_read_is_read(legs: Module, line: tuple[socket.socket, socket.socket]) -> None:
     near, far = line
     heard, ended = queue.Queue[bytes](), threading.Event()
@@ -318,10 +301,3 @@ def test_a_closed_file_is_noticed_by_the_thread(legs: Module, user: Client, capl
             assert watch.is_over
             assert user.query(TEMPERATURE, timeout=SOON) == 36.6
     assert caplog.text.count("was closed") == 2
-
-
-def test_a_callback_is_for_its_thread(legs: Module) -> None:
-    started = queue.Queue[Callback]()
-    legs.every(0.01)(started.put)
-    with legs.running(), pytest.raises(MisuseError, match="belongs to the one that opened it"):
-        started.get(timeout=SOON).query(TEMPERATURE)

@@ -7,7 +7,8 @@ import pytest
 
 from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Timeout
 from tca_module.link.connection import Connection
-from tca_module.session.session import Session
+from tca_module.sending.task_ref import TaskRef
+from tca_module.session.session import QUIET, Session
 from tca_module.sockets.transport import Waker
 from tca_wire.messages.declarations import Goal
 from tca_wire.packets import headers
@@ -31,7 +32,7 @@ from tca_wire.packets.headers import (
     Unregister,
     Welcome,
 )
-from tca_wire.packets.parts import HandlerFormat
+from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Limit, Refusal
 
 WELCOME = Welcome(1, 1, "legs", "one")
@@ -134,13 +135,6 @@ def test_nobody_listens() -> None:
     assert 105 <= central.now <= 106.5
 
 
-def test_central_refuses_the_module() -> None:
-    central = ScriptedCentral(lambda _: [headers.Refused(1, Refusal.PROTOCOL, "speak protocol 2")])
-    connection = Connection(central, Session(HELLO), clock=lambda: central.now)
-    with pytest.raises(Refused, match="module 'legs' was refused: speak protocol 2"):
-        connection.open()
-
-
 def test_a_central_that_can_not_read_hello_is_of_another_version() -> None:
     """One from before Hello had its last field says so, without a number: it could not read that, either."""
     said = "a header is no message to central: Expected `array` of at most length 8, got 9"
@@ -176,11 +170,6 @@ def test_a_refused_format_is_declared_anew_next_time() -> None:
             connection.declare(WALK)
         assert (caught.value.refusal, caught.value.text) == (Refusal.FORMAT, "two formats")
     assert len(central.heard) == 2
-
-
-def test_a_call_returns_the_id() -> None:
-    connection, _ = connected()
-    assert connection.call(Send(0, "walk"), "goal 'walk'") == 17
 
 
 def test_a_wait_ends_in_time_while_central_lives() -> None:
@@ -309,19 +298,111 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2)]
 
 
-def test_a_module_that_left_is_not_registered_again() -> None:
-    connection, central = connected()
-    connection.declare(WALK, handlers=[HandlerFormat("walk", "legs")])
-    connection.leave()
-    central.say(Unknown())
-    connection.post(Send(0, "position"), b"")
-    connection.post(Send(0, "position"), b"")
-    registrations = [header for header in central.heard if isinstance(header, Register)]
-    assert [len(header.handlers) for header in registrations] == [1, 0]
-
-
 def test_goodbye() -> None:
     connection, central = connected()
     connection.close()
     assert central.heard == [Bye()]
     assert central.is_closed
+
+
+# --- central is gone -------------------------------------------------------------------------------------------------
+
+
+def test_a_silent_central_is_asked_and_then_given_up() -> None:
+    connection, central = connected()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    central.script = lambda _: []
+    with pytest.raises(CentralLost):
+        connection.wait(request, None, "query")
+    assert 110 <= central.now <= 110.5
+    questions = [header for header in central.heard if isinstance(header, Register)]
+    assert len(questions) == 8  # from QUIET on, once a second
+    assert QUIET == 2.5
+
+
+@pytest.mark.parametrize(
+    ("asked", "advice"),
+    [
+        (Send(0, "stance"), "ask again"),
+        (headers.WaitFor(0, Point(TaskId(2), Moment.END_ACHIEVING)), "send the task again"),
+        (headers.Lock(0, "camera", origin=7), "begin anew"),
+    ],
+)
+def test_what_was_lost_with_central_raises_and_says_what_to_do(asked: ToCentral, advice: str) -> None:
+    connection, central = connected()
+    request = connection.request(asked, wants_answer=True)
+    central.script = lambda header: [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
+    central.say(Unknown())
+    with pytest.raises(CentralLost, match=f"the answer is lost: central was restarted .*; {advice}$"):
+        connection.wait(request, None, "the answer")
+
+
+def test_a_sender_that_never_waits_still_finds_central_again() -> None:
+    connection, central = connected()
+    connection.post(Send(0, "position"), b"")
+    central.say(Unknown())
+    for _ in range(3):
+        connection.post(Send(0, "position"), b"")
+    assert [type(header) for header in central.heard] == [Send, Hello, Send, Send]
+    assert connection.session.dropped == 1
+
+
+def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    connection, central = connected()
+    central.is_there = False
+    for _ in range(3):
+        connection.post(Send(0, "position"), b"")
+    assert connection.session.dropped == 3
+    assert caplog.messages == ["central at ipc://scripted is not there: informs and broadcasts are lost"]
+
+
+def test_central_comes_back_for_a_connection_that_serves() -> None:
+    connection, central = connected()
+    stop = []
+    connection.handle_delivery = lambda delivery, _: stop.append(delivery)
+    central.is_there = False
+
+    def come_back() -> bool:
+        if central.now > 200 and not central.is_there:
+            central.is_there = True
+            central.script = lambda header: [Unknown()] if isinstance(header, Register) else friendly(header)
+            central.say(Deliver(8, "walk"), at=central.now + 5)
+        return bool(stop)
+
+    connection.serve(come_back)
+    assert Hello in map(type, central.heard)
+
+
+def test_the_question_for_all_tasks_names_no_task() -> None:
+    connection, central = connected()
+    central.script = lambda header: [] if isinstance(header, headers.Inspect) else friendly(header)
+    everything = TaskRef(connection, "root", ROOT)
+    with pytest.raises(Timeout, match=r"^the question for the tasks was not answered within 30 s, "):
+        everything.descendants()
+
+
+# --- silence ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("timeout", [0.0, 0.1, 0.2, 1.0, 5.0])
+def test_a_wait_is_not_late_when_central_has_died(timeout: float) -> None:
+    """Neither because what was asked can't be sent, nor because what is given up can't be said."""
+    connection, central = connected()
+    central.is_there = False
+    for _ in range(3):
+        began = central.now
+        request = connection.request(Send(0, "stance"), wants_answer=True, is_awaited=True)
+        assert not connection.wait(request, timeout, "query 'stance'")
+        assert connection.silence.startswith("central at ipc://scripted has said nothing for ")
+        connection.abandon(request)
+        assert central.now == pytest.approx(began + timeout)
+
+
+def test_a_central_that_answers_is_not_silent() -> None:
+    connection, central = connected()
+    assert not connection.silence
+    central.now += QUIET
+    assert connection.silence.startswith("central at ipc://scripted has said nothing for 2.5 s")
+    central.say(Beat())
+    connection.tend(central.now)
+    assert not connection.silence

@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import pytest
 
@@ -29,7 +28,6 @@ from tca_module import (
     this,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.journal.facts import TapFired
 
 MOVE, REST = Command("move", float, result=float), Command("rest")
 WALK = Goal("walk", float)
@@ -166,21 +164,6 @@ def test_a_wiretap_hears_what_others_send_and_is_removed(robot: tuple[Robot, Cli
         with pytest.raises(Refused, match="never happens"):
             watcher.tap(Condition.AFTER_PLANNED, MOVE, note)
     assert them.said == ["before handling move 0.5", "move 0.5", "move 0.6"]
-
-
-def test_what_one_module_taps_or_attaches_twice_it_has_once(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-    taps = [user.tap(Condition.BEFORE_HANDLING, MOVE, REST) for _ in range(2)]
-    taps[0].remove()
-    user.on_failure(None, SHRUG).remove()
-    once = user.on_failure(None, SHRUG, maximum=1)
-    user.on_failure(None, SHRUG)
-    once.remove()  # the newer one has taken its place
-    for _ in range(2):
-        assert user.command(MOVE, 0.1).wait(timeout=5) is Outcome.DONE
-    assert them.said.count("shrug") == 2
-    central: Any = them.legs.central
-    assert not any(isinstance(fact, TapFired) for fact in central.facts)
 
 
 def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from module.gait_messages import ALARM, HEALTH, MOVE_LEG, POSITION, REST, STANCE, TEMPERATURE, WALK, Arc, Footfall
 
-from tca_module import Client, Module, Outcome, QueryFailed, SentTask
+from tca_module import Client, Module, Outcome, SentTask
 from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received
@@ -51,12 +51,6 @@ def test_what_nobody_handles_is_not_sent(user: Client, central: LocalCentral) ->
     assert user.execute_if_handled(ALARM, "stop") is False
     assert [fact for fact in central.facts if isinstance(fact, Received)] == []
     assert user.goal(REST).id == 1  # the order of siblings knows nothing of them
-
-
-def test_a_query_that_fails(legs: Module, user: Client) -> None:
-    legs.handles(TEMPERATURE)(lambda _: 1 / 0)
-    with legs.running(), pytest.raises(QueryFailed, match="ZeroDivisionError"):
-        user.execute_if_handled(TEMPERATURE)
 
 
 def test_a_repeated_query_that_is_open_has_its_answer_to_come() -> None:

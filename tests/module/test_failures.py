@@ -7,7 +7,7 @@ import pytest
 from module.gait_messages import COLLISION, EXHAUSTED, MOVE_LEG, REST, STOP, WALK, Arc, Footfall
 from module.robot import Robot
 
-from tca_module import BadData, CentralLost, Client, Command, Failure, Outcome, Query, Task, TaskFailed, TaskKilled
+from tca_module import BadData, Client, Command, Failure, Outcome, Query, Task, TaskFailed, TaskKilled
 from tca_wire.journal.facts import Failed
 
 SOON = 5.0
@@ -73,6 +73,19 @@ def test_an_unexpected_exception_fails_with_its_traceback_and_the_module_goes_on
             user.goal(WALK, Arc(0, 0)).result(SOON)
         user.goal(WALK, Arc(1.0, 1)).result(SOON)
     assert "handler test_an_unexpected_exception" in caplog.text
+
+
+def test_a_text_that_cannot_be_sent_does_not_end_a_thread(robot: Robot, user: Client) -> None:
+    """As Python makes them of file names."""
+
+    @robot.planner.handles(REST)
+    def rest(_: Task) -> None:
+        raise ValueError("no file \udcff")
+
+    with robot.running():
+        for _ in range(2):
+            with pytest.raises(TaskFailed, match=r"handler error: ValueError: no file \\udcff"):
+                user.goal(REST).result(SOON)
 
 
 def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
@@ -145,21 +158,6 @@ def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> No
         robot.central.core.outcomes.clear()
         with pytest.raises(BadData, match=r"the result of move leg \{1\} is no longer kept"):
             move.result()
-
-
-def test_after_a_restart_of_central_its_tasks_are_unknown(robot: Robot, user: Client) -> None:
-    goal = user.goal(REST)
-    with user.parallel():
-        user.goal(REST)
-        robot.central.restart("afresh")
-        with pytest.raises(CentralLost, match="is lost: central was restarted"):
-            goal.wait()
-        user.goal(REST)  # in no order with what was forgotten
-    with pytest.raises(CentralLost, match=r"rest \{1\} is lost: central was restarted and has"):
-        goal.result()
-    with pytest.raises(CentralLost):
-        goal.kill()
-    assert user.status()["tasks"] == 1
 
 
 def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Client) -> None:

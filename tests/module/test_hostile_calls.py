@@ -22,7 +22,6 @@ from tca_module import (
     PointMonitor,
     PollingMonitor,
     Query,
-    Refused,
     Scope,
     SentTask,
     TcaError,
@@ -174,11 +173,6 @@ def test_points_and_what_is_made_of_them(user: Client) -> None:
     attack(lambda wrong: point <= wrong)
     attack(lambda wrong: point >= wrong)
     attack(lambda wrong: point + 1 <= wrong)
-
-
-def test_a_task_that_there_has_never_been(user: Client) -> None:
-    with pytest.raises(Refused, match=r"^the question for the state of task \{7\} was refused: there is no task 7"):
-        user.task(7)
 
 
 def test_declaring_a_module(central: LocalCentral) -> None:

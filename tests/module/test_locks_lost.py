@@ -2,11 +2,9 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
+from contextlib import contextmanager
 
 import pytest
-from module.real_central import RealCentral
 
 from tca_module import Client, Command, LockLost, Module, Outcome, Task, TaskFailed, connect
 from tca_module.testing import LocalCentral
@@ -143,22 +141,3 @@ def test_central_was_restarted_inside_the_block(user: Client, central: LocalCent
         other.wait_until_handled(MOVE, timeout=SOON)
         with other.lock("legs", timeout=SOON) as claim:
             assert claim.held
-
-
-def test_real_sockets_and_a_central_that_was_restarted(tmp_path: Path) -> None:
-    """Who had the legs says nothing all the while, and others move them."""
-    address = f"ipc://{tmp_path}/central"
-    legs = Module("legs", address)
-    legs.handles(MOVE)(lambda *_: None)
-    with ExitStack() as stack:
-        first = stack.enter_context(RealCentral(address, "one"))
-        stack.enter_context(legs.running())
-        user = stack.enter_context(connect("user", address))
-        claim = user.lock("legs")
-        first.close()
-        stack.enter_context(RealCentral(address, "two"))
-        with connect("other", address) as other:
-            assert other.command(MOVE, 1).wait(SOON) is Outcome.DONE
-        with pytest.raises(LockLost, match="central was restarted and has forgotten it"), claim:
-            pass
-        user.close()

@@ -7,13 +7,11 @@ from contextlib import contextmanager
 from functools import partial
 
 import pytest
-from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
+from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_module import (
     CentralLost,
     Client,
-    Command,
-    Condition,
     FormatRefused,
     MisuseError,
     Module,
@@ -23,12 +21,11 @@ from tca_module import (
     connect,
 )
 from tca_module.testing import LocalCentral, LocalTransport
-from tca_wire.journal.facts import HandlerAdded, ModuleLeft, Queued, Received, TapAdded
+from tca_wire.journal.facts import HandlerAdded, ModuleLeft, Received
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
 SOON = 5.0
-CHECK = Command("check")
 
 
 class Busy:
@@ -72,69 +69,22 @@ def test_each_resource_has_a_thread(legs: Module, user: Client) -> None:
         assert pending.receive(SOON) == 36.6
 
 
-# --- sharing and taking over --------------------------------------------------------------------------------------------
+# --- handlers ------------------------------------------------------------------------------------------------------------
 
 
-def test_the_newest_handler_takes_over_and_hands_back(central: LocalCentral, user: Client) -> None:
-    old, new = Module("old", central), Module("new", central)
-    old.handles(STANCE)(lambda _, _radius: [1])
-    new.handles(STANCE)(lambda _, _radius: [2])
-    with old.running():
-        assert user.query(STANCE, 0.0) == [1]
-        with new.running():
-            assert user.query(STANCE, 0.0) == [2]
-        assert user.query(STANCE, 0.0) == [1]
+def test_methods_and_partial_functions_handle_and_stay_as_they_are(legs: Module, user: Client) -> None:
+    class Body:
+        def stance(self, task: Task, radius: float) -> list[int]:
+            return [int(radius)]
 
-
-def test_what_a_module_leaves_behind_waits_for_the_next(central: LocalCentral, user: Client) -> None:
-    """The running handler is finished; what is queued goes to the module that handled before."""
-    old, new, busy = Module("old", central), Module("new", central), Busy()
-    old.handles(TEMPERATURE)(lambda _: 0.0)
-    new.handles(TEMPERATURE)(busy)
-    began, ended, sent = threading.Event(), threading.Event(), threading.Event()
-
-    def run_new() -> None:
-        with new.running():
-            began.set()
-            assert busy.started.get(timeout=SOON)
-            assert sent.wait(SOON)
-        ended.set()
-
-    with old.running():
-        thread = threading.Thread(target=run_new)
-        thread.start()
-        assert began.wait(SOON)
-        first, second = user.query_send(TEMPERATURE), user.query_send(TEMPERATURE)
-        sent.set()
-        assert second.receive(SOON) == 0.0
-        assert not ended.is_set()
-        busy.go.set()
-        assert first.receive(SOON) == 36.6
-        thread.join(SOON)
-    assert ended.is_set()
-
-
-def test_what_nobody_handles_any_more_waits(legs: Module, central: LocalCentral, user: Client) -> None:
-    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
+    stance = Body().stance
+    assert legs.handles(STANCE)(stance) is stance
+    legs.handles(TEMPERATURE)(partial(lambda degrees, _: degrees, 36.6))
+    with pytest.raises(MisuseError, match="module 'legs' handles 'stance' already, in test_methods_and_partial"):
+        legs.handles(STANCE)(lambda _, _radius: [])
     with legs.running():
-        user.command(MOVE_LEG, 1).result(SOON)
-    move = user.command(MOVE_LEG, 2)
-    assert [fact.module for fact in central.facts if isinstance(fact, Queued) and fact.id == move.id] == [""]
-    with legs.running():
-        assert move.result(SOON) == Footfall(2, 0.0)
-
-
-def test_a_pool_shares_the_messages(central: LocalCentral, user: Client) -> None:
-    left, right = Module("left", central), Module("right", central)
-    busy = {module.name: Busy() for module in (left, right)}
-    for module in (left, right):
-        module.handles(TEMPERATURE, pool="thermometers")(busy[module.name])
-    with left.running(), right.running():
-        pending = [user.query_send(TEMPERATURE) for _ in range(2)]
-        for one in busy.values():
-            assert one.started.get(timeout=SOON)
-            one.go.set()
-        assert [one.receive(SOON) for one in pending] == [36.6, 36.6]
+        assert user.query(STANCE, 7.0) == [7]
+        assert user.query(TEMPERATURE) == 36.6
 
 
 # --- sending from the module ------------------------------------------------------------------------------------------
@@ -148,27 +98,6 @@ def test_a_module_sends_from_outside_of_its_handlers(legs: Module, central: Loca
         with legs.sequence():
             assert legs.command(MOVE_LEG, 1).result(SOON) == Footfall(1, 0.0)
     assert {fact.sender for fact in central.facts if isinstance(fact, Received)} == {"legs"}
-
-
-def test_what_a_module_does_at_its_start_is_done_before_it_handles_anything(
-    legs: Module, central: LocalCentral, user: Client
-) -> None:
-    safety, checked = Module("safety", central), []
-    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
-
-    @safety.handles(CHECK)
-    def check(task: Task) -> None:
-        checked.append(task.tap_event.message)
-
-    @safety.at_start
-    def watch(module: Module) -> None:
-        module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, CHECK)
-
-    with legs.running(), safety.running():
-        user.command(MOVE_LEG, 3).result(timeout=SOON)
-    begun = [fact for fact in central.facts if isinstance(fact, TapAdded | HandlerAdded)]
-    assert [type(fact) for fact in begun] == [HandlerAdded, TapAdded, HandlerAdded]
-    assert checked == ["move leg"]
 
 
 def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) -> None:
@@ -199,6 +128,7 @@ def test_a_handler_sends_with_its_task_not_with_the_module(legs: Module, user: C
 
 def test_a_module_leaves_with_goodbye(legs: Module, central: LocalCentral) -> None:
     legs.handles(REST)(lambda _: None)
+    assert repr(legs) == "Module('legs')"
     with legs.running():
         assert not legs.stopping
     assert legs.stopping
@@ -240,6 +170,8 @@ def test_without_central_run_ends_the_program_with_one_line(legs: Module, centra
     assert isinstance(lost.value, SystemExit)
     assert lost.value.code == str(lost.value)
     assert str(lost.value).startswith("module 'legs': central at local central 'local' does not answer: start it with")
+    with pytest.raises(CentralLost, match=r"^module 'legs': central at "), legs.running(patience=0.1):
+        pass
 
 
 def test_run_may_end_when_central_is_lost(legs: Module, central: LocalCentral, user: Client) -> None:
@@ -306,38 +238,6 @@ def test_a_module_can_be_stopped_before_central_is_there(legs: Module, central: 
 
 
 # --- central breaks -------------------------------------------------------------------------------------------------------
-
-
-def test_a_module_serves_on_after_central_was_restarted(legs: Module, central: LocalCentral, user: Client) -> None:
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        assert user.query(TEMPERATURE) == 36.6
-        central.restart("afresh")
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-    assert central.core.epoch == "afresh"
-
-
-def test_a_handler_that_runs_while_central_is_restarted_is_not_answered_for(
-    legs: Module, central: LocalCentral, user: Client
-) -> None:
-    lost = queue.Queue[BaseException]()
-
-    @legs.handles(REST)
-    def rest(task: Task) -> None:
-        try:
-            task.command(STOP).result(SOON)
-        except CentralLost as error:
-            lost.put(error)
-            assert task.cancelled
-            raise
-
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        rested = user.goal(REST)
-        assert rested.wait_for(rested.handling.start, SOON)
-        central.restart("afresh")
-        assert "central was restarted" in str(lost.get(timeout=SOON))
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
 
 
 def test_a_module_comes_back_after_its_connections_broke(legs: Module, central: LocalCentral, user: Client) -> None:

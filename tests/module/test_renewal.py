@@ -174,7 +174,12 @@ def test_what_is_refused_is_tried_again_with_all_after_it(session: Session) -> N
         session.heard = now
         session.tend(now, now)
         assert said(session) == expected
-    hear(session, Accepted(7), Accepted(8, 2))
+    hear(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 still"))
+    for session.heard in (2.0 + AGAIN, 2.0 + 2 * AGAIN):
+        session.tend(session.heard, session.heard)
+    assert said(session) == [Register(9, [WALK, CHECK], []), attach(10)]
+    assert len(session.complaints) == 1
+    hear(session, Accepted(9), Accepted(10, 2))
     assert said(session) == [HANDLERS]
 
 

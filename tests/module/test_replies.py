@@ -19,17 +19,6 @@ SOON = 5.0
 # --- replies that call --------------------------------------------------------------------------------------------------
 
 
-def test_a_reply_calls_a_function_while_its_thread_waits(legs: Module, user: Client) -> None:
-    heard: list[list[int]] = []
-    legs.handles(STANCE)(lambda _, radius: [int(radius)])
-    with legs.running():
-        note = user.query_notify(STANCE, 3.0, lambda _, stance: heard.append(stance))
-        user.query(STANCE, 4.0, timeout=SOON)
-        assert note.wait(SOON)
-    assert heard == [[3]]
-    assert note.is_over
-
-
 def test_what_it_is_called_with_sends(legs: Module, user: Client) -> None:
     moved: list[Footfall] = []
     legs.handles(STANCE)(lambda _, radius: [int(radius)])

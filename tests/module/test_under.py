@@ -2,16 +2,13 @@
 
 import threading
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
 from tca_module import (
-    CentralLost,
     Client,
     Command,
     Goal,
-    MisuseError,
     Module,
     Outcome,
     PollingMonitor,
@@ -108,17 +105,3 @@ def test_blocks_under_a_task_of_others(robot: Robot, user: Client) -> None:
     assert second.wait(SOON) is first.wait(SOON) is sent.wait(SOON) is Outcome.DONE
     assert sorted(robot.steps) == [1, 2, 7]
     assert robot.steps.index(1) < robot.steps.index(2)
-
-
-def test_only_tasks_have_something_under_them(robot: Robot, user: Client) -> None:
-    wrong: Any = WALK
-    with pytest.raises(MisuseError, match="task must be a task that was sent or found"):
-        user.under(wrong)
-
-
-def test_a_restarted_central_has_forgotten_the_task(robot: Robot, user: Client) -> None:
-    under = user.under(robot.begin(GUARD, user))
-    robot.central.restart("afresh")
-    user.modules()
-    with pytest.raises(CentralLost, match=r"guard \{1\} is lost: central was restarted"):
-        under.command(STEP, 1)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 from module.gait_messages import HEALTH, TEMPERATURE
 
-from tca_module import Client, Command, Module, Query, Task, Timeout, connect
+from tca_module import Client, Command, Module, Task, Timeout
 from tca_module.testing import LocalCentral
 from tca_tools.run.fold import History
 from tca_wire.journal.facts import Awaited, Dropped, Received
@@ -152,23 +152,6 @@ def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
     assert wait.end == history.messages[wait.awaited].written("dropped")
     (why,) = (fact.where for fact in central.facts if isinstance(fact, Dropped))
     assert why == "it is queued for eyes, busy with temperature {1}"
-
-
-def test_who_gives_up_hears_who_had_the_question(eyes: Module, user: Client, central: LocalCentral) -> None:
-    with busy(eyes, user), connect("other", central) as other:
-        waiting = other.query_send(TEMPERATURE)
-        with pytest.raises(Timeout, match=r"0.01 s: it is queued for eyes, busy with tempera"):
-            waiting.receive(0.01)
-    late = Query("late", reply=int)
-    go = threading.Event()
-    eyes.handles(late)(lambda _: int(go.wait(SOON)))
-    with eyes.running():
-        with pytest.raises(Timeout) as caught:
-            user.query(late, timeout=0.05)
-        go.set()
-    words = str(caught.value)
-    assert words.startswith("query 'late' was not answered within 0.05 s: ")
-    assert "eyes handles it; to wait longer give timeout=" in words
 
 
 def test_who_waits_no_longer_for_a_task_hears_how_far_it_was(legs: Module, user: Client) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 import zmq
-from module.direct_maps import HEIGHT, WALK, a_map, ask_until_direct
+from module.direct_maps import HEIGHT, a_map, ask_until_direct
 from module.real_central import SOON, RealCentral, until
 
-from tca_module import Broadcast, CentralLost, Client, Command, MisuseError, Module, MultiQuery, Variable, connect
+from tca_module import CentralLost, Client, Module, connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Delivered
 
@@ -121,14 +121,3 @@ def test_with_a_local_central_all_goes_through_its_core() -> None:
         with module.running():
             assert [user.query(HEIGHT, 1.0) for _ in range(5)] == [-1.0] * 5
         assert sum(isinstance(fact, Delivered) for fact in central.facts) == 5
-
-
-@pytest.mark.parametrize("message", [WALK, Broadcast("news"), MultiQuery("all", reply=int), Variable("mode", int)])
-def test_only_informs_and_queries_go_directly(message: Command[float, float]) -> None:
-    with pytest.raises(MisuseError, match=f"'{message.name}' can't be handled with direct=True: only informs and quer"):
-        Module("map").handles(message, direct=True)(lambda *_: 0.0)
-
-
-def test_a_pending_limit_and_a_direct_way_exclude_each_other() -> None:
-    with pytest.raises(MisuseError, match="direct=True and pending=3: what comes directly waits with its senders"):
-        Module("map").handles(HEIGHT, direct=True, pending=3)(lambda _, x: x)
