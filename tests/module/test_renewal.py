@@ -174,7 +174,7 @@ def test_what_is_refused_is_tried_again_with_all_after_it(session: Session) -> N
         session.heard = now
         session.tend(now, now)
         assert said(session) == expected
-    hear(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 still"))
+    hear(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 already"))
     for session.heard in (2.0 + AGAIN, 2.0 + 2 * AGAIN):
         session.tend(session.heard, session.heard)
     assert said(session) == [Register(9, [WALK, CHECK], []), attach(10)]
