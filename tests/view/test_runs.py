@@ -93,6 +93,7 @@ def test_who_looks_at_a_task_is_told_and_goes_there_when_he_likes(
     expect(page).to_have_url(re.compile(r"/$"))
 
 
+@pytest.mark.soak
 def test_the_note_leads_to_the_newer_run(look: Look, serve: Callable[..., str], start: Start) -> None:
     first = start("first", WALK)
     page = look(serve())
@@ -146,6 +147,7 @@ def test_the_chooser_names_the_run_that_is_shown_when_another_has_begun_in_its_f
     expect(chosen).to_have_text("arm/journal#2 (newest)")
 
 
+@pytest.mark.soak
 def test_the_way_back_to_a_run_in_the_same_folder(look: Look, serve: Callable[..., str], start: Start) -> None:
     first = start("arm", WALK)
     page = look(serve())
@@ -158,6 +160,7 @@ def test_the_way_back_to_a_run_in_the_same_folder(look: Look, serve: Callable[..
     expect(page.locator("#runs option:checked")).to_have_text("arm/journal#1")
 
 
+@pytest.mark.soak
 def test_a_run_that_is_there_no_more_is_still_the_one_that_is_shown(
     look: Look, serve: Callable[..., str], start: Start
 ) -> None:
