@@ -7,21 +7,24 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tca_tools.analysis.advised import Advice, Sum, Topic, Words
+from tca_tools.analysis import advice_words as words
+from tca_tools.analysis.advice_words import Advice, Sum, Topic, Words, length
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import Overlap
 from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import Kind
+from tca_tools.analysis.given_up import still_handled_in_words
+from tca_tools.analysis.held_up import HeldUp, Reason, held_up
+from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
-from tca_tools.analysis.slow_waits import bottleneck, on_waits
 from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import span_of
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, Span
 from tca_tools.why.coping import GOOD_FATES
 from tca_wire.text.facts_in_words import by_whom, place
-from tca_wire.text.measures import duration, listed, run_time, times
+from tca_wire.text.measures import duration, listed, percent, run_time
 
 _NOTHING = 1e-9
 """What saves less is no advice."""
@@ -65,7 +68,7 @@ def _on_path(
     window = max(path.start, handling[0]), min(path.end, handling[1])
     for kind in kinds:
         yield _on_failures(window, path, kind, called)
-    yield from on_waits(run, causes, path, window, uses, at_least, called)
+    yield from _on_waits(run, causes, path, window, uses, at_least, called)
 
 
 # --- failures ------------------------------------------------------------------------------------------------------
@@ -81,16 +84,12 @@ def _on_failures(window: Span, path: CriticalPath, kind: Kind, called: str) -> A
     spans = [(case.time - case.lost, case.time + case.recovery) for case in cases]
     cost = Cover(spans).within(*window)
     longest = max(cases, key=lambda case: case.cost, default=kind.cases[0])
-    text = (
-        f"'{kind.message}' failed {times(len(cases))} on the {called}; what it had done until then and what "
-        f"was done about it took {duration(cost)}. Without these failures it would be shorter by at most that"
-    )
     example = f"{longest.of}, at {run_time(longest.time)}, {duration(longest.cost)}" + (
         longest.text and f": {longest.text}"
     )
-    return Advice(
-        Topic.FAILURE, f"Avoid '{kind.failure}' of '{kind.message}'", text, cost, cost, len(cases), example,
-        "find out why it comes about, or let it be noticed sooner", spans[0] if spans else None,
+    return words.FAILED.filled(
+        cost, cost, len(cases), example, spans[0] if spans else None,
+        failure=kind.failure, message=kind.message, path=called, seconds=duration(cost),
     )  # fmt: skip
 
 
@@ -108,19 +107,14 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
     planners = list(dict.fromkeys(place(step.module, step.resource) for step in chance.steps))
     first = run.name(chance.first)
     pair = f"one '{first}' and the next" if first == second else f"'{first}' and '{second}'"
-    text = (
-        f"{acting} stood idle {times(number)} between {pair}, {duration(overlap.idle)} in all. For "
-        f"{duration(overlap.planning)} of that {listed(planners)} planned what comes next. Planning it while the one "
-        f"before is executed would save at most {duration(overlap.saving)}"
-    )
     example = (
         f"{run_time(chance.start)} to {run_time(chance.end)}, between {run.describe(chance.first)} and "
         f"{run.describe(chance.second)}: {chance.reason}"
     )
-    title = f"Plan the next while {acting} acts"
-    return Advice(
-        Topic.OVERLAP, title, text, overlap.saving, saved_on_path, number, example, chance.remedy,
-        (chance.start, chance.end),
+    return words.OVERLAP.filled(
+        overlap.saving, saved_on_path, number, example, (chance.start, chance.end),
+        acting=acting, pair=pair, seconds=duration(overlap.idle), remedy=chance.remedy,
+        planning=duration(overlap.planning), planners=listed(planners), most=duration(overlap.saving),
     )  # fmt: skip
 
 
@@ -130,26 +124,74 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
 def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
     """A queue that only grows; instead of what there is to say of the waits in it that lie on the path."""
     where = place(*queue.key)
-    title = bottleneck(where)
-    waits = next((one for one in on_path if one.title == title), None)
-    drain = queue.length / queue.rate_out
-    text = (
-        f"More comes for {where} than it handles: {queue.rate_in:.3g} messages a second come, {queue.rate_out:.3g} are "
-        f"handled. From {run_time(queue.start)} to {run_time(queue.end)} its queue grew to {queue.length:,}, most of "
-        f"them '{queue.message}'; the last one would have to wait for {duration(drain)}, and later ones longer"
-    )
-    remedy = (
-        f"let it handle {queue.needed:,} at a time instead of {queue.capacity:,} (capacity=), if its handlers do not "
-        "get in each other's way, let a second module share its messages in a pool, handle each faster, send fewer, or "
-        "let only the newest wait (pending=)"
-    )
+    waits = next((one for one in on_path if one.title == _title_of(queue)), None)
     example = f"the oldest of the queue had waited {duration(queue.longest)} at {run_time(queue.end)}"
     longest = Cover([(queue.end - queue.longest, queue.end)]).within(*run)
-    saving = max(longest, waits.saving if waits else 0.0)
-    seconds_on_path = waits.on_path if waits else 0.0
-    return Advice(
-        Topic.CAPACITY, title, text, saving, seconds_on_path, queue.length, example, remedy, (queue.start, queue.end)
-    )
+    return words.GROWING.filled(
+        max(longest, waits.saving if waits else 0.0), waits.on_path if waits else 0.0,
+        queue.length, example, (queue.start, queue.end),
+        name=where, rate_in=f"{queue.rate_in:.3g}", rate_out=f"{queue.rate_out:.3g}", start=run_time(queue.start),
+        end=run_time(queue.end), length=f"{queue.length:,}", message=queue.message,
+        drain=duration(queue.length / queue.rate_out), needed=f"{queue.needed:,}", capacity=f"{queue.capacity:,}",
+    )  # fmt: skip
+
+
+def _title_of(queue: Growing) -> str:
+    """What advice about the waits in a queue is called, whether it grows or not."""
+    return words.QUEUE.title.format(name=place(*queue.key))
+
+
+# --- waits on the critical path -------------------------------------------------------------------------------------
+
+
+def _on_waits(
+    run: Run, causes: Causes, path: CriticalPath, window: Span, uses: list[Use], at_least: float, called: str
+) -> Iterator[Advice]:
+    """Advice for each kind of wait that lies on a path within a window; *called* is what to call the path."""
+    by_name = {use.name: use for use in uses}
+    for held in held_up(run, causes, path, window, at_least):
+        use = by_name.get(held.name) if held.reason is Reason.QUEUE else None
+        yield _on_wait(run, held, use, window, called)
+    delays: dict[str, Sum] = defaultdict(Sum)
+    for step in path.steps:
+        if step.doing is Doing.DELAY:
+            delays[run.name(step.message_id)].add(step.start, step.end, run.describe(step.message_id))
+    for name, total in delays.items():
+        saving, often = total.within(*window), len(total.spans)
+        yield words.DELAY.filled(
+            saving, saving, often, total.words, total.longest,
+            name=name, path=called, seconds=duration(saving),
+        )  # fmt: skip
+
+
+def _on_wait(run: Run, held: HeldUp, use: Use | None, window: Span, called: str) -> Advice:
+    saving, busy, but = held.saving, "", ""
+    if use:
+        busy = f" It is busy {percent(use.share)} of the time, with {use.capacity} at a time."
+        least = use.worked / (use.capacity + 1)
+        rest = max(length(use.window) - least, 0.0)
+        if window[1] >= use.window[1] and saving > rest:
+            saving, but = rest, f": what it has to do would still take {duration(least)}"
+    return _WORDS[held.reason].filled(
+        saving, saving, held.times, _longest(run, held), (held.longest.start, held.longest.end),
+        name=held.name, seconds=duration(held.seconds), busy=busy, but=but, path=called,
+        most="that" if duration(saving) == duration(held.seconds) else duration(saving),
+    )  # fmt: skip
+
+
+def _longest(run: Run, held: HeldUp) -> str:
+    """The longest of some waits, in words, with what is known of why."""
+    step, longest = held.step, held.longest
+    asked = step.message_id
+    if longest.queueing is None and step.resumed:
+        what = f"the handler of {run.describe(asked)} waited {handler_wait_in_words(run, step.resumed)},"
+        asked = step.resumed.awaited
+    else:
+        what = f"{run.describe(asked)} waited"
+    told = f"{what} {duration(longest.seconds)}, until {run_time(longest.end)}"
+    if longest.claim:
+        told += f"; {longest.claim.sender} had {'it' if longest.claim.granted is not None else 'asked for it'}"
+    return told + still_handled_in_words(run, asked, longest.end)
 
 
 # --- what nobody could work on, on the critical path or beside it ---------------------------------------------------
@@ -163,10 +205,11 @@ def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[
             on_path[_STANDING[step.doing], run.name(step.message_id)] += Cover([(step.start, step.end)]).within(*window)
     for (topic, name), sums in _stood(run).items():
         saving = sums.within(*window)
-        known = {"name": name, "times": times(sums.times), "seconds": duration(saving)}
-        title, text, remedy = (words.format(**known) for words in _standing_words(run, topic, name, sums))
-        moves_end = min(on_path[topic, name], saving)
-        yield Advice(topic, title, text, saving, moves_end, sums.times, sums.words, remedy, sums.longest)
+        moves_end, often = min(on_path[topic, name], saving), len(sums.spans)
+        yield _standing_words(run, topic, name, sums).filled(
+            saving, moves_end, often, sums.words, sums.longest,
+            name=name, seconds=duration(saving),
+        )  # fmt: skip
 
 
 def _stood(run: Run) -> dict[tuple[Topic, str], Sum]:
@@ -175,8 +218,8 @@ def _stood(run: Run) -> dict[tuple[Topic, str], Sum]:
 
     def add(topic: Topic, message_id: int, since: float, end: float | None, who: str) -> None:
         until = run.time if end is None else end
-        words = f"{who}, from {run_time(since)}, {duration(until - since)}"
-        found[topic, run.name(message_id)].add(since, until, words)
+        told = f"{who}, from {run_time(since)}, {duration(until - since)}"
+        found[topic, run.name(message_id)].add(since, until, told)
 
     for queueing in run.queueings:
         if not queueing.module:
@@ -193,33 +236,19 @@ def _stood(run: Run) -> dict[tuple[Topic, str], Sum]:
 def _standing_words(run: Run, topic: Topic, name: str, sums: Sum) -> Words:
     """What there is to say; of what nobody ever handled, or nobody any more when it was last needed, something else."""
     if topic is not Topic.HANDLER:
-        return _STANDING_WORDS[topic]
+        return words.SUSPENDED
     if not (offers := run.offers.get(name, ())):
-        return _NEVER
+        return words.NEVER_HANDLED
     last = max(end for _, end in sums.spans)
-    return _GONE if all(offer.end is not None and offer.end <= last for offer in offers) else _STANDING_WORDS[topic]
+    has_gone = all(offer.end is not None and offer.end <= last for offer in offers)
+    return words.NOT_HANDLED_ANY_MORE if has_gone else words.NOT_HANDLED
 
 
 _STANDING = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}
-_NEVER = Words(
-    "Nobody handles '{name}'",
-    "'{name}' waited {times} for a module that handles it, {seconds} in all, and none ever came",
-    "start a module that handles it; if there is one, see whether it calls the message something else",
-)
-_GONE = Words(
-    "Nobody handles '{name}' any more",
-    "'{name}' waited {times} for a module that handles it, {seconds} in all; at last there was none",
-    "find out why the module that handled it left, and start it again",
-)
-_STANDING_WORDS = {
-    Topic.HANDLER: Words(
-        "Nobody handles '{name}' for a while",
-        "'{name}' waited {times} for a module that handles it, {seconds} in all",
-        "start that module before what needs it (requires=), or find out why it left",
-    ),
-    Topic.SUSPENDED: Words(
-        "'{name}' is suspended for a while",
-        "'{name}' was suspended {times}; it stood still for {seconds} in all, not counting what ran on under it",
-        "resume it sooner, or suspend only what has to stand",
-    ),
+_WORDS = {
+    Reason.QUEUE: words.QUEUE,
+    Reason.LOCK: words.LOCK,
+    Reason.CLAIM: words.CLAIM,
+    Reason.REPLY: words.REPLY,
+    Reason.IN_VAIN: words.IN_VAIN,
 }

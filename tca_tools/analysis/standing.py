@@ -53,7 +53,7 @@ def at_last(run: Run, task: Task) -> GoingOn:
     """What an open task waits for when the journal ends; if that is not known, since when nothing happened under it."""
     if (found := going_on(RunAt(run), task, run.time)) is not None:
         return found
-    last = last_change(run, task, run.time)
+    last = last_change(run, task, inf)
     doing = Doing.HELD if waits_now(RunAt(run), task.id) else Doing.UNKNOWN
     step = Step(last, run.time, doing, task.id, "") if run.time > last else None
     return GoingOn(last, task.id, standing=step)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from tca_tools.analysis.advice import advice
-from tca_tools.analysis.advised import Advice
+from tca_tools.analysis.advice_words import Advice
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import (

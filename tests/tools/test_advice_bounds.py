@@ -13,7 +13,7 @@ from tools.story import Story
 
 from tca_central.events import ConnectionId, Received, Transmit
 from tca_tools.analysis.advice import advice
-from tca_tools.analysis.advised import Advice, Topic
+from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task

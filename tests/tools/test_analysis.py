@@ -7,7 +7,7 @@ from tools.made_robots import caught, commanding, fail, near, recovering, steppi
 from tools.story import Story, mopping, stumbling, walking
 
 from tca_tools.analysis.advice import advice
-from tca_tools.analysis.advised import Topic
+from tca_tools.analysis.advice_words import Topic
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures

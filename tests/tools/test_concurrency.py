@@ -5,7 +5,7 @@ from tools.made_robots import commanding, looking_ahead, near, recovering, stepp
 from tools.story import THIS, Story, walking
 
 from tca_tools.analysis.advice import advice
-from tca_tools.analysis.advised import Advice, Topic
+from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import Overlap, overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tools.made_robots import near
 from tools.story import Story
 
-from tca_tools.analysis.advised import Advice, Topic
+from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.locks import Locks
 from tca_tools.report.contents import Contents, contents
 from tca_tools.run.fold import History

@@ -6,7 +6,7 @@ import pytest
 from tools.story import Story
 
 from tca_tools.analysis.advice import advice
-from tca_tools.analysis.advised import Topic
+from tca_tools.analysis.advice_words import Topic
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.queues import growing
 from tca_tools.analysis.summary import span_of
@@ -70,7 +70,7 @@ def test_a_queue_that_only_grows_is_named_with_its_rates(closes: bool) -> None:
     assert queue.length == pytest.approx(75, abs=3)
     (told,) = advice(run, Causes(run), None, [], [], [], 0.5)
     assert (told.topic, told.title) == (Topic.CAPACITY, "eye is a bottleneck")
-    assert "2.01 messages a second come, 1.25 are handled" in told.text
+    assert "2.01 a second come, 1.25 are handled" in told.text
     assert "let it handle 2 at a time instead of 1" in told.remedy
     assert contents(run).advice[0].title == told.title
 

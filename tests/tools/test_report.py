@@ -119,7 +119,7 @@ def test_of_many_short_tasks_the_longest_is_looked_at_too(reported: Reported) ->
     assert "The task that took longest: move {1}" in shown.text
     assert "Avoid 'slip' of 'move'" in shown.text
     assert "for move {1} and not for the end" in shown.text
-    assert "failed once on the critical path of move {1};" in shown.text
+    assert "failed once on the critical path of move {1}." in shown.text
 
 
 def test_a_run_that_is_not_over(reported: Reported) -> None:
