@@ -57,7 +57,7 @@ class Steered(Bench):
     def given(self, slot: ConnectionId) -> int:
         """What a slot handles."""
         return next(
-            one.given_as for one in self.central.dispatcher.attended.values() if one.slot and one.slot.id == slot
+            one.given_as for one in self.central.dispatcher.running.values() if one.slot and one.slot.id == slot
         )
 
     def steady(self, parent: int, rounds: int) -> list[float]:

@@ -14,7 +14,7 @@ import tracemalloc
 from typing import Any
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, Received
+from tca_central.events import ConnectionId, RequestReceived
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION
@@ -46,14 +46,14 @@ class Bench:
 
     def event(self, connection: ConnectionId, header: Any) -> None:
         self.clock += 1e-6
-        self.central.handle(Received(self.clock, connection, header, BODY))
+        self.central.handle(RequestReceived(self.clock, connection, header, BODY))
 
     def goal(self, parent: int, flags: Flags = Flags.SEQ_ACH) -> int:
         self.event(USER, headers.Send(self.next(), "walk", TaskId(parent), flags=flags))
         return self.central.tree.newest
 
     def attended(self) -> int:
-        return next(reversed(self.central.dispatcher.attended))
+        return next(reversed(self.central.dispatcher.running))
 
     def grow(self, size: int, *, deep: bool) -> int:
         parent = self.top

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from benchmarks.core_events import BODY, SLOT, USER, Bench
-from tca_central.events import ConnectionId, Received, Record
+from tca_central.events import ConnectionId, Record, RequestReceived
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
 from tca_tools.view.feed import Feed
@@ -38,7 +38,7 @@ class Writer(Bench):
 
     def event(self, connection: ConnectionId, header: Any) -> None:
         self.clock += 1e-3
-        for effect in self.central.handle(Received(self.clock, connection, header, BODY)):
+        for effect in self.central.handle(RequestReceived(self.clock, connection, header, BODY)):
             if isinstance(effect, Record):
                 self.stream.write(record(effect.entry))
                 self.facts += len(effect.entry.facts)
@@ -49,7 +49,7 @@ class Writer(Bench):
         step = self.central.tree.newest
         for _ in range(9):
             self.goal(step)
-        while self.central.dispatcher.attended:
+        while self.central.dispatcher.running:
             self.event(SLOT, headers.Reply(self.attended()))
 
 

@@ -22,7 +22,7 @@ from tca_central.control import deadlines, keeping, kills, monitors, pending, su
 from tca_central.control import revoking as taking
 from tca_central.deadlock import resolve as deadlocks
 from tca_central.errors import RequestError
-from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
+from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Record, RequestReceived, Tick, Transmit
 from tca_central.failing import attaching, failures
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
@@ -55,14 +55,14 @@ class Central(State):
         agenda = self.agenda
         # What comes out of the agenda, and who takes it; in this order, and all of one kind before the next.
         self._takers: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
-            (agenda.tapped, lambda tapped: taps.fire_before(self, *tapped)),
-            (agenda.happened, lambda happened: taps.happened(self, *happened)),
-            (agenda.alone, partial(monitors.end_watchers, self)),
+            (agenda.taps_to_fire, lambda tapped: taps.fire_before(self, *tapped)),
+            (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
+            (agenda.only_watched, partial(monitors.end_watchers, self)),
             (agenda.withdrawn, self._withdraw),
-            (agenda.ended, self._ended),
-            (agenda.met, self._met),
-            (self.dispatcher.granted, partial(claims.granted, self)),
-            (self.dispatcher.displaced, lambda displaced: replying.displace(self, *displaced)),
+            (agenda.ended, self._on_ended),
+            (agenda.reached_waits, self._on_reached),
+            (self.dispatcher.granted, partial(claims.tell_granted, self)),
+            (self.dispatcher.displaced, lambda displaced: replying.tell_displaced(self, *displaced)),
             (self.dispatcher.stranded, partial(failures.pass_over, self)),
         )
         self._come_out = tuple(waiting for waiting, _ in self._takers)
@@ -75,7 +75,7 @@ class Central(State):
             effects += self._let_fire(timer, event.time)
         if not isinstance(event, Tick):
             self.events += 1
-            effects += self._receive(event) if isinstance(event, Received) else self._on_line(event)
+            effects += self._receive(event) if isinstance(event, RequestReceived) else self._on_line(event)
         return effects
 
     # --- an event ----------------------------------------------------------------------------------------------
@@ -96,13 +96,13 @@ class Central(State):
             self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
         elif connection is not None:
             cause = causes.ConnectionLost(*_named(connection))
-            joining.leave(self, connection, event.why, lost=True)
+            joining.disconnect(self, connection, event.why, lost=True)
         else:
             return []
         self._settle()
         return self._effects(event.time, cause)
 
-    def _receive(self, event: Received) -> list[Effect]:
+    def _receive(self, event: RequestReceived) -> list[Effect]:
         """A connection sent something. What can't be done is refused and leaves nothing behind."""
         header = event.header
         kind = KINDS[type(header)]
@@ -133,7 +133,7 @@ class Central(State):
 
     def _checked(self, connection: Connection, origin: int) -> int:
         """The delivery that a connection names, if its module has it; else 0."""
-        asking = self.dispatcher.attended.get(origin)
+        asking = self.dispatcher.running.get(origin)
         is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
         return origin if is_its else 0
 
@@ -143,16 +143,16 @@ class Central(State):
         if not self.facts:
             return effects
         if self.blocked or self.claims:
-            deadlocks.has_happened(self)
+            deadlocks.note_event(self)
         entry = facts.Entry(self.events, time, self.facts[:], cause)
         self.facts.clear()
         failed, self.failed = self.failed, {}
         return [Record(entry, failed), *effects]
 
-    def _greet(self, event: Received, number: int) -> None:
+    def _greet(self, event: RequestReceived, number: int) -> None:
         """Somebody speaks who has not said hello."""
         if isinstance(event.header, headers.Hello):
-            joining.hello(self, event.connection, event.header)
+            joining.greet(self, event.connection, event.header)
         else:
             self.messages.append(Transmit(event.connection, headers.Unknown(number)))
 
@@ -194,17 +194,17 @@ class Central(State):
             elif dispatcher.freed:
                 dispatcher.give_freed_slot()
             elif self.suspects:
-                deadlocks.look(self)
+                deadlocks.check_suspects(self)
             else:
                 return
             agenda.settle()
 
     def _withdraw(self, task: Task) -> None:
-        self.dispatcher.withdraw(task, keep_place=task.suspended or task.again)
+        self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)
 
-    def _met(self, met: tuple[Task, Any]) -> None:
-        task, waiter = met
-        waiter.met(self, task)
+    def _on_reached(self, reached: tuple[Task, Any]) -> None:
+        task, waiter = reached
+        waiter.on_reached(self, task)
 
     def _start_all(self) -> None:
         """Everything has settled but these tasks, which may start. First come exception handlers that nobody handles,
@@ -228,21 +228,21 @@ class Central(State):
         self.dispatcher.route_all(first)
 
     def _count_attempt(self, task: Task) -> None:
-        if task.again:
-            task.again = False
+        if task.retrying:
+            task.retrying = False
             task.given_as = self.new_id()
             task.more.attempts += 1
             task.more.recovering = None
-            claims.end_with(self, task, "it is retried")
+            claims.end_claims_of(self, task, "it is retried")
 
-    def _ended(self, task: Task) -> None:
+    def _on_ended(self, task: Task) -> None:
         if self.claimed_for:
-            claims.end_with(self, task, "it has ended")
+            claims.end_claims_of(self, task, "it has ended")
         if task.rare is not None:
             pending.forget_pending(self, task)
             attaching.forget_task(self, task)
             taps.forget_task(self, task)
-            keeping.ended(self, task)
+            keeping.keep_or_drop(self, task)
         if task.role is Role.EXCEPTION:
             failures.handler_ended(self, task)
         outcome = self.outcome(task)
@@ -336,9 +336,9 @@ KINDS = {header: _kind_of(header) for header in HANDLERS}
 
 
 TIMERS: dict[Due, Callable[[Central, Any], None]] = {
-    Due.RELEASE: lambda central, release: central.agenda.released(release),
+    Due.RELEASE: lambda central, release: central.agenda.end_delay(release),
     Due.DEADLINE: deadlines.on_time_out,
-    Due.KILL: lambda central, ending: ending.now(central),
+    Due.KILL: lambda central, ending: ending.carry_out(central),
     Due.TEST: monitors.on_test,
     Due.WATCHED: monitors.on_watched,
     Due.CLAIM: claims.on_time_out,

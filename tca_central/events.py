@@ -10,7 +10,7 @@ from tca_wire.packets.headers import ToCentral, ToModule
 ConnectionId = NewType("ConnectionId", bytes)
 
 
-class Received(msgspec.Struct, frozen=True):
+class RequestReceived(msgspec.Struct, frozen=True):
     """A module's message arrived. *time* in seconds, as in every event, on a clock that never jumps."""
 
     time: float
@@ -41,7 +41,7 @@ class Tick(msgspec.Struct, frozen=True):
     time: float
 
 
-Event = Received | BadBytes | ConnectionLost | Tick
+Event = RequestReceived | BadBytes | ConnectionLost | Tick
 
 
 class Transmit(msgspec.Struct, frozen=True):

@@ -7,11 +7,11 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 import itertools
 from collections import Counter
 
-from tca_central.control.kills import Ending
+from tca_central.control.kills import PendingKill
 from tca_central.model.deliveries import Delivery, ModuleResource
 from tca_central.model.intervals import delivered_at
 from tca_central.model.task_tree import Task, first_moments, to_be_fired
-from tca_central.order.holds import Release, held_counts, is_held
+from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of
 from tca_central.state import PresenceWait, State
 from tca_central.watching.watches import Watch
@@ -50,7 +50,7 @@ def check_invariants(central: State) -> None:
     _check_stranded(central)
     for holder, claims in central.claimed_for.items():
         assert claims, f"{holder}: no claims"
-        is_there = holder.given_as in central.dispatcher.attended or central.tree.tasks.get(TaskId(holder.id)) is holder
+        is_there = holder.given_as in central.dispatcher.running or central.tree.tasks.get(TaskId(holder.id)) is holder
         assert is_there, f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
     _check_what_lies_ahead(central)
     _check_connections(central)
@@ -89,7 +89,7 @@ def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict
             held.setdefault(follower.id, Counter())[its_moment] += 1
             leaders.setdefault(follower.id, set()).add((its_moment, task.id, moment))
     for timer in central.clock.pending():
-        if timer.due is Due.RELEASE and isinstance(timer.subject, Release):
+        if timer.due is Due.RELEASE and isinstance(timer.subject, PendingDelay):
             held.setdefault(timer.subject.task.id, Counter())[timer.subject.moment] += 1
     return held, leaders
 
@@ -130,7 +130,7 @@ def _check_family(task: Task) -> None:
     if not task.killed:
         for moment in (START_PLANNING, START_ACHIEVING) if task.is_goal else (START_ACHIEVING,):
             early = task.reached & moment and not parent.reached & moment
-            assert task.is_free or not early, f"{task}: started before its parent"
+            assert task.ignores_parent or not early, f"{task}: started before its parent"
         assert not parent.killed or task.survives, f"{task}: outlives its killed parent"
     assert not parent.reached & END_ACHIEVING, f"{task}: not ended, but its parent has"
 
@@ -153,7 +153,7 @@ def _check_delivery(central: State, task: Task) -> None:
     """A task is in one place: held by constraints, in a queue, with a handler, or returned."""
     parent = task.parent
     assert parent is not None
-    is_attended = task.given_as in central.dispatcher.attended
+    is_attended = task.given_as in central.dispatcher.running
     assert is_attended == task.is_running, f"{task}: attended or not?"
     assert is_attended or not task.nested, f"{task}: nested in a handler that is done"
     assert not (is_attended and task.queues is not None), f"{task}: with a handler and in a queue"
@@ -168,7 +168,7 @@ def _check_delivery(central: State, task: Task) -> None:
             (watch is not None and watch.is_on)
             or task.returned
             or task.is_running
-            or task.again
+            or task.retrying
             or task.suspended
             or task.queues is not None
             or is_held(task, START_HANDLING)
@@ -179,7 +179,7 @@ def _check_delivery(central: State, task: Task) -> None:
     start = delivered_at(task.is_goal)
     starts = (start, START_ACHIEVING) if task.delayed else (start,)
     is_kept = any(moment in held_counts(task) for moment in starts) or task.suspended
-    may_start = not is_kept and all(task.is_free or bool(parent.reached & moment) for moment in starts)
+    may_start = not is_kept and all(task.ignores_parent or bool(parent.reached & moment) for moment in starts)
     assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
 
 
@@ -203,7 +203,7 @@ def _check_resources(central: State) -> None:
     """A resource is never over its capacity, and nothing waits while a slot is free."""
     attending: Counter[ModuleResource] = Counter()
     slots = set()
-    for delivery in central.dispatcher.attended.values():
+    for delivery in central.dispatcher.running.values():
         assert delivery.slot is not None, f"delivery {delivery.id}: attended by nobody"
         assert delivery.slot.resource is not None
         if not delivery.nested:
@@ -241,7 +241,7 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
         return
     assert central.claims.get((held_by.slot, held_by.number)) is held_by, f"{name}: held by what is not known"
     assert central.registry.connections.get(held_by.slot.id) is held_by.slot, f"{name}: held by who has gone"
-    for delivery in central.dispatcher.attended.values():
+    for delivery in central.dispatcher.running.values():
         if delivery.slot in resource.slots and delivery.slot is not held_by.slot and not delivery.nested:
             is_let_in = held_by.admits_owner and delivery.sent_by is held_by.owner
             assert is_let_in, f"{name}: {delivery.message.name} {delivery.id} is in it, but others have it"
@@ -260,7 +260,7 @@ def _check_what_lies_ahead(central: State) -> None:
                 is_there = waits_for in timers and waits_for.subject is what
             assert is_there, f"{task}: {what} will never happen"
         for waiter in task.waiters or ():
-            if isinstance(waiter, Ending):
+            if isinstance(waiter, PendingKill):
                 assert waiter.task.more.pending[waiter] is task, f"{task}: a kill waits for it that nobody knows"
             if isinstance(waiter, Watch):
                 assert waiter.is_on, f"{task}: a monitor that is over waits for it"
@@ -307,16 +307,16 @@ def _check_kept(central: State) -> None:
         is_there = parent is tree.root or (parent and (kept.get(parent.id) or tree.tasks.get(parent.id)) is parent)
         assert is_there, f"record {record.id}: hangs under what is gone"
         assert record.siblings.get(record.id) is record, f"record {record.id}: its parent does not know it"
-        assert record.keepers, f"record {record.id}: nobody keeps it"
-        assert modules >= record.keepers.keys(), f"record {record.id}: kept by who is gone"
+        assert record.kept_by, f"record {record.id}: nobody keeps it"
+        assert modules >= record.kept_by.keys(), f"record {record.id}: kept by who is gone"
     promised = 0
     for module in modules:
         for task_id in module.keeps:
             task = tree.tasks.get(task_id)
-            keepers = kept[task_id].keepers if task is None else task.more.keepers
-            assert module in keepers, f"'{module.name}' keeps {task_id}, which does not know it"
+            kept_by = kept[task_id].kept_by if task is None else task.more.kept_by
+            assert module in kept_by, f"'{module.name}' keeps {task_id}, which does not know it"
             promised += 1
-    assert central.promises == promised, f"{central.promises} promises, counted {promised}"
+    assert central.keep_count == promised, f"{central.keep_count} promises, counted {promised}"
     assert central.kept_bytes == sum(record.size for record in kept.values()), "size of the records"
 
 
@@ -337,10 +337,10 @@ def _check_routes(central: State) -> None:
     connections = set(central.registry.connections.values())
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
-        assert message.told.keys() <= connections, f"'{message.name}': one who is gone is told of its route"
-        assert all(message in sender.routes for sender in message.told), f"'{message.name}': told without knowing"
+        assert message.senders_told.keys() <= connections, f"'{message.name}': one who is gone is told of its route"
+        assert all(message in sender.routes for sender in message.senders_told), f"'{message.name}': no route"
     for connection in connections:
-        assert all(connection in message.told for message in connection.routes), "it is no longer told"
+        assert all(connection in message.senders_told for message in connection.routes), "it is no longer told"
         assert connection.watches.keys() <= connections, "it watches a slot that is gone"
         assert all(connection in slot.watchers for slot in connection.watches), "it watches in vain"
         assert connection.watchers.keys() <= connections, "one who is gone watches"

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from tca_central.events import Effect, Transmit
 from tca_central.model.clock import Clock, Timer
-from tca_central.model.deliveries import AttachedHandler, Blocking, Connection, Delivery, MessageType, Tap
+from tca_central.model.deliveries import AttachedHandler, Blocking, Connection, Delivery, MessageType, Wiretap
 from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import KeptTask, Task, TaskTree, taps_of
@@ -26,7 +26,17 @@ class Collector:
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
     __slots__ = (
-        "answered", "asked", "connection", "end", "failures", "id", "message", "number", "origin", "pending", "wanted",
+        "answered",
+        "connection",
+        "end",
+        "failures",
+        "id",
+        "message",
+        "module_of",
+        "number",
+        "origin",
+        "pending",
+        "wanted",
     )  # fmt: skip
 
     def __init__(self, connection: Connection, number: int, original: Delivery, wanted: int) -> None:
@@ -34,7 +44,7 @@ class Collector:
         self.id, self.message = original.id, original.message
         self.origin = original.origin  #: the delivery whose handler asks (0: none)
         self.pending: dict[int, Delivery] = {}
-        self.asked: dict[int, str] = {}  #: by delivery: the module that got it
+        self.module_of: dict[int, str] = {}  #: by delivery: the module that got it
         self.answered = 0
         self.failures: list[str] = []  #: who has failed, and with what
         self.end: tuple[Answer, bytes] | None = None  #: what it ends with, once a reply or a failure has come
@@ -49,7 +59,7 @@ class TaskWait:
         self.connection, self.number, self.origin = connection, header.number, header.origin
         self.task_id, self.moment = header.point.task, int(header.point.moment)
 
-    def met(self, central: "State", task: Task) -> None:
+    def on_reached(self, central: "State", task: Task) -> None:
         """The moment is reached."""
         self.answer(central, central.outcome(task))
 
@@ -82,7 +92,7 @@ class PresenceWait:
             del message.awaited_by[self]
 
 
-class Failure(NamedTuple):
+class RaisedFailure(NamedTuple):
     """What was raised on a task."""
 
     name: str
@@ -97,7 +107,12 @@ class Recovery:
     __slots__ = ("at", "attached", "failing", "failure", "passed")
 
     def __init__(
-        self, failing: Task, failure: Failure, at: Task, attached: AttachedHandler, passed: dict[tuple[int, str], None]
+        self,
+        failing: Task,
+        failure: RaisedFailure,
+        at: Task,
+        attached: AttachedHandler,
+        passed: dict[tuple[int, str], None],
     ) -> None:
         self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
         #: Attachments, by id, that could not decide about failures of these names; of this failure and all below it.
@@ -127,13 +142,13 @@ def is_own(delivery: Delivery) -> bool:
     return sender.resource is slot.resource and delivery.message.message_class.has_reply
 
 
-def cancelled(delivery: Delivery) -> headers.Cancelled:
+def cancelled_header(delivery: Delivery) -> headers.Cancelled:
     """What tells the handler of a task that was killed, or is to be handled again, to end."""
     killed = delivery.killed if isinstance(delivery, Task) else ""
     return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
 
 
-def dropped(delivery: Delivery, why: str, where: str = "") -> facts.Dropped:
+def dropped_fact(delivery: Delivery, why: str, where: str = "") -> facts.Dropped:
     """That a message, or a copy of it for one receiver, comes to nothing."""
     return facts.Dropped(delivery.id, delivery.message.name, why, _copy_of(delivery), where)
 
@@ -143,7 +158,7 @@ def _copy_of(delivery: Delivery) -> int:
     return delivery.message_id if delivery.message_id != delivery.id else 0
 
 
-def deliver(delivery: Delivery) -> headers.Deliver:
+def deliver_header(delivery: Delivery) -> headers.Deliver:
     """The header by which a handler gets a delivery."""
     context = delivery.context.header if delivery.context is not None else None
     if not isinstance(delivery, Task):
@@ -164,9 +179,9 @@ class State:
         self.clock = Clock()
         self.agenda = Agenda(self.tree, self.facts, self.clock)
         self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
-        self.taps: dict[int, Tap] = {}  #: all wiretaps, by id
+        self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
         self.watches: dict[int, Any] = {}  #: the monitors that watch or are still to, by their tasks' ids
-        self.asked: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
+        self.watch_of_condition: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
         self.suspects: deque[Delivery | Claim[Connection] | tuple[Connection, int]] = (
             deque()
         )  #: what may have begun to wait for itself
@@ -174,7 +189,7 @@ class State:
         self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
         self.next_look: Timer | None = None
         self.scan: Any = None  #: a look that goes on then (deadlocks.py)
-        self.has_closed = False  #: something has happened since it began that may have closed a circle
+        self.may_have_closed = False  #: something has happened since it began that may have closed a circle
         self.dispatcher = Dispatcher(self.facts, self.deliver, self.suspects, self.clock)
         self.variables = Variables()
         self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by who asked, and the request's number
@@ -185,7 +200,7 @@ class State:
         self.forgotten = 0  #: the highest id of a task whose outcome was kept, and is no more
         self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that modules keep, by id, oldest first
         self.kept_bytes = 0  #: size of what they hold
-        self.promises = 0  #: number of tasks, living or ended, that each module keeps, added up
+        self.keep_count = 0  #: number of tasks, living or ended, that each module keeps, added up
         self.events = 0  #: number of events handled, and of timers
         self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
         self.messages: list[Effect] = []
@@ -204,10 +219,10 @@ class State:
         )  # fmt: skip
         self.facts.append(fact)
         if taps_of(delivery):
-            self.agenda.happened.append((delivery, DELIVERED))
+            self.agenda.tap_events.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
-            self.agenda.started(delivery)
-        self.messages.append(Transmit(slot.id, deliver(delivery), delivery.body))
+            self.agenda.mark_started(delivery)
+        self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
 
     def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
         """How a task ended, or stands: outcome, failure's name, text, and result or failure data. A failure that was
@@ -222,7 +237,9 @@ class State:
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result
 
-    def has_failed(self, delivery: Delivery, failure: Failure, *, is_beside: bool = False, by: str = "") -> None:
+    def note_failure(
+        self, delivery: Delivery, failure: RaisedFailure, *, is_beside: bool = False, by: str = ""
+    ) -> None:
         """Note that a failure was raised on a task or message; beside the handler of a task by whom, and with what."""
         body = failure.body if is_beside else b""
         self.facts.append(
@@ -281,7 +298,7 @@ class State:
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
         """A handler that runs is told to clean up and return; its coroutine awaits nothing any more."""
         self.unblock_coroutine(slot, delivery.given_as)
-        self.tell(slot, cancelled(delivery))
+        self.tell(slot, cancelled_header(delivery))
 
     def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
         """Send a message that is no final answer."""

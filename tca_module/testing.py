@@ -18,7 +18,7 @@ import time
 from typing import Self
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Record, Tick
+from tca_central.events import ConnectionId, ConnectionLost, Event, Record, RequestReceived, Tick
 from tca_central.invariants import check_invariants
 from tca_module.sockets.transport import Waker
 from tca_wire.journal.facts import Entry, Fact
@@ -96,7 +96,7 @@ class LocalCentral:
             if self._is_closed:
                 return False
             for header, body in unpack_to_central(packet):
-                self._handle(Received(time.monotonic() - self._began, connection, header, body))
+                self._handle(RequestReceived(time.monotonic() - self._began, connection, header, body))
             return True
 
     def cut(self, module: str) -> None:

@@ -5,7 +5,7 @@ from tca_central.failing.failures import raise_failure
 from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection
 from tca_central.model.task_tree import Task
-from tca_central.state import Failure, State
+from tca_central.state import RaisedFailure, State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
@@ -14,7 +14,7 @@ from tca_wire.points import TaskId, describe_moments
 from tca_wire.vocabulary import Due
 
 
-class Bound:
+class PendingDeadline:
     """That a task's point must be reached in time."""
 
     __slots__ = ("moment", "seconds", "task")
@@ -30,18 +30,18 @@ class Bound:
 
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
     """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
-    bound = Bound(task, moment, seconds)
-    task.more.pending[bound] = central.clock.after(seconds, Due.DEADLINE, bound)
+    deadline = PendingDeadline(task, moment, seconds)
+    task.more.pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
     central.facts.append(facts.DeadlineSet(TaskId(task.id), moment, seconds))
 
 
-def on_time_out(central: State, bound: Bound) -> None:
+def on_time_out(central: State, deadline: PendingDeadline) -> None:
     """A deadline is over."""
-    task = bound.task
-    del task.more.pending[bound]
-    if bound.is_missed:
-        what = describe_moments(bound.moment)[0]
-        raise_failure(central, task, Failure(TIMEOUT, f"{what} not reached within {bound.seconds:g} s"))
+    task = deadline.task
+    del task.more.pending[deadline]
+    if deadline.is_missed:
+        what = describe_moments(deadline.moment)[0]
+        raise_failure(central, task, RaisedFailure(TIMEOUT, f"{what} not reached within {deadline.seconds:g} s"))
 
 
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:

@@ -38,7 +38,7 @@ def on_keep(central: State, connection: Connection, header: headers.Keep, _: byt
 
 def check_room(central: State) -> None:
     """Raises RequestError if no more tasks can be kept."""
-    if central.promises >= MOST_KEPT:
+    if central.keep_count >= MOST_KEPT:
         text = f"{MOST_KEPT} tasks are kept already: release those that nobody asks for any more"
         raise RequestError(Refusal.OVERLOAD, text)
 
@@ -49,9 +49,9 @@ def keep(central: State, task: Task | KeptTask | None, module: Module) -> None:
     if task.id in module.keeps:
         return
     check_room(central)
-    (task.more if isinstance(task, Task) else task).keepers[module] = None
+    (task.more if isinstance(task, Task) else task).kept_by[module] = None
     module.keeps[task.id] = None
-    central.promises += 1
+    central.keep_count += 1
     central.facts.append(facts.Kept(TaskId(task.id), module.name))
 
 
@@ -60,14 +60,14 @@ def release(central: State, task_id: int, module: Module) -> None:
     if task_id not in module.keeps:
         return
     del module.keeps[task_id]
-    central.promises -= 1
+    central.keep_count -= 1
     central.facts.append(facts.Released(TaskId(task_id), module.name))
     if (record := central.kept.get(task_id)) is not None:
-        del record.keepers[module]
-        if not record.keepers:
+        del record.kept_by[module]
+        if not record.kept_by:
             _drop(central, record)
     else:
-        del central.tree.tasks[task_id].more.keepers[module]
+        del central.tree.tasks[task_id].more.kept_by[module]
 
 
 def release_all(central: State, module: Module) -> None:
@@ -76,12 +76,12 @@ def release_all(central: State, module: Module) -> None:
         release(central, task_id, module)
 
 
-def ended(central: State, task: Task) -> None:
+def keep_or_drop(central: State, task: Task) -> None:
     """A task has ended: remember it, if it is kept; else what hangs under it goes, too."""
     rare, parent = task.rare, task.parent
     assert rare is not None
     assert parent is not None
-    if not rare.keepers:
+    if not rare.kept_by:
         for record in list(rare.kept.values()):
             _drop(central, record)
         return
@@ -102,7 +102,7 @@ def _drop(central: State, record: KeptTask) -> None:
         forgotten.extend(one.kept.values())
         del central.kept[one.id]
         central.kept_bytes -= one.size
-        for module in one.keepers:
+        for module in one.kept_by:
             del module.keeps[one.id]
-            central.promises -= 1
+            central.keep_count -= 1
         central.facts.append(facts.Released(TaskId(one.id), ""))

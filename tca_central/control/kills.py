@@ -15,7 +15,7 @@ from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import Due, Scope
 
 
-class Ending:
+class PendingKill:
     """That a task shall end when a point is reached, or some time after."""
 
     __slots__ = ("delay", "scope", "task", "verdict")
@@ -23,14 +23,14 @@ class Ending:
     def __init__(self, task: Task, scope: Scope, delay: float, verdict: Verdict) -> None:
         self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
 
-    def met(self, central: State, _: Task) -> None:
+    def on_reached(self, central: State, _: Task) -> None:
         """The point is reached."""
         if not self.delay:
-            self.now(central)
+            self.carry_out(central)
         elif self._is_there(central):
             self.task.more.pending[self] = central.clock.after(self.delay, Due.KILL, self)
 
-    def now(self, central: State) -> None:
+    def carry_out(self, central: State) -> None:
         """It is time."""
         if self.task.rare is not None:
             self.task.rare.pending.pop(self, None)
@@ -67,24 +67,24 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         return
     by = connection.module.name
     verdict = Verdict(header.why, by, central.origin)
-    ending = Ending(task, header.scope, header.delay, verdict)
+    pending = PendingKill(task, header.scope, header.delay, verdict)
     at = central.tree.task(header.after.task) if header.after is not None else None
     if header.after is not None and at is not None and not at.reached & checked_moment(header.after):
         check_pending(task)
-        task.more.pending[ending] = at
-        central.facts.append(_planned(ending, header.after))
-        central.agenda.wait(at, checked_moment(header.after), ending)
+        task.more.pending[pending] = at
+        central.facts.append(_planned(pending, header.after))
+        central.agenda.wait(at, checked_moment(header.after), pending)
     else:
         if header.delay:
             check_pending(task)
-            central.facts.append(_planned(ending, None))
-        ending.met(central, task)
+            central.facts.append(_planned(pending, None))
+        pending.on_reached(central, task)
     central.send(connection, header.number, Accepted(header.number, header.task))
 
 
-def _planned(ending: Ending, after: Point | None) -> facts.KillPlanned:
-    why, by = ending.verdict.why, ending.verdict.by
-    return facts.KillPlanned(TaskId(ending.task.id), ending.scope, after, ending.delay, why, by)
+def _planned(pending: PendingKill, after: Point | None) -> facts.KillPlanned:
+    why, by = pending.verdict.why, pending.verdict.by
+    return facts.KillPlanned(TaskId(pending.task.id), pending.scope, after, pending.delay, why, by)
 
 
 def _sent_with(connection: Connection, request: int) -> TaskId:

@@ -13,8 +13,8 @@ from tca_central.model.deliveries import Connection
 from tca_central.model.task_tree import Task
 from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import data_for, make, make_delivery
-from tca_central.state import Failure, State
-from tca_central.watching.watches import Watch, end_watch, enlist, stop
+from tca_central.state import RaisedFailure, State
+from tca_central.watching.watches import Watch, end_monitor, enlist_monitor, stop_watching
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
 from tca_wire.messages.formats import NIL
@@ -60,14 +60,14 @@ def start(central: State, task: Task) -> None:
     """The turn of a monitor has come."""
     watch = _watch(task)
     if task.returned:  # it was ended before it began
-        central.agenda.started(task)
+        central.agenda.mark_started(task)
         return
     if watch.is_over:  # it is retried
         watch = task.more.watch = Watch(task, watch.options, watch.parts)
-        enlist(central, task)
+        enlist_monitor(central, task)
     watch.began = central.clock.now
-    central.agenda.started(task)
-    central.agenda.happened.append((task, DELIVERED))
+    central.agenda.mark_started(task)
+    central.agenda.tap_events.append((task, DELIVERED))
     options, message_class = watch.options, task.message.message_class
     if options.duration:
         watch.timers.append(central.clock.after(options.duration, Due.WATCHED, watch))
@@ -92,7 +92,7 @@ def _wait_until(central: State, watch: Watch, until: Point) -> bool:
     """Whether the point at which the monitor ends is still to come."""
     at = central.tree.tasks.get(until.task)
     if at is None or at.reached & int(until.moment):
-        end_watch(central, watch, "its end point is reached")
+        end_monitor(central, watch, "its end point is reached")
         return False
     watch.waits_for = at
     central.agenda.wait(at, int(until.moment), watch)
@@ -128,17 +128,17 @@ def _test(central: State, watch: Watch) -> None:
         _test_later(central, watch)
     if central.dispatcher.is_full(query):
         if not task.message.is_aside:  # it has no later test to wait for
-            stop(central, watch, "its condition could not be asked")
+            stop_watching(central, watch, "its condition could not be asked")
             text = f"its condition '{query.name}' could not be asked: {why_full(central, query)}"
-            fail_task(central, task, Failure(OVERLOAD, text))
+            fail_task(central, task, RaisedFailure(OVERLOAD, text))
         return
     asked = make_delivery(central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch)
     watch.condition = asked
-    central.asked[asked.id] = watch
+    central.watch_of_condition[asked.id] = watch
     central.dispatcher.route(asked)
 
 
-def tested(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]) -> None:
+def on_condition_answered(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]) -> None:
     """The condition was answered: None and False say that it does not hold. What it failed with, of these *kinds*, is
     the monitor's failure.
     """
@@ -147,9 +147,9 @@ def tested(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tup
     is_point = not task.message.is_aside
     if answer.outcome is not Outcome.DONE:
         text = f"its condition: {answer.text}" if answer.text else "its condition failed"
-        failure = Failure(answer.failure, text, body, kinds)
+        failure = RaisedFailure(answer.failure, text, body, kinds)
         if is_point:
-            stop(central, watch, "its condition failed")
+            stop_watching(central, watch, "its condition failed")
             fail_task(central, task, failure)
         else:
             raise_failure(central, task, failure)
@@ -159,7 +159,7 @@ def tested(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tup
     if holds:
         _fire(central, watch, task.body if body == TRUE else body)
     if is_point:
-        end_watch(central, watch, "it has been tested")
+        end_monitor(central, watch, "it has been tested")
 
 
 def _fire(central: State, watch: Watch, body: bytes) -> None:
@@ -172,7 +172,7 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
     if action is not None:
         make(central, action, data_for(action, body), watch.task, Role.ACTION, context=watch)
     if watch.fires == options.maximum:
-        end_watch(central, watch, f"it has sent {watch.fires} actions")
+        end_monitor(central, watch, f"it has sent {watch.fires} actions")
 
 
 def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
@@ -215,13 +215,13 @@ def on_end_monitor(central: State, connection: Connection, header: headers.EndMo
     if watch is None or watch.is_over:
         central.ignore(connection, header.number, f"monitor {header.monitor} has ended already")
         return
-    end_watch(central, watch, f"by module '{connection.module.name}'")
+    end_monitor(central, watch, f"by module '{connection.module.name}'")
     central.send(connection, header.number, Accepted(header.number, header.monitor))
 
 
 def on_watched(central: State, watch: Watch) -> None:
     """A monitor has watched for as long as it should."""
-    end_watch(central, watch, f"it has watched for {watch.options.duration:g} s")
+    end_monitor(central, watch, f"it has watched for {watch.options.duration:g} s")
 
 
 def end_watchers(central: State, task: Task) -> None:
@@ -229,4 +229,4 @@ def end_watchers(central: State, task: Task) -> None:
     children = list((task.children or {}).values())
     if len(children) == task.watchers:
         for child in children:
-            end_watch(central, _watch(child), "all else under its parent has ended")
+            end_monitor(central, _watch(child), "all else under its parent has ended")

@@ -6,11 +6,11 @@ raised on the task.
 """
 
 from tca_central.failing.failures import raise_failure
-from tca_central.locks.claims import find_resource, take, taken_from
+from tca_central.locks.claims import find_resource, pop_losses, revoke
 from tca_central.model.deliveries import Connection
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
-from tca_central.state import Failure, State
+from tca_central.state import RaisedFailure, State
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted
@@ -21,23 +21,23 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
     claim = find_resource(central, header.resource, header.module).held_by
     if claim is not None:
         by = f"by module '{connection.module.name}'"
-        take_away(central, claim, by, LOCK_LOST, f"unlocked {by}")
+        revoke_and_warn(central, claim, by, LOCK_LOST, f"unlocked {by}")
     central.send(connection, header.number, Accepted(header.number, claim.id if claim is not None else 0))
 
 
-def take_away(central: State, claim: Claim[Connection], why: str, failure: str, text: str) -> None:
+def revoke_and_warn(central: State, claim: Claim[Connection], why: str, failure: str, text: str) -> None:
     """Take a resource from whoever has it. A task whose handler has returned gets *failure*, so that it does not go on
     unwarned; not if it has failed already, or is about to be handled again and will begin without it.
     """
-    take(central, claim, why, text)
+    revoke(central, claim, why, text)
     if is_kept(claim):
-        _warn(central, claim.holder, Failure(failure, f"'{claim.resource.name}' was taken from it: {text}"))
+        _warn(central, claim.holder, RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"))
 
 
-def warn_if_taken(central: State, slot: Connection, task: Task) -> None:
+def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
     """A handler has returned without having asked what became of its lock, which its task was to keep."""
-    if text := taken_from(slot, task):
-        _warn(central, task, Failure(LOCK_LOST, text))
+    if text := pop_losses(slot, task):
+        _warn(central, task, RaisedFailure(LOCK_LOST, text))
 
 
 def is_kept(claim: Claim[Connection]) -> bool:
@@ -45,7 +45,7 @@ def is_kept(claim: Claim[Connection]) -> bool:
     return isinstance(claim.holder, Task) and claim.holder.slot is None
 
 
-def _warn(central: State, task: Task, failure: Failure) -> None:
+def _warn(central: State, task: Task, failure: RaisedFailure) -> None:
     knows = task.failure is not None and not task.is_dealt_with
-    if not (knows or task.again or task.killed):
+    if not (knows or task.retrying or task.killed):
         raise_failure(central, task, failure)

@@ -33,7 +33,7 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
     if task.killed:
         make_task(central, message, body, task, Role.TERMINATION)
         return
-    if len(task.more.parting) >= MOST_FAREWELLS:
+    if len(task.more.farewells) >= MOST_FAREWELLS:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_FAREWELLS} messages wait for the termination of {task} already")
-    task.more.parting.append((message, body))
+    task.more.farewells.append((message, body))
     central.facts.append(facts.SendPlanned(TaskId(task.id), message.name, body))

@@ -15,18 +15,18 @@ client waits for.
 
 from msgspec.structs import replace
 
-from tca_central.control.revoking import is_kept, take_away
+from tca_central.control.revoking import is_kept, revoke_and_warn
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
-from tca_central.locks.claims import take
+from tca_central.locks.claims import revoke
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
-from tca_central.needs.waits import between, waits_of
+from tca_central.needs.waits import wait_for_group, waits_of
 from tca_central.order.cycles import Place
 from tca_central.requests.giving_up import give_up
-from tca_central.state import Failure, State
+from tca_central.state import RaisedFailure, State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets.headers import Refused
@@ -58,7 +58,7 @@ class Scan:
         self.starts.reverse()
 
 
-def look(central: State) -> None:
+def check_suspects(central: State) -> None:
     """See whether what has just begun to wait will ever get what it waits for."""
     if not central.look_after:
         central.suspects.clear()
@@ -69,7 +69,7 @@ def look(central: State) -> None:
                 search = _resolve_all(central, search, start)
     except TooLongError:
         central.suspects.clear()
-        look_later(central)
+        schedule_look(central)
 
 
 def _may_close(central: State, suspect: Delivery | Claim[Connection] | tuple[Connection, int]) -> Node | None:
@@ -84,10 +84,10 @@ def _may_close(central: State, suspect: Delivery | Claim[Connection] | tuple[Con
     return Waiting(connection, number)
 
 
-def has_happened(central: State) -> None:
+def note_event(central: State) -> None:
     """An event is over in which somebody blocks: see later whether anything in it has closed a circle."""
-    if not central.has_closed and any(_may_matter(fact) for fact in central.facts):
-        look_later(central)
+    if not central.may_have_closed and any(_may_matter(fact) for fact in central.facts):
+        schedule_look(central)
 
 
 def _may_matter(fact: facts.Fact) -> bool:
@@ -96,13 +96,13 @@ def _may_matter(fact: facts.Fact) -> bool:
     return not isinstance(fact, _CLOSES_NOTHING)
 
 
-def look_later(central: State) -> None:
+def schedule_look(central: State) -> None:
     """Something may have closed a circle."""
-    central.has_closed = True
-    _go_on_later(central)
+    central.may_have_closed = True
+    _schedule(central)
 
 
-def _go_on_later(central: State) -> None:
+def _schedule(central: State) -> None:
     if central.look_after and central.next_look is None:
         central.next_look = central.clock.after(central.look_after, Due.LOOK, None)
 
@@ -111,24 +111,24 @@ def on_look(central: State, _: None) -> None:
     """Look at all that blocks, or go on with that."""
     central.next_look = None
     if central.scan is None:
-        central.scan, central.has_closed = Scan(central), False
+        central.scan, central.may_have_closed = Scan(central), False
     else:
-        central.scan.search.go_on(SLICE)
+        central.scan.search.resume(SLICE)
     try:
         while central.scan.starts:
             _look_at_next(central, central.scan)
         central.scan = None
     except TooLongError:
-        _go_on_later(central)
+        _schedule(central)
     else:
-        if central.has_closed:
-            _go_on_later(central)
+        if central.may_have_closed:
+            _schedule(central)
 
 
 def _look_at_next(central: State, scan: Scan) -> None:
     one = scan.starts[-1]
     if isinstance(one, Connection):
-        scan.search.pay()
+        scan.search.count_edge()
         scan.starts.pop()
         if one.handling:
             scan.starts.extend(Waiting(one, number) for number in reversed(one.waits))
@@ -136,7 +136,7 @@ def _look_at_next(central: State, scan: Scan) -> None:
     if _is_there(one):
         scan.search = _resolve_all(central, scan.search, one)
     elif scan.search.is_under_way:  # it is over meanwhile: no need to know all about it
-        scan.search = scan.search.anew()
+        scan.search = scan.search.restarted()
     scan.starts.pop()
 
 
@@ -165,7 +165,7 @@ def _resolve_all(central: State, search: Search, start: Node) -> Search:
     while search.is_stuck(start):
         if not _resolve(central, search.circle(start), search):
             break
-        search = search.anew()
+        search = search.restarted()
     return search
 
 
@@ -176,39 +176,39 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     kept = [node.claim for node in circle if isinstance(node, Releasing) and is_kept(node.claim)]
     goes_first = _of_recovery(central, circle)
     if kept and goes_first:
-        _take_from_others(central, kept, text)
+        _revoke_first(central, kept, text)
     elif waits:
         refused = [wait for wait in waits if wait not in goes_first] or waits
         connection, number = max(refused, key=lambda node: node.connection.waits[node.number].since)
         _refuse(central, connection, number, text)
     else:
-        return _raise_or_take(central, kept, search, text)
+        return _raise_or_revoke(central, kept, search, text)
     return True
 
 
-def _raise_or_take(central: State, kept: list[Claim[Connection]], search: Search, text: str) -> bool:
+def _raise_or_revoke(central: State, kept: list[Claim[Connection]], search: Search, text: str) -> bool:
     """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
-    if not kept or any(_is_seen_to(claim.holder, search) for claim in kept):
+    if not kept or any(_is_being_handled(claim.holder, search) for claim in kept):
         return False
-    told = next((claim.holder for claim in kept if not _was_told(claim.holder)), None)
+    told = next((claim.holder for claim in kept if not _knows(claim.holder)), None)
     if told is not None:
-        raise_failure(central, told, Failure(DEADLOCK, text))
+        raise_failure(central, told, RaisedFailure(DEADLOCK, text))
     else:
-        take(central, kept[0], f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
+        revoke(central, kept[0], f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
     return True
 
 
-def _take_from_others(central: State, kept: list[Claim[Connection]], text: str) -> None:
+def _revoke_first(central: State, kept: list[Claim[Connection]], text: str) -> None:
     """Recovery and safe ends go first: somebody loses what they need. Who knows of no trouble is told."""
     claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
-    take_away(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
+    revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
 
 
-def _was_told(task: Task) -> bool:
+def _knows(task: Task) -> bool:
     return task.failure is not None and task.failure[0] == DEADLOCK
 
 
-def _is_seen_to(task: Task, search: Search) -> bool:
+def _is_being_handled(task: Task, search: Search) -> bool:
     """Whether an exception handler that is not stuck itself is about a deadlock of a task."""
     return any(
         child.role is Role.EXCEPTION
@@ -228,24 +228,24 @@ def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
     for node in circle + circle:
         is_asked = isinstance(before, Waiting) and isinstance(node, Returning)
         asks_on = isinstance(before, Returning) and isinstance(node, Waiting)
-        if (before in found and (is_asked or asks_on)) or _recovers(_whose(central, node), known):
+        if (before in found and (is_asked or asks_on)) or _is_recovery(_delivery_of(central, node), known):
             found.add(node)
         before = node
     return found
 
 
-def _whose(central: State, node: Node) -> Delivery | None:
+def _delivery_of(central: State, node: Node) -> Delivery | None:
     match node:
         case Place(task, _):
             return task
         case Returning(delivery) | Turn(delivery):
             return delivery
         case Waiting(connection, number):
-            return central.dispatcher.attended.get(connection.waits[number].origin)
+            return central.dispatcher.running.get(connection.waits[number].origin)
     return None
 
 
-def _recovers(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
+def _is_recovery(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
     """Whether a task handles a failure, leaves things safe, or is under one that does."""
     passed: list[Task] = []
     does = False
@@ -283,8 +283,8 @@ def _waiter(central: State, node: Node, following: Node) -> Waiter | None:
     module, waits = "", tuple[WaitFor, ...]()
     match node, following:
         case Waiting(connection, number), _:
-            who = central.dispatcher.attended.get(connection.waits[number].origin)
-            module, waits = connection.module.name, tuple(map(_alone, waits_of(central, node)))
+            who = central.dispatcher.running.get(connection.waits[number].origin)
+            module, waits = connection.module.name, tuple(map(_without_reasons, waits_of(central, node)))
         case Granting(claim), _:
             who, module, waits = claim.holder, claim.slot.module.name, tuple(waits_of(central, node))
         case TurnAt(delivery, _), _:
@@ -292,15 +292,15 @@ def _waiter(central: State, node: Node, following: Node) -> Waiter | None:
         case Releasing(claim), Place(task, _) if task is not claim.holder:  # it is handled again after that has ended
             who, waits = claim.holder, (WaitFor(WaitKind.SUBTASK, task.id, task.message.name),)
         case Place(task, _), (Place(other, _) | Returning(other) | Turn(other)) if other is not task:
-            who, waits = task, (between(central, node, [following]),)
+            who, waits = task, (wait_for_group(central, node, [following]),)
         case Place(task, _), Freeing():
-            who, waits = task, (between(central, node, [following]),)
+            who, waits = task, (wait_for_group(central, node, [following]),)
         case _:
             return None
     number, name = (who.message_id, who.message.name) if who is not None else (0, "")
     return Waiter(number, name, module, waits=waits)
 
 
-def _alone(wait: WaitFor) -> WaitFor:
+def _without_reasons(wait: WaitFor) -> WaitFor:
     """Where a query is, the next in the circle tells."""
     return replace(wait, because=()) if wait.kind is WaitKind.REPLY else wait

@@ -45,11 +45,11 @@ class Search:
         """Whether there is something left to look at."""
         return bool(self._to_do)
 
-    def anew(self) -> "Search":
+    def restarted(self) -> "Search":
         """A search that knows nothing and may look at what this one had left."""
         return Search(self._central, self.edges, self._each)
 
-    def go_on(self, edges: int) -> None:
+    def resume(self, edges: int) -> None:
         """After other events: so many edges more."""
         self.edges = edges
         self._is_old = True
@@ -63,7 +63,7 @@ class Search:
             self._walk(node)
             if node not in self._open:
                 return False
-            if not self._is_old or self._is_still(node):
+            if not self._is_old or self._confirm(node):
                 return True
 
     def circle(self, start: Node) -> list[Node]:
@@ -75,7 +75,7 @@ class Search:
             node = self._at[node][0]
         return list(trail)[trail[node] :]
 
-    def pay(self) -> None:
+    def count_edge(self) -> None:
         """Raises TooLongError if nothing more may be looked at; counts one edge."""
         if self.edges <= 0:
             raise TooLongError
@@ -98,7 +98,7 @@ class Search:
             group = self._next_group(node)
             self._to_do.pop()
             if group is None:
-                self._is_live(node)
+                self._mark_live(node)
                 continue
             self._at[node] = group
             for one in group:
@@ -109,7 +109,7 @@ class Search:
         """The next group without a node that is known to be live; None if there is none left."""
         groups, live = self._open[node], self._live
         while True:
-            self.pay()
+            self.count_edge()
             group = next(groups, ())
             if group == ():
                 return None
@@ -118,7 +118,7 @@ class Search:
                 if not any(_key(one) in live for one in group):
                     return group
 
-    def _is_live(self, node: Node) -> None:
+    def _mark_live(self, node: Node) -> None:
         del self._open[node]
         if not _is_soon_seen_again(node):
             self._live.add(_key(node))
@@ -127,7 +127,7 @@ class Search:
                 del self._at[user]
                 self._to_do.append(user)
 
-    def _is_still(self, start: Node) -> bool:
+    def _confirm(self, start: Node) -> bool:
         """Whether all by which *start* is stuck is so at this moment; what is not is looked at anew."""
         met, trail, changed = {start}, [start], []
         for node in trail:  # grows while it is walked

@@ -5,7 +5,7 @@ from tca_central.model.deliveries import AttachedHandler, Connection, MessageTyp
 from tca_central.model.task_tree import Task
 from tca_central.state import State
 from tca_central.watching.taps import remove as remove_tap
-from tca_central.watching.watches import end_watch
+from tca_central.watching.watches import end_monitor
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted
@@ -85,12 +85,12 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
         remove_tap(central, tap, module, for_all=header.for_all)
     elif not 0 < header.id <= central.tree.newest:
         raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
-    elif not (header.for_all and _end_monitor(central, header.id, module.name)):
+    elif not (header.for_all and _end_monitor_by_id(central, header.id, module.name)):
         gone = 0
     central.send(connection, header.number, Accepted(header.number, gone))
 
 
-def _end_monitor(central: State, number: int, by: str) -> bool:
+def _end_monitor_by_id(central: State, number: int, by: str) -> bool:
     """End the monitor of that number; whether it still was to watch. Raises RequestError for a task that is none."""
     task = central.tree.tasks.get(number)
     if task is None:
@@ -101,7 +101,7 @@ def _end_monitor(central: State, number: int, by: str) -> bool:
         raise RequestError(Refusal.PROTOCOL, text)
     if watch.is_over:
         return False
-    end_watch(central, watch, f"by module '{by}'")
+    end_monitor(central, watch, f"by module '{by}'")
     return True
 
 

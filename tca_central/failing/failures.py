@@ -16,9 +16,9 @@ from tca_central.model.deliveries import AttachedHandler, Connection, Delivery
 from tca_central.model.task_tree import Task, Verdict
 from tca_central.order.cycles import Place, find_path
 from tca_central.outgoing.central_messages import make_task, suspend
-from tca_central.state import Failure, Recovery, State
-from tca_central.watching.taps import happened
-from tca_central.watching.watches import stop
+from tca_central.state import RaisedFailure, Recovery, State
+from tca_central.watching.taps import fire_after
+from tca_central.watching.watches import stop_watching
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.packets import headers
@@ -43,10 +43,10 @@ that it handles would go on for ever."""
 NEWLINE = "\n"
 
 
-def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> Failure:
+def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> RaisedFailure:
     """The failure that a header tells of, within bounds."""
     kinds = tuple(kind[: Limit.NAME] for kind in header.kinds[:MOST_KINDS])
-    return Failure(header.failure[: Limit.NAME], _shortened(header.text), body, kinds)
+    return RaisedFailure(header.failure[: Limit.NAME], _shortened(header.text), body, kinds)
 
 
 def _shortened(text: str, longest: int = LONGEST_TEXT) -> str:
@@ -69,55 +69,55 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
     central.send(connection, header.number, Accepted(header.number, header.task))
 
 
-def fail_task(central: State, task: Task, failure: Failure) -> None:
+def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
     """The handler of a task, which no handler has any more, ended with a failure."""
-    central.has_failed(task, failure)
+    central.note_failure(task, failure)
     if task.killed:
-        central.agenda.returned(task)
-    elif task.again:
+        central.agenda.mark_returned(task)
+    elif task.retrying:
         central.agenda.retry(task)
     else:
         handler = _search(central, task, failure)
         if handler is None:
-            central.agenda.returned(task)
+            central.agenda.mark_returned(task)
         else:
             task.more.recovering = handler
 
 
-def raise_failure(central: State, task: Task, failure: Failure, by: str = CENTRAL) -> None:
+def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = CENTRAL) -> None:
     """Raise a failure on a task beside its handler, as *by* wants: who has the task goes on."""
-    central.has_failed(task, failure, is_beside=True, by=by)
+    central.note_failure(task, failure, is_beside=True, by=by)
     _search(central, task, failure)
 
 
-def _search(central: State, task: Task, failure: Failure) -> Task | None:
+def _search(central: State, task: Task, failure: RaisedFailure) -> Task | None:
     """Let the nearest exception handler take care of a failure; its task. None if there is none: then whoever waits
     is told.
     """
-    handler = _ask(central, task, failure)
+    handler = _call_handler(central, task, failure)
     if handler is None and (undecided := _unhandled(central, task, failure)) is not None:
-        _search_on(central, undecided)
+        _continue_search(central, undecided)
     return handler
 
 
-def _search_on(central: State, handler: Task | None) -> None:
+def _continue_search(central: State, handler: Task | None) -> None:
     """The search for the failure that an exception handler was called for goes on after it: and so on, where that one
     was called for the failure of another that now cannot decide, either.
     """
     while handler is not None:
         trouble: Recovery = handler.context
         failing = trouble.failing
-        if failing.killed or failing.again:
+        if failing.killed or failing.retrying:
             return
-        following = _ask(central, failing, trouble.failure, trouble)
+        following = _call_handler(central, failing, trouble.failure, trouble)
         if failing.more.recovering is handler:
             failing.more.recovering = following
             if following is None:
-                central.agenda.returned(failing)
+                central.agenda.mark_returned(failing)
         handler = _unhandled(central, failing, trouble.failure) if following is None else None
 
 
-def _ask(central: State, task: Task, failure: Failure, below: Recovery | None = None) -> Task | None:
+def _call_handler(central: State, task: Task, failure: RaisedFailure, below: Recovery | None = None) -> Task | None:
     """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
     task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
     around = next(task.recoveries(), None)
@@ -126,13 +126,13 @@ def _ask(central: State, task: Task, failure: Failure, below: Recovery | None = 
     if trouble is None:
         return None
     at, attached = trouble.at, trouble.attached
-    _count(central, at, attached)
+    _count_call(central, at, attached)
     handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
     central.facts.append(facts.Caught(TaskId(task.id), TaskId(handler.id), TaskId(at.id), attached.id))
     return handler
 
 
-def _count(central: State, at: Task, attached: AttachedHandler) -> None:
+def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
     """One call more. Calls of exception handlers that have been removed are forgotten when they are the most."""
     calls = at.more.invocations
     calls[attached.id] = calls.get(attached.id, 0) + 1
@@ -141,7 +141,7 @@ def _count(central: State, at: Task, attached: AttachedHandler) -> None:
 
 
 def _find(
-    central: State, task: Task, failure: Failure, below: Recovery | None, passed: dict[tuple[int, str], None]
+    central: State, task: Task, failure: RaisedFailure, below: Recovery | None, passed: dict[tuple[int, str], None]
 ) -> Recovery | None:
     """The nearest exception handler that may be called, and the task that it holds for. One that nobody handles is
     passed over, and one that could not decide about a failure of that name before.
@@ -162,14 +162,14 @@ def _candidates(central: State, task: Task, below: Recovery | None) -> Iterator[
     """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
     start: Task | None = task
     if below is not None:
-        yield from _rest(below.at, below.attached)
+        yield from _remaining(below.at, below.attached)
         start = below.at.parent
     for at in central.tree.guards.above(start) if start is not None else ():
         own = at.rare.attached if at.rare else []
         yield from ((at, attached) for group in (own, at.message.attached) for attached in reversed(group))
 
 
-def _rest(at: Task, after: AttachedHandler) -> Iterator[tuple[Task, AttachedHandler]]:
+def _remaining(at: Task, after: AttachedHandler) -> Iterator[tuple[Task, AttachedHandler]]:
     """The exception handlers of one task that come after *after*, which may have been removed meanwhile."""
     is_own = isinstance(after.place, Task)
     for attached in reversed(at.rare.attached) if is_own and at.rare is not None else ():
@@ -189,7 +189,7 @@ def _nested(task: Task) -> dict[int, int]:
     return found
 
 
-def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
+def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
     """Nobody takes care of a failure. One that was not raised by choice keeps the exception handler around it from
     deciding, which is killed: that handler, if somebody else is to be asked now. Any other ends the top-level task.
     """
@@ -197,7 +197,7 @@ def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=task.id)
     if undecided is None:
-        _end_all(central, task, failure, verdict)
+        _end_top_level(central, task, failure, verdict)
         return None
     had_decided, undecided.more.is_void = undecided.more.is_void, True
     kill(central, undecided, verdict)
@@ -207,11 +207,11 @@ def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
     trouble.passed[trouble.attached.id, trouble.failure.name] = None
     where = f" in {task}" if task is not undecided else ""
     reason = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")
-    trouble.failure = _also(trouble.failure, undecided, reason)
+    trouble.failure = _with_undecided(trouble.failure, undecided, reason)
     return undecided
 
 
-def _also(first: Failure, undecided: Task, why: str) -> Failure:
+def _with_undecided(first: RaisedFailure, undecided: Task, why: str) -> RaisedFailure:
     """A failure of which is said, where people look first, who could not decide about it, and why."""
     line, newline, rest = first.text.partition(NEWLINE)
     line = _shortened(line, LONGEST_TEXT // 2)
@@ -219,7 +219,7 @@ def _also(first: Failure, undecided: Task, why: str) -> Failure:
     return first._replace(text=_shortened(f"{told}{newline}{rest}"))
 
 
-def _end_all(central: State, task: Task, failure: Failure, verdict: Verdict) -> None:
+def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: Verdict) -> None:
     """The top-level task ends, and its sender is told of the failure."""
     top = task.top or task
     exceptions = list(task.recoveries())
@@ -239,7 +239,7 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
     killed = central.agenda.kill(task, verdict)
     new = {one.id for one in killed}
     for one in killed:
-        happened(central, one, KILLED)
+        fire_after(central, one, KILLED)
         if one.slot is not None:
             central.cancel(one.slot, one)
         if one.suspended:
@@ -249,22 +249,22 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
                 if child.suspended and child.id not in new:  # it survives, or was killed before and has what survives
                     suspend(central, child, resume=True)
         if central.claimed_for:
-            claims.killed(central, one)
+            claims.end_claims_of_killed(central, one)
         if one.rare is not None:
-            _leave_behind(central, one, verdict)
+            _after_kill(central, one, verdict)
         if one.role is Role.EXCEPTION and not one.more.is_void:
             one.more.is_void = True
-            _search_on(central, one)
+            _continue_search(central, one)
 
 
-def _leave_behind(central: State, task: Task, verdict: Verdict) -> None:
+def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
     """What else the kill of a task brings about."""
     assert task.rare is not None
     if task.reached & START_HANDLING:
-        for message, body in task.rare.parting:
+        for message, body in task.rare.farewells:
             make_task(central, message, body, task, Role.TERMINATION)
     if task.rare.watch is not None:
-        stop(central, task.rare.watch, "it was killed")
+        stop_watching(central, task.rare.watch, "it was killed")
     for listener in task.rare.listeners:
         if listener.reached != ALL_MOMENTS:
             kill(central, listener, verdict)
@@ -277,7 +277,7 @@ def pass_over(central: State, handler: Delivery) -> None:
         return
     why = f"nobody handles '{handler.message.name}' any more"
     trouble: Recovery = handler.context
-    trouble.failure = _also(trouble.failure, handler, why)
+    trouble.failure = _with_undecided(trouble.failure, handler, why)
     kill(central, handler, Verdict(why))
 
 
@@ -288,8 +288,8 @@ def reissue(central: State, handler: Task) -> None:
     """The handler cannot deal with the failure: the search goes on after it."""
     central.facts.append(facts.Reissued(TaskId(handler.id)))
     handler.more.is_void = True
-    _search_on(central, handler)
-    central.agenda.returned(handler)
+    _continue_search(central, handler)
+    central.agenda.mark_returned(handler)
 
 
 def handler_ended(central: State, handler: Task) -> None:
@@ -297,26 +297,26 @@ def handler_ended(central: State, handler: Task) -> None:
     with.
     """
     failing: Task = handler.context.failing
-    for asked in handler.more.asked:
-        central.agenda.asked(asked, handler)
+    for asked in handler.more.retry_targets:
+        central.agenda.end_retry_asker(asked, handler)
     if handler.more.is_void:
         return
     is_deciding = failing.more.recovering is handler
     if is_deciding:
         failing.more.recovering = None
-    if failing.killed or failing.again:
+    if failing.killed or failing.retrying:
         return
     failing.is_dealt_with = True
     central.facts.append(facts.Recovered(TaskId(failing.id)))
     if is_deciding:
-        central.agenda.returned(failing)
+        central.agenda.mark_returned(failing)
 
 
-def _asking(central: State, task: Task) -> Task | None:
+def _asking_handler(central: State, task: Task) -> Task | None:
     """The exception handler that asks for a retry; None if somebody else does. Raises RequestError if it wants to retry
     what is not on the way from the failing task up: one that retried itself would go on for ever.
     """
-    asking = central.dispatcher.attended.get(central.origin)
+    asking = central.dispatcher.running.get(central.origin)
     if not isinstance(asking, Task) or not isinstance(asking.context, Recovery):
         return None
     failing = asking.context.failing
@@ -352,10 +352,10 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
         central.ignore(connection, header.number, f"{ended}: it can't be retried")
         return
-    asking = _asking(central, task)
+    asking = _asking_handler(central, task)
     _check_order(central, task, asking)
     if task.rare is not None and task.rare.watch is not None:
-        stop(central, task.rare.watch, "it is retried")
+        stop_watching(central, task.rare.watch, "it is retried")
     if header.new_data:
         task.body = body
     task.failure = None
@@ -366,9 +366,9 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         for child in list((task.children or {}).values()):
             if not (child.survives or child.is_guest):
                 kill(central, child, verdict)
-        if asking is not None and asking not in task.more.asking:
-            task.more.asking[asking] = None
-            asking.more.asked.append(task)
+        if asking is not None and asking not in task.more.retry_askers:
+            task.more.retry_askers[asking] = None
+            asking.more.retry_targets.append(task)
             central.tree.across[asking] = None
         if task.slot is not None:
             central.cancel(task.slot, task)

@@ -32,7 +32,7 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
         checked_seconds(header.timeout, f"{what} of '{header.resource}' with a timeout")
     resource = find_resource(central, header.resource, header.module)
     claim = Claim(resource, connection, connection.module, admits_owner=header.reserve)
-    claim.holder = _holder(central, connection, header.origin)
+    claim.holder = _checked_holder(central, connection, header.origin)
     _check(resource, claim)
     claim.id, claim.number, claim.priority = central.new_id(), header.number, header.priority
     central.claims[connection, header.number] = claim
@@ -64,10 +64,10 @@ def find_resource(central: State, name: str, module: str) -> ModuleResource:
     return next(iter(found.values()))
 
 
-def _holder(central: State, connection: Connection, origin: int) -> Delivery | None:
+def _checked_holder(central: State, connection: Connection, origin: int) -> Delivery | None:
     if not origin:
         return None
-    delivery = central.dispatcher.attended.get(origin)
+    delivery = central.dispatcher.running.get(origin)
     if delivery is None or delivery.slot is not connection:
         text = f"delivery {origin}, for which module '{connection.module.name}' wants a resource, is not handled there"
         raise RequestError(Refusal.TOO_LATE, text)
@@ -84,7 +84,7 @@ def _check(resource: ModuleResource, claim: Claim[Connection]) -> None:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_CLAIMS} wait to lock or reserve resource '{resource.name}'")
 
 
-def granted(central: State, claim: Claim[Connection]) -> None:
+def tell_granted(central: State, claim: Claim[Connection]) -> None:
     """A claim has got its resource: tell who asked."""
     central.clock.cancel(claim.timer)
     central.facts.append(facts.Granted(claim.id))
@@ -118,7 +118,7 @@ def give_up_claim(central: State, connection: Connection, number: int, why: str)
         _end(central, claim, "released" if claim.is_granted else why)
 
 
-def end_with(central: State, delivery: Delivery, how: str) -> None:
+def end_claims_of(central: State, delivery: Delivery, how: str) -> None:
     """A task or message has ended, or its handler has failed: so has what was claimed for it."""
     for claim in central.claimed_for.pop(delivery, ()):
         if claim.is_granted:
@@ -127,7 +127,7 @@ def end_with(central: State, delivery: Delivery, how: str) -> None:
             refuse_claim(central, claim, Refusal.TOO_LATE, f"what it was wanted for: {how}")
 
 
-def killed(central: State, task: Delivery) -> None:
+def end_claims_of_killed(central: State, task: Delivery) -> None:
     """A task was killed: it gets nothing more, and what it has it keeps only as long as its handler runs. What leaves
     the robot safe must get in.
     """
@@ -138,28 +138,32 @@ def killed(central: State, task: Delivery) -> None:
             _end(central, claim, f"{task.message.message_class} '{task.message.name}' was killed")
 
 
-def take(central: State, claim: Claim[Connection], why: str, text: str) -> None:
+def revoke(central: State, claim: Claim[Connection], why: str, text: str) -> None:
     """Somebody has it no longer. If a handler that runs, or a client, counts on it, that is told; again when it comes
     back, as long as it does not know.
     """
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
-        _note_taken(claim.slot, claim, text)
+        _note_loss(claim.slot, claim, text)
         central.tell(claim.slot, headers.Taken(claim.number, text))
 
 
-def _note_taken(slot: Connection, claim: Claim[Connection], text: str) -> None:
+def _note_loss(slot: Connection, claim: Claim[Connection], text: str) -> None:
     delivery = claim.holder.given_as if claim.holder is not None else 0
-    slot.taken[claim.number] = LostClaim(delivery, claim.resource.name, text)
-    if len(slot.taken) > MOST_CLAIMS:
-        del slot.taken[next(iter(slot.taken))]
+    slot.lost_claims[claim.number] = LostClaim(delivery, claim.resource.name, text)
+    if len(slot.lost_claims) > MOST_CLAIMS:
+        del slot.lost_claims[next(iter(slot.lost_claims))]
 
 
-def taken_from(slot: Connection, delivery: Delivery) -> str:
+def pop_losses(slot: Connection, delivery: Delivery) -> str:
     """What a handler that has ended had lost, and never learned of, in words ("": nothing)."""
-    if not slot.taken:
+    if not slot.lost_claims:
         return ""
-    lost = [slot.taken.pop(number) for number, one in list(slot.taken.items()) if one.delivery == delivery.given_as]
+    lost = [
+        slot.lost_claims.pop(number)
+        for number, one in list(slot.lost_claims.items())
+        if one.delivery == delivery.given_as
+    ]
     return "; ".join(f"'{one.resource}' was taken from it: {one.text}" for one in lost)
 
 
@@ -169,23 +173,23 @@ def suspect_kept_claims(central: State, delivery: Delivery) -> None:
         central.suspects.extend(claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted)
 
 
-def end_of_connection(central: State, connection: Connection) -> None:
+def end_claims_of_connection(central: State, connection: Connection) -> None:
     """A connection is gone: so is what it had."""
     for claim in [one for one in central.claims.values() if one.slot is connection]:
         if claim.is_granted:
-            _note_taken(connection, claim, "the connection to central was lost")
+            _note_loss(connection, claim, "the connection to central was lost")
         _end(central, claim, f"module '{connection.module.name}' has gone")
 
 
-def end_on_module(central: State, module: Module, why: str) -> None:
+def end_claims_on_module(central: State, module: Module, why: str) -> None:
     """A module is gone: nobody has or wants its resources any more, but for those that other copies of it have, too."""
     for resource in module.resources.values():
-        if (copy := resource.part()) is not None:
+        if (copy := resource.leave_copies()) is not None:
             central.dispatcher.freed.append((copy, None))
     for claim in [one for one in central.claims.values() if module.resources.get(one.resource.name) is one.resource]:
         text = f"module '{module.name}' has gone: {why}"
         if claim.is_granted:
-            take(central, claim, text, text)
+            revoke(central, claim, text, text)
         else:
             refuse_claim(central, claim, Refusal.UNKNOWN, text)
 

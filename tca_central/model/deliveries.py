@@ -48,9 +48,27 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "module", "number", "orphans",
-                 "outstanding", "pauses", "pulse", "resource", "routes", "session", "taken", "waits", "watchers",
-                 "watches")  # fmt: skip
+    __slots__ = (
+        "answers",
+        "entrance",
+        "handling",
+        "id",
+        "last_number",
+        "late",
+        "lost_claims",
+        "module",
+        "number",
+        "orphans",
+        "outstanding",
+        "pauses",
+        "pulse",
+        "resource",
+        "routes",
+        "session",
+        "waits",
+        "watchers",
+        "watches",
+    )  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
@@ -67,9 +85,7 @@ class Connection:
         self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
         self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
-        self.taken: dict[
-            int, LostClaim
-        ] = {}  #: taken from it, and it does not know yet, by the Lock's number
+        self.lost_claims: dict[int, LostClaim] = {}  #: taken from it, and it does not know yet, by the Lock's number
         self.entrance: Entrance | None = None  #: where this slot takes messages directly
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
         self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
@@ -132,9 +148,9 @@ class MessageType:
         self.awaited_by: dict[Any, None] = {}  #: waits until it is handled
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
         self.attached: list[AttachedHandler] = []  #: exception handlers of each of its tasks, newest last
-        self.taps: list[Tap] = []  #: oldest first
+        self.taps: list[Wiretap] = []  #: oldest first
         self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
-        self.told: dict[Connection, None] = {}  #: senders that know the route
+        self.senders_told: dict[Connection, None] = {}  #: senders that know the route
 
     def redefine(self, declared: MessageFormat, by: str) -> None:
         """Take a format; those who declared another are gone."""
@@ -176,7 +192,7 @@ class AttachedHandler:
         self.by = by  #: what the module that attached it calls itself
 
 
-class Tap:
+class Wiretap:
     """A wiretap on a message or a task. *before* are the moments that it is fired before and holds; *at* what it is
     fired after.
     """
@@ -231,7 +247,7 @@ class Delivery:
         """Leave the queues."""
         self.ticket += 1
         for resource in self.queues or ():
-            resource.left_queue(self)
+            resource.leave_queue(self)
             if limit := resource.limits.get(self.message.name):
-                limit.left(self)
+                limit.remove(self)
         self.queues = None

@@ -44,7 +44,7 @@ class Registry:
             module.resources[name] = made = ModuleResource(module.name, name)
             copies = (one for one in self.modules.values() if one.called == module.called and one is not module)
             if (other := next((one.resources[name] for one in copies if name in one.resources), None)) is not None:
-                made.join(other)
+                made.join_copies(other)
         return module.resources[name]
 
     def is_connected(self, name: str) -> bool:

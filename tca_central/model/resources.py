@@ -45,12 +45,12 @@ class PendingLimit(Generic[Q]):
         self.most = most
         self.waiting: OrderedDict[Q, None] = OrderedDict()  #: in the order in which they came
 
-    def queued(self, delivery: Q) -> Q | None:
+    def add(self, delivery: Q) -> Q | None:
         """A delivery waits now; the one that must give way: it has waited longest, whatever its priority."""
         self.waiting[delivery] = None
         return next(iter(self.waiting)) if len(self.waiting) > self.most else None
 
-    def left(self, delivery: Q) -> None:
+    def remove(self, delivery: Q) -> None:
         """A delivery waits no longer."""
         self.waiting.pop(delivery, None)
 
@@ -67,7 +67,7 @@ class Queue(Generic[Q]):
         self.waiting += 1
         heapq.heappush(self._heap, (-one.priority, one.arrival, one.ticket, one))
 
-    def left(self) -> None:
+    def mark_void(self) -> None:
         """An entry became void."""
         self.waiting -= 1
         if not self.waiting:
@@ -210,13 +210,13 @@ class Resource(Generic[S, Q]):
             sent_by[sender] = Queue()
         sent_by[sender].put(one)
 
-    def left_queue(self, one: Q) -> None:
+    def leave_queue(self, one: Q) -> None:
         """A message waits no longer; its entries have become void."""
-        self._queue.left()
+        self._queue.mark_void()
         self.called_back.pop(one, None)
         if self._sent_by is not None:
             of_sender = self._sent_by[one.sent_by]
-            of_sender.left()
+            of_sender.mark_void()
             if not of_sender.waiting:
                 del self._sent_by[one.sent_by]
 
@@ -255,7 +255,7 @@ class Resource(Generic[S, Q]):
 
     # --- claims ----------------------------------------------------------------------------------------------------
 
-    def join(self, other: "Resource[S, Q]") -> None:
+    def join_copies(self, other: "Resource[S, Q]") -> None:
         """It is another copy's: who has that one for himself, or wants it, does so with this one."""
         self.copies = other.copies
         self.copies.append(self)
@@ -263,7 +263,7 @@ class Resource(Generic[S, Q]):
         for claim in other.claims:
             self._wait(claim)
 
-    def part(self) -> "Resource[S, Q] | None":
+    def leave_copies(self) -> "Resource[S, Q] | None":
         """Its copy has gone; another one, if there is one, which goes on with the claims."""
         self.copies.remove(self)
         if not self.copies:
@@ -312,4 +312,4 @@ class Resource(Generic[S, Q]):
         claim.ticket += 1
         for one in self.copies:
             del one.claims[claim]
-            one._queue.left()  # noqa: SLF001
+            one._queue.mark_void()  # noqa: SLF001

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
-from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Tap
+from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.guards import Guard, Guards
 from tca_central.model.intervals import STARTS
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
@@ -18,16 +18,35 @@ from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
 class Rare:
     """What only few tasks have: most tasks do without this object."""
 
-    __slots__ = ("asked", "asking", "attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped",
-                 "is_void", "keepers", "kept", "listeners", "offspring", "parting", "pending", "recovering", "taps",
-                 "void_followers", "watch")  # fmt: skip
+    __slots__ = (
+        "attached",
+        "attempts",
+        "farewells",
+        "fired",
+        "guests",
+        "invocations",
+        "is_guest",
+        "is_tapped",
+        "is_void",
+        "kept",
+        "kept_by",
+        "listeners",
+        "offspring",
+        "pending",
+        "recovering",
+        "retry_askers",
+        "retry_targets",
+        "taps",
+        "void_followers",
+        "watch",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[AttachedHandler] = []  #: its exception handlers, newest last
         self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
         self.attempts = 1  #: how often it is being or has been handled
         self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
-        self.taps: list[Tap] = []  #: its own wiretaps, oldest first
+        self.taps: list[Wiretap] = []  #: its own wiretaps, oldest first
         self.fired: dict[
             int, bool
         ] = {}  #: wiretaps fired before a moment of it -> whether anybody handled the listener
@@ -35,15 +54,15 @@ class Rare:
         self.listeners: list[Task] = []  #: that are killed with it
         self.watch: Any = None  #: of a monitor: what it is doing
         self.is_void = False  #: of an exception handler's task: it has reissued its failure, or was killed
-        self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
+        self.farewells: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
         self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go
-        self.asking: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
-        self.asked: list[Task] = []  #: of an exception handler: the tasks that it wants retried
+        self.retry_askers: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
+        self.retry_targets: list[Task] = []  #: of an exception handler: the tasks that it wants retried
         self.is_guest = False  #: of a monitor: others have put it under its parent (watching.py)
         self.guests = 0  #: number of such children
         self.offspring: Siblings | None = None  #: its children but those aside, once the newest has been killed
-        self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
+        self.kept_by: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that hang under it, oldest end first
 
 
@@ -53,15 +72,41 @@ class Task(Delivery):
     What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
     """
 
-    __slots__ = ("again", "children", "delayed", "failure", "followers", "guard", "had_others", "held",
-                 "is_dealt_with", "is_free", "is_goal", "is_watcher", "killed", "last_child", "leaders", "parent",
-                 "rare", "reached", "recovery", "requested", "result", "returned", "survives", "suspended", "top",
-                 "unplanned", "waiters", "watchers")  # fmt: skip
+    __slots__ = (
+        "children",
+        "delayed",
+        "failure",
+        "followers",
+        "guard",
+        "had_others",
+        "held",
+        "ignores_parent",
+        "is_dealt_with",
+        "is_goal",
+        "is_watcher",
+        "killed",
+        "last_child",
+        "leaders",
+        "parent",
+        "rare",
+        "reached",
+        "recovery",
+        "requested",
+        "result",
+        "retrying",
+        "returned",
+        "survives",
+        "suspended",
+        "top",
+        "unplanned",
+        "waiters",
+        "watchers",
+    )  # fmt: skip
 
     def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
         super().__init__(task_id, message, body, sender)
         self.is_goal = message.is_goal
-        self.is_free = False  #: may start before its parent does
+        self.ignores_parent = False  #: may start before its parent does
         self.is_watcher = False  #: a monitor that ends when all else under its parent has
         self.watchers = 0  #: number of such children
         self.had_others = False  #: has had other children than those
@@ -80,7 +125,7 @@ class Task(Delivery):
         self.leaders: list[tuple[int, int, int]] | None = None  #: (moment, task id, its moment) that this one waits for
         self.requested = False  #: all conditions of its start are met: it was given to the resources
         self.suspended = False
-        self.again = False  #: is to be handled once more, when all under it has ended
+        self.retrying = False  #: is to be handled once more, when all under it has ended
         self.returned = False  #: its handler has returned, or will never be called
         self.killed = ""  #: why it was killed, and by whom
         self.failure: tuple[str, str, bytes] | None = None  #: name, text and data of the failure raised on it
@@ -108,7 +153,7 @@ class Task(Delivery):
     def is_clear(self) -> bool:
         """Whether all has ended that a retry waits for: handler, children but guests, exception handlers that asked."""
         guests = self.rare.guests if self.rare is not None else 0
-        is_asked = self.rare is not None and bool(self.rare.asking)
+        is_asked = self.rare is not None and bool(self.rare.retry_askers)
         return not (self.is_running or is_asked) and len(self.children or ()) == guests
 
     @property
@@ -189,12 +234,12 @@ class Verdict(NamedTuple):
 class KeptTask:
     """The record of an ended task that is kept."""
 
-    __slots__ = ("body", "id", "keepers", "kept", "message", "outcome", "parent", "role")
+    __slots__ = ("body", "id", "kept", "kept_by", "message", "outcome", "parent", "role")
 
     def __init__(self, task: Task, outcome: tuple[Outcome, str, str, bytes], rare: Rare) -> None:
         self.id, self.message, self.role, self.body, self.outcome = task.id, task.message, task.role, task.body, outcome
         self.parent: Task | KeptTask | None = task.parent  #: what it hangs under
-        self.keepers = rare.keepers
+        self.kept_by = rare.kept_by
         self.kept = rare.kept  #: the records under it
         for child in self.kept.values():
             child.parent = self
@@ -331,7 +376,7 @@ class TaskTree:
                 stack.extend(child for child in reversed(node.children.values()) if not child.survives)
 
 
-def taps_of(delivery: Delivery) -> list[Tap]:
+def taps_of(delivery: Delivery) -> list[Wiretap]:
     """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped, nor what is
     sent for a monitor that was.
     """
@@ -351,7 +396,7 @@ def first_moments(task: Task) -> int:
     return STARTS if task.delayed else DELIVERY[task.is_goal]
 
 
-def to_be_fired(task: Task, moments: int) -> list[Tap]:
+def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
     """The wiretaps to be fired before a task reaches *moments*: those that have not been, or whose listener nobody
     handled then and somebody does now.
     """

@@ -167,7 +167,7 @@ def _of_release(central: State, node: Releasing, each: Each) -> Groups:
         yield from ([Waiting(claim.slot, number) for number in group] for group in groups)
     elif holder.slot is not None:
         yield [Returning(holder)]
-    elif isinstance(holder, Task) and holder.again:
+    elif isinstance(holder, Task) and holder.retrying:
         children = (holder.children or {}).values() if not holder.suspended else ()
         yield from ([Place(child, END_ACHIEVING)] for child in each(children))
     elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
@@ -195,10 +195,10 @@ def _of_point(central: State, place: Place, each: Each) -> Groups:
 
 def is_only_queued(task: Task) -> bool:
     """Whether a task is in a queue, with nothing else before any of its points: most of what a wide goal waits for."""
-    if not task.queues or task.reached & START_HANDLING or task.leaders or task.children or task.again or task.rare:
+    if not task.queues or task.reached & START_HANDLING or task.leaders or task.children or task.retrying or task.rare:
         return False
     parent = task.parent
-    return not task.suspended and (task.is_free or parent is None or bool(parent.reached & START_ACHIEVING))
+    return not task.suspended and (task.ignores_parent or parent is None or bool(parent.reached & START_ACHIEVING))
 
 
 def _of_test(monitor: Task) -> Groups:

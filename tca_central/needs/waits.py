@@ -24,7 +24,7 @@ from tca_central.needs.graph import (
     needs,
 )
 from tca_central.order.cycles import Place
-from tca_central.order.holds import Release
+from tca_central.order.holds import PendingDelay
 from tca_central.state import Collector, PresenceWait, State, TaskWait
 from tca_wire.points import (
     END_ACHIEVING,
@@ -69,7 +69,7 @@ def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
         case Returning(delivery):
             yield from _of_handler(central, delivery)
         case Turn(delivery):
-            yield _where(central, delivery)
+            yield _whereabouts(central, delivery)
         case TurnAt(_, resource) | Freeing(resource):
             yield _of_resource(central, resource, node)
         case Granting(claim):
@@ -101,7 +101,7 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
     """What keeps a task from a point, and from those of its own that come before."""
     task = place.task
     if task.slot is not None or task.queues is not None:
-        yield _where(central, task)
+        yield _whereabouts(central, task)
         return
     if task.rare is not None and (handler := task.rare.recovering) is not None and not task.killed:
         yield WaitFor(WaitKind.RECOVERY, handler.id, handler.message.name, END_ACHIEVING)
@@ -115,7 +115,7 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
             if isinstance(group[0], Place) and group[0].task is task:
                 places += [one for one in group if isinstance(one, Place) and one not in places]
                 continue
-            wait = between(central, own, group)
+            wait = wait_for_group(central, own, group)
             children += wait.kind is WaitKind.SUBTASK
             if children == NAMED:  # the others need not be looked at
                 all_of_them = task.unplanned if own.moment == END_PLANNING else len(task.children or ())
@@ -134,7 +134,7 @@ def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
     if task.rare is None:
         return
     for pending, timer in task.rare.pending.items():
-        if isinstance(pending, Release) and pending.moment == moment:
+        if isinstance(pending, PendingDelay) and pending.moment == moment:
             yield WaitFor(WaitKind.DELAY, seconds=timer.time)
     if task.rare.watch is not None and task.reached & START_HANDLING and moment != START_PLANNING:
         yield condition_of(task)
@@ -157,7 +157,7 @@ def condition_of(monitor: Task) -> WaitFor:
     return WaitFor(WaitKind.CONDITION, 0, "" if is_demon else watch.parts[0].name, holds=watch.holds)
 
 
-def between(central: State, node: Place | Releasing, group: Group) -> WaitFor:
+def wait_for_group(central: State, node: Place | Releasing, group: Group) -> WaitFor:
     """That a node waits for one of a group of the graph."""
     match group[0]:
         case Place(other, moment):
@@ -167,7 +167,7 @@ def between(central: State, node: Place | Releasing, group: Group) -> WaitFor:
         case Returning(delivery) | Turn(delivery) if isinstance(node, Place) and delivery is not node.task:
             return condition_of(node.task)
         case Turn(delivery):
-            return _where(central, delivery)
+            return _whereabouts(central, delivery)
         case Freeing(resource):
             return _of_resource(central, resource, Freeing(resource), len(group) - 1)
     raise AssertionError(f"{node} never waits for {group[0]}")
@@ -177,7 +177,9 @@ def _kind(node: Place | Releasing, other: Task, moment: int) -> WaitKind:
     if not isinstance(node, Place):
         return WaitKind.TASK
     task = node.task
-    if other.role is Role.EXCEPTION and (other.parent is task or (task.rare is not None and other in task.rare.asking)):
+    if other.role is Role.EXCEPTION and (
+        other.parent is task or (task.rare is not None and other in task.rare.retry_askers)
+    ):
         return WaitKind.RECOVERY
     if other.role is Role.LISTENER:
         return WaitKind.LISTENER
@@ -205,7 +207,7 @@ def _of_request(central: State, connection: Connection, number: int, *, is_first
     due = connection.outstanding.get(number)
     match due:
         case Delivery():
-            where = _where(central, due, is_first=is_first)
+            where = _whereabouts(central, due, is_first=is_first)
             yield WaitFor(WaitKind.REPLY, due.message_id, due.message.name, because=(where,) if is_first else ())
         case Collector():
             yield replies_to(central, due)
@@ -220,11 +222,11 @@ def _of_request(central: State, connection: Connection, number: int, *, is_first
 
 def replies_to(central: State, collector: Collector) -> WaitFor:
     """What a multi-query waits for: those who have not answered."""
-    because = tuple(_where(central, copy, is_first=False) for copy in collector.pending.values())
+    because = tuple(_whereabouts(central, copy, is_first=False) for copy in collector.pending.values())
     return WaitFor(WaitKind.REPLY, collector.id, collector.message.name, answered=collector.answered, because=because)
 
 
-def _where(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
+def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
     """Where a message is: with a handler, in a queue, nowhere."""
     if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
         because = tuple(_of_handler(central, delivery)) if is_first else ()
@@ -239,14 +241,14 @@ def _where(central: State, delivery: Delivery, *, is_first: bool = True) -> Wait
 
 
 def _of_resource(central: State, resource: ModuleResource, node: Node, more: int = 0) -> WaitFor:
-    because = tuple(_keepers(central, node)) if resource.slots else (WaitFor(WaitKind.HANDLER),)
+    because = tuple(_blockers(central, node)) if resource.slots else (WaitFor(WaitKind.HANDLER),)
     return WaitFor(WaitKind.RESOURCE, module=resource.module, resource=resource.name, more=more, because=because)
 
 
 def _of_claim(central: State, claim: Claim[Connection]) -> WaitFor:
     """What somebody waits for who wants a resource for himself."""
     resource = claim.resource
-    because = tuple(_keepers(central, Granting(claim)))
+    because = tuple(_blockers(central, Granting(claim)))
     return WaitFor(
         WaitKind.LOCK, claim.id, _called(claim), module=resource.module, resource=resource.name, because=because
     )
@@ -255,27 +257,27 @@ def _of_claim(central: State, claim: Claim[Connection]) -> WaitFor:
 def kept_from(central: State, claim: Claim[Connection]) -> WaitFor:
     """The same, as the wait of a message for the resource."""
     resource = claim.resource
-    because = tuple(_keepers(central, Granting(claim)))
+    because = tuple(_blockers(central, Granting(claim)))
     return WaitFor(WaitKind.RESOURCE, module=resource.module, resource=resource.name, because=because)
 
 
-def _keepers(central: State, node: Node) -> list[WaitFor]:
+def _blockers(central: State, node: Node) -> list[WaitFor]:
     """Who is in a resource, has it or wants it first."""
     found = []
     for one in chain.from_iterable(group for group in islice(needs(central, node), _LOOKED_AT) if group is not None):
         match one:
             case Freeing():
-                found += _keepers(central, one)
+                found += _blockers(central, one)
             case Returning(delivery):
                 found.append(_running(delivery))
             case Granting(claim):
-                found.append(_keeper(claim, WaitKind.LOCK))
+                found.append(_claim_wait(claim, WaitKind.LOCK))
             case Releasing(claim):
-                found.append(_keeper(claim, WaitKind.LOCKED))
+                found.append(_claim_wait(claim, WaitKind.LOCKED))
     return _compact(found)
 
 
-def _keeper(claim: Claim[Connection], kind: WaitKind) -> WaitFor:
+def _claim_wait(claim: Claim[Connection], kind: WaitKind) -> WaitFor:
     return WaitFor(kind, 0, _called(claim), module=claim.slot.module.name, because=tuple(_for_what(claim)))
 
 
@@ -339,12 +341,12 @@ class Ends:
     def _at_rest(self, node: Node) -> WaitFor:
         match node:
             case Returning(delivery):
-                where = _where(self._central, delivery)
+                where = _whereabouts(self._central, delivery)
                 return replace(where, number=delivery.message_id, name=delivery.message.name)
             case Releasing(claim):
-                return replace(_keeper(claim, WaitKind.LOCKED), resource=claim.resource.name)
+                return replace(_claim_wait(claim, WaitKind.LOCKED), resource=claim.resource.name)
             case Place(task, _) if task.queues is not None:
-                return _where(self._central, task)
+                return _whereabouts(self._central, task)
             case Place(task, moment):
                 reached = WaitFor(WaitKind.CONSTRAINT, task.id, task.message.name, moment)
                 return next(_without_node(self._central, node), reached)

@@ -12,10 +12,10 @@ from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
-from tca_central.model.deliveries import Delivery, Tap
+from tca_central.model.deliveries import Delivery, Wiretap
 from tca_central.model.intervals import STARTS, delivered_at
 from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, taps_of, to_be_fired
-from tca_central.order.holds import Holds, Release, from_flags, is_held, resolve
+from tca_central.order.holds import Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Killed, Reached, TimedOut
 from tca_wire.points import (
@@ -33,7 +33,7 @@ from tca_wire.text.facts_in_words import kill_reason
 
 
 class Agenda:
-    """The temporal side of the tree. The core takes what comes out: ``startable``, ``ended`` and ``met``."""
+    """The temporal side of the tree. The core takes what comes out: ``startable``, ``ended`` and ``reached_waits``."""
 
     def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
         self.tree = tree
@@ -43,10 +43,10 @@ class Agenda:
         self.startable: deque[Task] = deque()  #: all conditions of their delivery to a handler are met
         self.withdrawn: deque[Task] = deque()  #: were startable, and are held again
         self.ended: deque[Task] = deque()  #: reached their last moment
-        self.met: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
-        self.tapped: deque[tuple[Task, list[Tap]]] = deque()  #: wiretaps to be fired before a task goes on
-        self.happened: deque[tuple[Delivery, int]] = deque()  #: what others may have tapped
-        self.alone: deque[Task] = deque()  #: nothing is left under them but monitors that watch over it
+        self.reached_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
+        self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
+        self.tap_events: deque[tuple[Delivery, int]] = deque()  #: what others may have tapped
+        self.only_watched: deque[Task] = deque()  #: nothing is left under them but monitors that watch over it
 
     # --- what the core tells ---------------------------------------------------------------------------------------
 
@@ -77,10 +77,10 @@ class Agenda:
                 self._hold_again(self.tree.tasks[constraint.after.task])
         self.tree.become_last(task, sender)
         task.suspended = parent.suspended and not task.role.leaves_safe
-        is_late = parent.again and not (task.role or task.is_guest)
+        is_late = parent.retrying and not (task.role or task.is_guest)
         if (parent.killed or is_late) and not task.survives:
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
-            self.happened.append((task, KILLED))
+            self.tap_events.append((task, KILLED))
         self._look_at.append(task)
         if parent.returned and task.is_watcher:  # there may be nothing left to watch over
             self._look_at.append(parent)
@@ -99,7 +99,7 @@ class Agenda:
             self._hold_again(self.tree.tasks[constraint.after.task])
         return added
 
-    def started(self, task: Task) -> None:
+    def mark_started(self, task: Task) -> None:
         """A handler was given the task."""
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
@@ -107,7 +107,7 @@ class Agenda:
         if task.is_watcher and task.parent is not None:
             self._look_at.append(task.parent)
 
-    def returned(self, task: Task) -> None:
+    def mark_returned(self, task: Task) -> None:
         """The task's handler has returned, for good."""
         task.returned = True
         self._look_at.append(task)
@@ -116,16 +116,16 @@ class Agenda:
         """Let a task that has been started be handled once more, as soon as no handler has it and all under it but
         guests has ended. The moments that it has reached stay reached.
         """
-        task.again, task.returned = True, False
+        task.retrying, task.returned = True, False
         if task.rare:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
             done = {tap.id for tap in taps_of(task) if not tap.before & to_come}
             task.rare.fired = {tap: heard for tap, heard in task.rare.fired.items() if tap in done}
         self.hand_back(task)
 
-    def asked(self, task: Task, handler: Task) -> None:
+    def end_retry_asker(self, task: Task, handler: Task) -> None:
         """An exception handler that has asked for a retry has ended."""
-        task.more.asking.pop(handler, None)
+        task.more.retry_askers.pop(handler, None)
         self._look_at.append(task)
 
     def begin_anew(self, task: Task) -> None:
@@ -148,7 +148,7 @@ class Agenda:
         task.requested = False
         self._look_at.append(task)
 
-    def released(self, release: Release) -> None:
+    def end_delay(self, release: PendingDelay) -> None:
         """A delay is over."""
         self.holds.release(release)
         if not release.task.killed:
@@ -189,7 +189,7 @@ class Agenda:
         return changed
 
     def wait(self, task: Task, moment: int, waiter: Any) -> None:
-        """Put *waiter* into ``met`` when the task reaches that moment."""
+        """Put *waiter* into ``reached_waits`` when the task reaches that moment."""
         if task.waiters is None:
             task.waiters = {}
         task.waiters[waiter] = moment
@@ -230,7 +230,7 @@ class Agenda:
             task.requested = True
             self.startable.append(task)
         if task.watches_alone:
-            self.alone.append(task)
+            self.only_watched.append(task)
 
     def _may_pass(self, task: Task, moments: int) -> bool:
         """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
@@ -241,16 +241,16 @@ class Agenda:
         new = to_be_fired(task, moments)
         if new:
             task.more.is_tapped = True
-            self.tapped.append((task, new))
+            self.taps_to_fire.append((task, new))
         return not new
 
-    def fired(self, task: Task) -> None:
+    def taps_fired(self, task: Task) -> None:
         """The wiretaps before a task went on have been fired; what was made of them may hold it."""
         task.more.is_tapped = False
         self._look_at.append(task)
 
     def _may_start(self, task: Task) -> bool:
-        if task.suspended or (task.again and not task.is_clear):
+        if task.suspended or (task.retrying and not task.is_clear):
             return False
         if task.held and is_held(task, START_HANDLING):  # it is handled once more
             return False
@@ -270,19 +270,19 @@ class Agenda:
             return task.returned
         if task.killed:
             return not task.is_running
-        return task.is_free or bool(task.parent and task.parent.reached & moment)
+        return task.ignores_parent or bool(task.parent and task.parent.reached & moment)
 
     def _reach(self, task: Task, moments: int) -> None:
         task.reached |= moments
         self._facts.append(Reached(TaskId(task.id), moments))
         if not task.killed and (task.message.taps or (task.rare and task.rare.taps)):
-            self.happened.append((task, moments))
+            self.tap_events.append((task, moments))
         if task.waiters:
             for waiter in [waiter for waiter, moment in task.waiters.items() if moment & moments]:
-                self.met.append((task, waiter))
+                self.reached_waits.append((task, waiter))
                 del task.waiters[waiter]
         if task.followers:
-            self._look_at.extend(self.holds.let_go(task, moments))
+            self._look_at.extend(self.holds.release_followers(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):
             self._look_at.extend(task.children.values())
         if moments & END_PLANNING and task.is_goal:
@@ -303,7 +303,7 @@ class Agenda:
             self.holds.forget(task)
         self.ended.append(task)
         parent = task.parent
-        if parent is not None and (parent.again or len(parent.children or ()) == parent.watchers):
+        if parent is not None and (parent.retrying or len(parent.children or ()) == parent.watchers):
             self._look_at.append(parent)
 
     def _hold_again(self, task: Task) -> None:

@@ -47,10 +47,10 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     """The points that lead from *start* to *goal*, both included; None if nothing does."""
     if start == goal:
         return [start]
-    search, borders = Search(tree, start, goal), Borders(start, goal)
+    search, borders = PathSearch(tree, start, goal), Borders(start, goal)
     drawing: Iterator[None] | None = None
     for rounds in count():
-        if search.is_over():
+        if search.step():
             return search.path
         if rounds == EASY:
             if borders.leads_up:
@@ -60,13 +60,13 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
             drawing = borders.draw(tree)
         if drawing is not None and next(drawing, _DRAWN) is _DRAWN:
             break
-    search = Search(tree, start, goal, borders)
-    while not search.is_over():
+    search = PathSearch(tree, start, goal, borders)
+    while not search.step():
         pass
     return search.path
 
 
-class Search:
+class PathSearch:
     """A search from both ends; with *borders* it passes by what is below most tasks."""
 
     def __init__(self, tree: TaskTree, start: Place, goal: Place, borders: "Borders | None" = None) -> None:
@@ -79,11 +79,11 @@ class Search:
             self._ahead = _Side(start, lambda place, met: successors(place, below=into_ahead(place, met)))
             self._behind = _Side(goal, lambda place, met: predecessors(tree, place, below=into_behind(place, met)))
 
-    def is_over(self) -> bool:
+    def step(self) -> bool:
         """Look at one more point from each end; whether ``path`` is known."""
         ahead, behind = self._ahead, self._behind
         for side, other in ((ahead, behind), (behind, ahead)):
-            found = side.step()
+            found = side.next_place()
             if found is None:
                 return True
             if found in other.came_from:
@@ -122,7 +122,7 @@ class Borders:
                 yield
                 if follower.parent is not task.parent and follower.reached != ALL_MOMENTS:
                     yield from self._cross(task, follower)
-            for asked in task.rare.asked if task.rare is not None else ():
+            for asked in task.rare.retry_targets if task.rare is not None else ():
                 yield from self._cross(task, asked)
 
     def _cross(self, task: Task, follower: Task) -> Iterator[None]:
@@ -206,7 +206,7 @@ class _Side:
         self.came_from: dict[Place, Place | None] = {origin: None}
         self._walk = self._points(origin, neighbours)
 
-    def step(self) -> Place | None:
+    def next_place(self) -> Place | None:
         """One more point; None if there are no more."""
         return next(self._walk, None)
 
@@ -263,29 +263,29 @@ def predecessors(tree: TaskTree, place: Place, each: Each = iter, *, below: bool
 def _relatives_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
     if moment in (START_PLANNING, START_ACHIEVING):
         children = (task.children or {}).values() if below else ()
-        yield from (Place(child, moment) for child in children if not child.is_free)
+        yield from (Place(child, moment) for child in children if not child.ignores_parent)
     elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
         yield Place(parent, moment)
         if moment == END_ACHIEVING and _decides(task, parent):
             yield from (Place(parent, one) for one in ENDS_OF_HANDLING)
         if moment == END_ACHIEVING and task.rare is not None:
-            yield from (Place(asked, one) for asked in task.rare.asked for one in ENDS_OF_HANDLING)
+            yield from (Place(asked, one) for asked in task.rare.retry_targets for one in ENDS_OF_HANDLING)
 
 
 def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> Iterator[Place]:
     children = (task.children or {}).values() if below else ()
     if moment in (START_PLANNING, START_ACHIEVING):
-        if task.parent is not None and not task.is_free:
+        if task.parent is not None and not task.ignores_parent:
             yield Place(task.parent, moment)
     elif moment in (END_PLANNING, END_ACHIEVING):
         yield from (Place(child, moment) for child in each(children))
-    if moment in ENDS_OF_HANDLING and (task.again or task.rare):
+    if moment in ENDS_OF_HANDLING and (task.retrying or task.rare):
         yield from (Place(child, END_ACHIEVING) for child in each(children) if _decides(child, task))
-        yield from (Place(handler, END_ACHIEVING) for handler in each(task.rare.asking if task.rare else ()))
+        yield from (Place(handler, END_ACHIEVING) for handler in each(task.rare.retry_askers if task.rare else ()))
 
 
 def _decides(child: Task, task: Task) -> bool:
     """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is. Where
     it was handled before, and reached that point, it is its planning that does not end before.
     """
-    return (task.again and not child.is_guest) or (task.rare is not None and task.rare.recovering is child)
+    return (task.retrying and not child.is_guest) or (task.rare is not None and task.rare.recovering is child)

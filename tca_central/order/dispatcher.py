@@ -33,7 +33,7 @@ class Dispatcher:
         self._deliver = deliver
         self._suspects = suspects
         self._arrivals = 0
-        self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
+        self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
         self.freed: deque[tuple[Resource[Connection, Delivery], Connection | None]] = (
             deque()
@@ -65,7 +65,7 @@ class Dispatcher:
     def _call_back(self, delivery: Delivery, slot: Connection) -> None:
         """Let a slot that waits for the answer handle the question itself."""
         delivery.nested = True
-        self._attend(delivery, slot)
+        self._give(delivery, slot)
 
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         delivery.queues = resources
@@ -109,29 +109,29 @@ class Dispatcher:
     def _take_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
         for resource in resources:
             if slot := resource.slot_for(delivery):
-                self._attend(delivery, slot)
+                self._give(delivery, slot)
                 return True
         return False
 
     def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
         """What has waited longest gives way where more wait than may."""
-        if (oldest := limit.queued(newest)) is not None:
+        if (oldest := limit.add(newest)) is not None:
             self.withdraw(oldest)
             why = (
                 f"at most {limit.most} of '{newest.message.name}' may wait for '{resource.name}', and a newer one came"
             )
             self.displaced.append((oldest, why))
 
-    def _attend(self, delivery: Delivery, slot: Connection) -> None:
+    def _give(self, delivery: Delivery, slot: Connection) -> None:
         delivery.slot = slot
-        self.attended[delivery.given_as] = delivery
+        self.running[delivery.given_as] = delivery
         self._deliver(delivery, slot)
 
     def complete(self, delivery: Delivery) -> None:
         """The handler returned. Its slot is given on when all that follows from that has happened: what is killed or
         held again because of it must not be delivered first.
         """
-        del self.attended[delivery.given_as]
+        del self.running[delivery.given_as]
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
         del slot.handling[delivery]
@@ -153,7 +153,7 @@ class Dispatcher:
             self.freed.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
             self._leave_queues(following)
-            self._attend(following, resource.take_slot())
+            self._give(following, resource.take_slot())
             if resource.free or resource.called_back:
                 self.freed.append((resource, None))
         elif not resource.is_locked:
@@ -206,7 +206,7 @@ class Dispatcher:
 
     # --- slots and handlers come and go ----------------------------------------------------------------------------
 
-    def slot_came(self, slot: Connection, resource: ModuleResource) -> None:
+    def add_slot(self, slot: Connection, resource: ModuleResource) -> None:
         """A connection offers to handle messages for a resource."""
         slot.resource = resource
         if not resource.capacity:
@@ -214,7 +214,7 @@ class Dispatcher:
         resource.add_slot(slot)
         self.freed.append((resource, slot))
 
-    def slot_gone(self, slot: Connection) -> list[Delivery]:
+    def remove_slot(self, slot: Connection) -> list[Delivery]:
         """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
         if slot.resource is not None:
             slot.resource.remove_slot(slot)
@@ -223,7 +223,7 @@ class Dispatcher:
                 self._serve_all(slot, -1)
         orphans, slot.handling = list(slot.handling), {}
         for delivery in orphans:
-            del self.attended[delivery.given_as]
+            del self.running[delivery.given_as]
             if slot.resource is not None and not delivery.nested:
                 slot.resource.busy += self._clock.now - delivery.since
             delivery.slot, delivery.nested = None, False
@@ -239,7 +239,7 @@ class Dispatcher:
         self.changed.setdefault(message, message.serving)
         message.serving += change
 
-    def handler_came(self, handler: Handler) -> None:
+    def add_handler(self, handler: Handler) -> None:
         """The newest handler takes over what waits for its message."""
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
@@ -251,13 +251,13 @@ class Dispatcher:
         handler.module.handlers[message.name] = handler
         self.route_all(queued)
 
-    def handlers_gone(self, handlers: list[Handler]) -> list[Delivery]:
+    def remove_handlers(self, handlers: list[Handler]) -> list[Delivery]:
         """What waited for those handlers, out of its queues: to be routed to the ones before them, or to wait; but for
         what was meant for them alone (copies of a broadcast or multi-query).
         """
-        return [delivery for handler in handlers for delivery in self._handler_gone(handler)]
+        return [delivery for handler in handlers for delivery in self._remove_handler(handler)]
 
-    def _handler_gone(self, handler: Handler) -> list[Delivery]:
+    def _remove_handler(self, handler: Handler) -> list[Delivery]:
         message = handler.message
         queued = self._take_queued(message, handler.resource)
         message.handlers.remove(handler)

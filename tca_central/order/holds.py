@@ -49,7 +49,7 @@ VOID_ENTRIES = 32
 _NOW = Point(ROOT, Moment.START_ACHIEVING)  # in the journal: the clock's 0
 
 
-class Release:
+class PendingDelay:
     """A delay under way: *moment* of *task* is held until its timer is due."""
 
     __slots__ = ("constraint", "moment", "task")
@@ -104,7 +104,7 @@ class Holds:
         return recorded
 
     def _release_later(self, task: Task, moment: int, constraint: Constraint, delay: float) -> None:
-        release = Release(task, moment, constraint)
+        release = PendingDelay(task, moment, constraint)
         task.more.pending[release] = self._clock.after(delay, Due.RELEASE, release)
 
     def hold(self, leader: Task, its_moment: int, task: Task, moment: int, delay: float = 0) -> None:
@@ -172,13 +172,13 @@ class Holds:
 
     def _undo_delay(self, task: Task, constraint: Constraint) -> None:
         pending = task.more.pending
-        for release in [one for one in pending if isinstance(one, Release) and one.constraint is constraint]:
+        for release in [one for one in pending if isinstance(one, PendingDelay) and one.constraint is constraint]:
             self._clock.cancel(pending.pop(release))
             task.held -= 1 << _SHIFT[release.moment]
 
     # --- letting go ------------------------------------------------------------------------------------------------
 
-    def let_go(self, task: Task, moments: int) -> list[Task]:
+    def release_followers(self, task: Task, moments: int) -> list[Task]:
         """*task* has reached *moments*: whoever waited for them and for no delay is held less; those tasks."""
         assert task.followers is not None
         freed = []
@@ -198,7 +198,7 @@ class Holds:
         return freed
 
     @staticmethod
-    def release(release: Release) -> None:
+    def release(release: PendingDelay) -> None:
         """A delay is over."""
         del release.task.more.pending[release]
         release.task.held -= 1 << _SHIFT[release.moment]
@@ -304,7 +304,7 @@ def _ending(killed: list[Task]) -> set[Task]:
     staying: set[Task] = set()
     doomed = set(killed)
     for task in reversed(killed):
-        is_left = task.rare is not None and (task.rare.parting or task.rare.watch is not None)
+        is_left = task.rare is not None and (task.rare.farewells or task.rare.watch is not None)
         others = any(child not in doomed or child in staying for child in (task.children or {}).values())
         if task.is_running or is_left or others:
             staying.add(task)

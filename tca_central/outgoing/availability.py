@@ -92,4 +92,4 @@ def tell_changes(central: State) -> None:
         _answer_if_over(central, wait)
     for message, _ in changed:
         if not message.is_notice:
-            notices.tell(central, HANDLERS_CHANGED, HandlerCount(message.name, message.serving))
+            notices.broadcast_notice(central, HANDLERS_CHANGED, HandlerCount(message.name, message.serving))

@@ -24,7 +24,7 @@ def make_task(
     """
     about = about or parent
     task = Task(TaskId(central.new_id()), message, body, None)
-    task.role, task.is_free, task.since = role, True, central.clock.now
+    task.role, task.ignores_parent, task.since = role, True, central.clock.now
     task.survives = role.survives
     task.context, task.sent_by = context, about.sent_by
     mark = len(central.facts)

@@ -58,7 +58,7 @@ def review(central: State, messages: Iterable[MessageType]) -> None:
         route = route_of(message)
         if route != message.route:
             message.route = route
-            for connection in list(message.told):
+            for connection in list(message.senders_told):
                 _say_route(central, connection, message)
 
 
@@ -77,8 +77,8 @@ def review_copies(central: State, resource: Resource[Connection, Delivery]) -> N
 
 def tell_sender(central: State, connection: Connection, message: MessageType) -> None:
     """A connection has sent a message through central that has a route: it may do without central from now on."""
-    if connection not in message.told:
-        message.told[connection] = None
+    if connection not in message.senders_told:
+        message.senders_told[connection] = None
         connection.routes[message] = None
         _say_route(central, connection, message)
 
@@ -101,7 +101,7 @@ def _watch(connection: Connection, slot: Connection) -> None:
 def forget_sender(connection: Connection) -> None:
     """A connection is gone, or may have missed what it was told: it knows no routes any more."""
     for message in connection.routes:
-        del message.told[connection]
+        del message.senders_told[connection]
     for slot in connection.watches:
         slot.watchers.pop(connection, None)
     connection.routes.clear()
@@ -111,7 +111,7 @@ def forget_sender(connection: Connection) -> None:
 # --- entrances -------------------------------------------------------------------------------------------------------
 
 
-def slot_gone(central: State, slot: Connection, why: str, *, lost: bool) -> None:
+def tell_slot_gone(central: State, slot: Connection, why: str, *, lost: bool) -> None:
     """A slot is gone, and its routes have been reviewed: who may have sent it queries learns that it answers none."""
     if slot.entrance is not None:
         gone = EntranceGone(slot.entrance.endpoint, f"module '{slot.module.name}' was lost: {why}", lost)

@@ -2,7 +2,7 @@
 
 from tca_central.model.deliveries import Delivery, ModuleResource
 from tca_central.needs.texts import why_full
-from tca_central.state import State, dropped
+from tca_central.state import State, dropped_fact
 
 
 def copy_of(central: State, original: Delivery) -> Delivery:
@@ -28,12 +28,12 @@ def route_statement(central: State, original: Delivery) -> None:
     for copy, resource in for_each:
         route_or_drop(central, copy, resource)
     if not for_each:
-        central.facts.append(dropped(original, "nobody listens"))
+        central.facts.append(dropped_fact(original, "nobody listens"))
 
 
 def route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
     """Deliver or queue what nobody waits for; too much of it is dropped."""
     if central.dispatcher.is_full(delivery.message, *targets):
-        central.facts.append(dropped(delivery, why_full(central, delivery.message, *targets)))
+        central.facts.append(dropped_fact(delivery, why_full(central, delivery.message, *targets)))
     else:
         central.dispatcher.route(delivery, *targets)

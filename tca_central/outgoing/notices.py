@@ -7,7 +7,7 @@ from tca_wire.messages.notices import Notice
 from tca_wire.vocabulary import Role
 
 
-def tell(central: State, notice: Notice[D], data: D) -> None:
+def broadcast_notice(central: State, notice: Notice[D], data: D) -> None:
     """Send a notice to all who handle it."""
     message = central.registry.messages.get(notice.name)
     if message is None or not message.serving:

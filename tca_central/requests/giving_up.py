@@ -4,7 +4,7 @@ from tca_central.locks.claims import give_up_claim
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
-from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped
+from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_fact
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted
@@ -25,7 +25,7 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
 
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
     """The sender no longer waits for an answer."""
-    connection.taken.pop(header.request, None)
+    connection.lost_claims.pop(header.request, None)
     answer, body = end_of_wait(central, connection, header.request, header.number)
     give_up(central, connection, header.request, where=answer.text.partition("\n")[0])
     if header.number:
@@ -34,7 +34,7 @@ def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _
 
 def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
     """The sender no longer needs what it has locked or reserved."""
-    connection.taken.pop(header.request, None)
+    connection.lost_claims.pop(header.request, None)
     claim = central.claims.get((connection, header.request))
     had = claim.id if claim is not None and claim.is_granted else 0
     give_up(central, connection, header.request)
@@ -59,7 +59,7 @@ def give_up(central: State, connection: Connection, number: int, why: str = GAVE
         central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where))
     elif isinstance(due, Delivery):
         _abandon(central, due)
-        central.facts.append(dropped(due, why, where))
+        central.facts.append(dropped_fact(due, why, where))
 
 
 def _abandon(central: State, delivery: Delivery) -> None:

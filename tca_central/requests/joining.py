@@ -12,8 +12,8 @@ from tca_central.outgoing import notices
 from tca_central.requests.giving_up import give_up
 from tca_central.requests.replying import fail_delivery
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
-from tca_central.state import Failure, State, cancelled, deliver, dropped
-from tca_central.watching.taps import happened, listeners_come
+from tca_central.state import RaisedFailure, State, cancelled_header, deliver_header, dropped_fact
+from tca_central.watching.taps import fire_after, listeners_come
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
 from tca_wire.messages.failures import MODULE_LOST
@@ -29,14 +29,14 @@ MOST_LATE = 8
 """Answers of a lost connection that are expected to come all the same; more than one if nested."""
 
 
-def hello(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:
+def greet(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:
     """A connection introduces itself, for the first time or after a reconnect."""
     registry = central.registry
     _check(header)
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
     if is_new:
         central.facts.append(facts.ModuleJoined(module.name, header.process))
-        _tell(central, module, MODULE_JOINED, Arrival(module.name, header.process))
+        _announce(central, module, MODULE_JOINED, Arrival(module.name, header.process))
     session = f"{header.incarnation}/{header.connection}"
     connection = module.connections.get(session)
     if connection is not None:  # the same one, reconnected before its loss was noticed
@@ -57,13 +57,13 @@ def _tell_again(central: State, connection: Connection) -> None:
     for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
         central.tell(connection, Cancelled(orphan, "its connection to central was lost"))
     connection.orphans = []
-    for number, taken in connection.taken.items():
+    for number, taken in connection.lost_claims.items():
         central.tell(connection, headers.Taken(number, taken.text))
-    for delivery in list(central.dispatcher.attended.values()):
+    for delivery in list(central.dispatcher.running.values()):
         if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
-            central.tell(connection, deliver(delivery), delivery.body)
-            if isinstance(delivery, Task) and (delivery.killed or delivery.again):
-                central.tell(connection, cancelled(delivery))
+            central.tell(connection, deliver_header(delivery), delivery.body)
+            if isinstance(delivery, Task) and (delivery.killed or delivery.retrying):
+                central.tell(connection, cancelled_header(delivery))
 
 
 def _check(header: headers.Hello) -> None:
@@ -85,13 +85,13 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
         connection.answers, connection.last_number = before.answers, before.last_number
-        connection.orphans, connection.late, connection.taken = before.orphans, before.late, before.taken
+        connection.orphans, connection.late, connection.lost_claims = before.orphans, before.late, before.lost_claims
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
     if resource_name:
         resource = central.registry.resource(module, resource_name)
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity + 1))
-        central.dispatcher.slot_came(connection, resource)
+        central.dispatcher.add_slot(connection, resource)
         direct.review_slots(central, connection)
 
 
@@ -104,38 +104,38 @@ def on_hello_again(central: State, connection: Connection, header: headers.Hello
 
 def on_bye(central: State, connection: Connection, _header: headers.Bye, _: bytes) -> None:
     """A connection closes of its own will."""
-    leave(central, connection, "it said goodbye", lost=False)
+    disconnect(central, connection, "it said goodbye", lost=False)
 
 
-def leave(central: State, connection: Connection, why: str, *, lost: bool) -> None:
+def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
     """A connection is gone. What it had been given and not finished failed (*lost*) or goes to another handler."""
     module = connection.module
     central.registry.forget_connection(connection)
     direct.forget_sender(connection)
     for number in list(connection.outstanding):
         give_up(central, connection, number)
-    claims.end_of_connection(central, connection)
+    claims.end_claims_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
         if module.connections:
-            _is_leaving(central)
-    orphans = central.dispatcher.slot_gone(connection)
+            _begin_leaving(central)
+    orphans = central.dispatcher.remove_slot(connection)
     for delivery in orphans:
-        _orphan(connection, delivery, why)
+        _note_orphan(connection, delivery, why)
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
         direct.review_slots(central, connection)
-        direct.slot_gone(central, connection, why, lost=lost)
+        direct.tell_slot_gone(central, connection, why, lost=lost)
     _connection_gone(central, module, why)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
-            _lose(central, delivery, module, why, lost=lost)
+            _fail_or_drop(central, delivery, module, why, lost=lost)
         else:
-            _hand_on(central, delivery)
+            _give_to_another(central, delivery)
 
 
-def _orphan(connection: Connection, delivery: Delivery, why: str) -> None:
+def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
     """A connection is gone that had a delivery. If it comes back it may still answer, and learns why that is late."""
     message = delivery.message
     what = str(delivery) if isinstance(delivery, Task) else f"{message.message_class} '{message.name}'"
@@ -145,7 +145,7 @@ def _orphan(connection: Connection, delivery: Delivery, why: str) -> None:
         del connection.late[next(iter(connection.late))]
 
 
-def _is_leaving(central: State) -> None:
+def _begin_leaving(central: State) -> None:
     """A module handles nothing any more, and is not gone: what its slots have at work ends first. Only when they are
     gone exception handlers that wait for it are passed over (decision 59).
     """
@@ -164,40 +164,40 @@ def _forget(central: State, module: Module, why: str) -> None:
     """A module is gone, with all that it handled, had and kept."""
     remove_handlers(central, list(module.handlers.values()))
     central.dispatcher.strand_all(central.registry.messages.values())
-    claims.end_on_module(central, module, why)
+    claims.end_claims_on_module(central, module, why)
     release_all(central, module)
     central.registry.forget_module(module)
     central.tree.forget_module(module.name)
     central.facts.append(facts.ModuleLeft(module.name, why))
-    _tell(central, module, MODULE_LEFT, Departure(module.name, why))
+    _announce(central, module, MODULE_LEFT, Departure(module.name, why))
 
 
-def _tell(central: State, module: Module, notice: Notice[D], data: D) -> None:
+def _announce(central: State, module: Module, notice: Notice[D], data: D) -> None:
     """Who comes and goes, but for commands that people type: who suspends the robot when a program leaves does not mean
     these.
     """
     if not module.name.startswith(COMMANDS):
-        notices.tell(central, notice, data)
+        notices.broadcast_notice(central, notice, data)
 
 
-def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
+def _fail_or_drop(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
     """What only that handler could have finished."""
     if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
-        central.facts.append(dropped(delivery, f"module '{module.name}' left before it began with it"))
+        central.facts.append(dropped_fact(delivery, f"module '{module.name}' left before it began with it"))
         return
     if isinstance(delivery, Task) and delivery.given_as != delivery.id:
         central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
-    happened(central, delivery, RETURNED | FAILURE)
-    fail_delivery(central, delivery, Failure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
+    fire_after(central, delivery, RETURNED | FAILURE)
+    fail_delivery(central, delivery, RaisedFailure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
 
 
-def _hand_on(central: State, delivery: Delivery) -> None:
+def _give_to_another(central: State, delivery: Delivery) -> None:
     """Who left had not begun with it: somebody else may."""
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
         return
     is_tapped = bool(to_be_fired(delivery, START_HANDLING))
-    if delivery.suspended or delivery.again or is_tapped:  # it will not be queued at once
+    if delivery.suspended or delivery.retrying or is_tapped:  # it will not be queued at once
         central.facts.append(facts.Unqueued(delivery.given_as))
     central.agenda.hand_back(delivery)
 
@@ -241,7 +241,7 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     # Of a variable only the newest value is wanted.
     pending = 1 if message.message_class.keeps_value else handled.pending
     handler = Handler(message, module, resource, handled.pool, pending, direct=handled.direct)
-    central.dispatcher.handler_came(handler)
+    central.dispatcher.add_handler(handler)
     direct.review(central, [message])
     tell_new_watcher(central, handler)
 
@@ -252,22 +252,22 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
     names = header.messages or list(handlers)
     remove_handlers(central, [handlers[name] for name in names if name in handlers])
     if not header.messages and connection.module.has_slots:
-        _is_leaving(central)
+        _begin_leaving(central)
     central.send(connection, header.number, Accepted(header.number))
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
     """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
-    queued = central.dispatcher.handlers_gone(handlers)
+    queued = central.dispatcher.remove_handlers(handlers)
     _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
     for delivery in queued:
         if not delivery.message.fans_out:
             continue
         why = f"module '{handlers[0].module.name}' no longer handles it"
         if delivery.message.message_class.has_reply:
-            fail_delivery(central, delivery, Failure(MODULE_LOST, why))
+            fail_delivery(central, delivery, RaisedFailure(MODULE_LOST, why))
         else:
-            central.facts.append(dropped(delivery, why))
+            central.facts.append(dropped_fact(delivery, why))
     direct.review(central, [handler.message for handler in handlers])
 
 

@@ -1,15 +1,15 @@
 """Handlers return or fail: their tasks go on, and whoever asked is answered."""
 
-from tca_central.control.monitors import tested
-from tca_central.control.revoking import warn_if_taken
+from tca_central.control.monitors import on_condition_answered
+from tca_central.control.revoking import warn_of_losses
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, failure_of, kill, reissue
-from tca_central.locks.claims import end_with, suspect_kept_claims, taken_from
+from tca_central.locks.claims import end_claims_of, pop_losses, suspect_kept_claims
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.task_tree import Task, Verdict
 from tca_central.needs.texts import end_of_multi_query
-from tca_central.state import Collector, Failure, State, dropped
-from tca_central.watching.taps import happened
+from tca_central.state import Collector, RaisedFailure, State, dropped_fact
+from tca_central.watching.taps import fire_after
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
 from tca_wire.packets import headers
@@ -23,9 +23,9 @@ _LONGEST = 200
 NIL = b"\xc0"  # None as MessagePack
 
 
-def _attended(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
+def _running_delivery(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
     """What a handler answers; None if that is too late, and it has been told so."""
-    delivery = central.dispatcher.attended.get(delivery_id)
+    delivery = central.dispatcher.running.get(delivery_id)
     if delivery is None or delivery.slot is not connection:
         if late := connection.late.pop(delivery_id, ""):
             central.facts.append(facts.Ignored(connection.module.name, late))
@@ -40,32 +40,32 @@ def _attended(central: State, connection: Connection, delivery_id: int) -> Deliv
 
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
     """A handler returned."""
-    delivery = _attended(central, connection, header.delivery)
+    delivery = _running_delivery(central, connection, header.delivery)
     if delivery is None:
         return
     central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body))
     central.dispatcher.complete(delivery)
-    happened(central, delivery, RETURNED | SUCCESS)
+    fire_after(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
-        end_with(central, delivery, "it has ended")
-        happened(central, delivery, REPLIED, body)
+        end_claims_of(central, delivery, "it has ended")
+        fire_after(central, delivery, REPLIED, body)
         _answer_query(central, delivery, Answer(delivery.number), body)
-    elif delivery.again and not delivery.killed:
+    elif delivery.retrying and not delivery.killed:
         central.agenda.retry(delivery)
     elif delivery.killed:
-        end_with(central, delivery, "it was killed")
-        central.agenda.returned(delivery)
+        end_claims_of(central, delivery, "it was killed")
+        central.agenda.mark_returned(delivery)
     else:
         delivery.result = b"" if body == NIL else body
-        central.agenda.returned(delivery)
+        central.agenda.mark_returned(delivery)
         suspect_kept_claims(central, delivery)
-        warn_if_taken(central, connection, delivery)
-    taken_from(connection, delivery)
+        warn_of_losses(central, connection, delivery)
+    pop_losses(connection, delivery)
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
     """A handler failed."""
-    delivery = _attended(central, connection, header.delivery)
+    delivery = _running_delivery(central, connection, header.delivery)
     if delivery is None:
         return
     is_exception = isinstance(delivery, Task) and delivery.role is Role.EXCEPTION
@@ -76,44 +76,44 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
     central.facts.append(facts.Returned(delivery.given_as, outcome, body))
     central.dispatcher.complete(delivery)
-    happened(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
-    end_with(central, delivery, "its handler failed")
-    taken_from(connection, delivery)
+    fire_after(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
+    end_claims_of(central, delivery, "its handler failed")
+    pop_losses(connection, delivery)
     if not (header.reissue and isinstance(delivery, Task)):
         fail_delivery(central, delivery, failure_of(header, body))
-    elif delivery.again and not delivery.killed:
+    elif delivery.retrying and not delivery.killed:
         central.agenda.retry(delivery)
     elif delivery.killed:
-        central.agenda.returned(delivery)
+        central.agenda.mark_returned(delivery)
     else:
         reissue(central, delivery)
 
 
-def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
+def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) -> None:
     """Raise a failure on a delivery that no handler has any more."""
     delivery.message.failed += 1
     if isinstance(delivery, Task):
         fail_task(central, delivery, failure)
     else:
-        end_with(central, delivery, "it failed")
-        central.has_failed(delivery, failure)
+        end_claims_of(central, delivery, "it failed")
+        central.note_failure(delivery, failure)
         answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
         _answer_query(central, delivery, answer, failure.body, failure.kinds)
 
 
-def displace(central: State, delivery: Delivery, why: str) -> None:
+def tell_displaced(central: State, delivery: Delivery, why: str) -> None:
     """A delivery that waited gave way to a newer one of its message: whoever waits for it is told."""
     if isinstance(delivery, Task):
         kill(central, delivery, Verdict(f"{OVERLOAD}: {why}"))
     elif delivery.message.message_class.has_reply:
-        fail_delivery(central, delivery, Failure(OVERLOAD, why))
+        fail_delivery(central, delivery, RaisedFailure(OVERLOAD, why))
     else:
-        central.facts.append(dropped(delivery, why))
+        central.facts.append(dropped_fact(delivery, why))
 
 
 def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()) -> None:
-    if (watch := central.asked.pop(delivery.id, None)) is not None:
-        tested(central, watch, answer, body, kinds)
+    if (watch := central.watch_of_condition.pop(delivery.id, None)) is not None:
+        on_condition_answered(central, watch, answer, body, kinds)
         return
     if collector := central.collectors.pop(delivery.id, None):
         _collect(central, collector, delivery, answer, body)
@@ -126,7 +126,7 @@ def _answer_query(central: State, delivery: Delivery, answer: Answer, body: byte
 
 def _collect(central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:
     del collector.pending[delivery.id]
-    module = collector.asked.pop(delivery.id)
+    module = collector.module_of.pop(delivery.id)
     if answer.outcome is Outcome.DONE and collector.wanted:
         collector.wanted -= 1
         collector.answered += 1

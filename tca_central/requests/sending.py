@@ -16,9 +16,9 @@ from tca_central.outgoing.direct_routes import tell_sender
 from tca_central.outgoing.fan_out import copies, route_statement
 from tca_central.requests.constraining import check_number
 from tca_central.requests.replying import end_if_complete, fail_delivery
-from tca_central.state import Collector, Failure, State
-from tca_central.watching.taps import happened
-from tca_central.watching.watches import become_monitor, check_options, ends_by_itself, enlist, is_foreign
+from tca_central.state import Collector, RaisedFailure, State
+from tca_central.watching.taps import fire_after
+from tca_central.watching.watches import become_monitor, check_options, ends_by_itself, enlist_monitor, is_foreign
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
@@ -68,7 +68,7 @@ def _make(central: State, connection: Connection, header: headers.Send, message:
     delivery = Delivery(central.new_id(), message, body, connection)
     delivery.priority, delivery.origin = header.priority, header.origin
     central.facts.append(_received(connection, header, delivery, []))
-    happened(central, delivery, SENT)
+    fire_after(central, delivery, SENT)
     return delivery
 
 
@@ -103,11 +103,11 @@ def _route_multi_query(
     collector = Collector(connection, header.number, original, wanted)
     connection.outstanding[header.number] = collector
     for copy, resource in for_each:
-        collector.pending[copy.id], collector.asked[copy.id] = copy, resource.module
+        collector.pending[copy.id], collector.module_of[copy.id] = copy, resource.module
         central.collectors[copy.id] = collector
     for copy, resource in for_each:
         if central.dispatcher.is_full(message, resource):
-            fail_delivery(central, copy, Failure(OVERLOAD, why_full(central, message, resource)))
+            fail_delivery(central, copy, RaisedFailure(OVERLOAD, why_full(central, message, resource)))
         else:
             central.dispatcher.route(copy, resource)
     if header.blocking and header.number in connection.outstanding:
@@ -138,12 +138,12 @@ def _route_task(
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
-    enlist(central, task)
+    enlist_monitor(central, task)
     for attachment in header.attachments:
         attach(central, attachment, task, connection.module.called)
     if header.keep:
         keep(central, task, connection.module)
-    happened(central, task, SENT)
+    fire_after(central, task, SENT)
     if header.deadline:
         set_deadline(central, task, END_ACHIEVING, header.deadline)
     if header.number:

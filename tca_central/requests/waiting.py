@@ -34,7 +34,7 @@ def on_wait_for(central: State, connection: Connection, header: headers.WaitFor,
 def on_await_any(central: State, connection: Connection, header: headers.AwaitAny, _: bytes) -> None:
     """The coroutine of a handler can't go on until one of these is answered. Where one has been, it does already."""
     central.unblock_coroutine(connection, header.delivery)
-    numbers, delivery = tuple(dict.fromkeys(header.requests)), central.dispatcher.attended.get(header.delivery)
+    numbers, delivery = tuple(dict.fromkeys(header.requests)), central.dispatcher.running.get(header.delivery)
     is_handled = delivery is not None and delivery.slot is connection
     if numbers and is_handled and all(_is_awaited(connection, number) for number in numbers):
         central.block_coroutine(connection, numbers, header.delivery)

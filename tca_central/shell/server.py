@@ -20,7 +20,17 @@ import zmq.utils.monitor
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
-from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
+from tca_central.events import (
+    BadBytes,
+    ConnectionId,
+    ConnectionLost,
+    Effect,
+    Event,
+    Record,
+    RequestReceived,
+    Tick,
+    Transmit,
+)
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.pulses import Pulses
 from tca_wire.endpoint import default_folder
@@ -122,7 +132,7 @@ class Server:
             return self.central.handle(event)
         except Exception as error:
             what, who = type(event).__name__, ""
-            if isinstance(event, Received):
+            if isinstance(event, RequestReceived):
                 what = type(event.header).__name__
                 sender = self.central.registry.connections.get(event.connection)
                 who = f" of module '{sender.module.name}'" if sender is not None else ""
@@ -162,8 +172,8 @@ class Server:
                 what = record.failed[fact.id]
                 said = printable(first_line(fact.text))
                 log.warning("failure '%s' of %s%s", fact.failure, what, f": {said}" if said else "")
-            elif isinstance(fact, facts.Queued) and not fact.module and fact.id in self.central.asked:
-                watch = self.central.asked[fact.id]
+            elif isinstance(fact, facts.Queued) and not fact.module and fact.id in self.central.watch_of_condition:
+                watch = self.central.watch_of_condition[fact.id]
                 what = watch.condition.message.name
                 if what not in self._unseen:
                     self._unseen.add(what)
@@ -217,7 +227,7 @@ class Server:
                 yield BadBytes(now, connection, str(error))
                 continue
             for header, body in items:
-                yield Received(now, connection, header, body)
+                yield RequestReceived(now, connection, header, body)
 
     def _lost(self) -> Iterator[Event]:
         """Beat to every connection; the socket knows which are gone (a monitor event tells only that some are)."""

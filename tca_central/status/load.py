@@ -126,7 +126,7 @@ def _queued(central: State, first: Delivery, node: Node, more: int) -> Callable[
 
 
 def _blocking(central: State, connection: Connection, origin: int, node: Node, since: float) -> Callable[[], Waiter]:
-    handled, seconds = central.dispatcher.attended.get(origin), central.clock.now - since
+    handled, seconds = central.dispatcher.running.get(origin), central.clock.now - since
     number, name = (handled.message_id, handled.message.name) if handled is not None else (0, "")
     module = connection.module.name
     return lambda: Waiter(number, name, module, seconds=seconds, waits=tuple(waits_of(central, node)))
@@ -178,10 +178,10 @@ def _presence(central: State) -> list[Waiter]:
 
 def _killed(central: State) -> list[Waiter]:
     """Killed tasks whose handler still runs, and what it waits for as far as central knows."""
-    attended = central.dispatcher.attended.values()
+    running = central.dispatcher.running.values()
     return [
         _waiter(central, one, one.since, (_handler_of(central, one, one.slot),))
-        for one in attended
+        for one in running
         if isinstance(one, Task) and one.killed and one.slot is not None
     ]
 

@@ -30,7 +30,7 @@ def overview(central: State) -> dict[str, Any]:
         "kept tasks": len(central.kept),
         "exception handlers": len(central.attached),
         "wiretaps": len(central.taps),
-        "being handled": len(central.dispatcher.attended),
+        "being handled": len(central.dispatcher.running),
         "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
         "newest id": central.tree.newest,
     }
@@ -39,7 +39,7 @@ def overview(central: State) -> dict[str, Any]:
 def modules(central: State) -> list[dict[str, Any]]:
     """Each module with its resources and what they do."""
     busy: dict[tuple[str, str], list[int]] = {}
-    for delivery in central.dispatcher.attended.values():
+    for delivery in central.dispatcher.running.values():
         if delivery.slot is not None and delivery.slot.resource is not None:
             resource = delivery.slot.resource
             busy.setdefault((resource.module, resource.name), []).append(delivery.id)

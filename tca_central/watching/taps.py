@@ -11,13 +11,13 @@ from collections.abc import Iterable
 from msgspec.structs import replace
 
 from tca_central.errors import RequestError
-from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Tap
+from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.intervals import STARTS, delivered_at
 from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
 from tca_central.outgoing import direct_routes as direct
 from tca_central.outgoing.central_messages import data_for, make_statement, make_task
 from tca_central.state import State, involved
-from tca_central.watching.watches import become_monitor, check_options, end_watch, ends_by_itself, enlist
+from tca_central.watching.watches import become_monitor, check_options, end_monitor, ends_by_itself, enlist_monitor
 from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, first_difference
 from tca_wire.packets import headers
@@ -50,7 +50,7 @@ class Listening:
 
     __slots__ = ("tap", "tapped")
 
-    def __init__(self, tap: Tap, tapped: Delivery) -> None:
+    def __init__(self, tap: Wiretap, tapped: Delivery) -> None:
         self.tap, self.tapped = tap, involved(tapped)
 
     @property
@@ -137,7 +137,7 @@ def _add(
     listener: MessageType,
     tapped: MessageType,
     place: Task | MessageType,
-) -> Tap:
+) -> Wiretap:
     """A new tap; the same one added before, by whomever, is that one: it fires once. Monitors that are to watch in
     different ways are different listeners.
     """
@@ -148,7 +148,7 @@ def _add(
             return other
     if len(others) >= MOST_TAPS:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_TAPS} wiretaps already")
-    tap = Tap(central.new_id(), condition, listener, place)
+    tap = Wiretap(central.new_id(), condition, listener, place)
     rule = CONDITIONS[condition]
     tap.before, tap.at, tap.watch = rule.before, rule.at, header.watch
     if rule.before and not tapped.message_class.is_task:
@@ -161,7 +161,7 @@ def _add(
     return tap
 
 
-def remove(central: State, tap: Tap, by: Module, *, for_all: bool = False) -> None:
+def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -> None:
     """A module wants a tap no longer: it is taken away if nobody else added it, too, but for copies of the same program
     that have left; or (*for_all*) in any case. What it has sent stays.
     """
@@ -185,7 +185,7 @@ def forget_task(central: State, task: Task) -> None:
 # --- who waits already -----------------------------------------------------------------------------------------------
 
 
-def _ask_waiting(central: State, tap: Tap) -> None:
+def _ask_waiting(central: State, tap: Wiretap) -> None:
     """A wiretap has come: what only waits to be given to a handler has to pass it first, as what comes later."""
     for task in _waiting(central, tap):
         if tap not in to_be_fired(task, first_moments(task)):
@@ -209,7 +209,7 @@ def listeners_come(central: State, names: Iterable[str]) -> None:
                     _hold_back(central, task)
 
 
-def _waiting(central: State, tap: Tap) -> list[Task]:
+def _waiting(central: State, tap: Wiretap) -> list[Task]:
     """The tapped tasks that wait for a slot or a handler, oldest first, if the wiretap may hold such."""
     if not tap.before & STARTS:
         return []
@@ -227,7 +227,7 @@ def _hold_back(central: State, task: Task) -> None:
 # --- firing ----------------------------------------------------------------------------------------------------------
 
 
-def happened(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
+def fire_after(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
     """Something has happened to a message: fire the taps for it, with *body* or the message's own data."""
     for tap in taps_of(tapped):
         is_reply = tap.condition is Condition.AFTER_REPLIED
@@ -235,7 +235,7 @@ def happened(central: State, tapped: Delivery, what: int, body: bytes | None = N
             _fire(central, tap, tapped, tapped.body if body is None else body)
 
 
-def fire_before(central: State, task: Task, taps: list[Tap]) -> None:
+def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
     """Fire taps before a task goes on, and hold it until their listeners are done."""
     assert not task.killed, f"{task}: nothing happens between its wish to go on and this"
     for tap in taps:
@@ -252,10 +252,10 @@ def fire_before(central: State, task: Task, taps: list[Tap]) -> None:
         moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
         if not task.reached & moment:
             central.agenda.holds.hold(listener, interval, task, moment)
-    central.agenda.fired(task)
+    central.agenda.taps_fired(task)
 
 
-def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery | None:
+def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delivery | None:
     """Send the listener of a tap, if anybody handles it."""
     message = tap.listener
     if not message.handlers and not message.message_class.is_monitor:
@@ -272,7 +272,7 @@ def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery |
     return made
 
 
-def _make_task(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Task:
+def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Task:
     """A listener that is a task."""
     is_child = isinstance(tapped, Task) and CONDITIONS[tap.condition].is_child
     parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
@@ -283,11 +283,11 @@ def _make_task(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Task:
         living = [other for other in tapped.more.listeners if other.reached != ALL_MOMENTS]
         for other in living:
             if other.context.tap is tap and other.more.watch is not None:
-                end_watch(central, other.more.watch, f"{tapped} is handled anew")
+                end_monitor(central, other.more.watch, f"{tapped} is handled anew")
         tapped.more.listeners = [*living, listener]
         if not ends_by_itself(tap.listener, options) and not options.for_ever:
             options = replace(options, until=Point(TaskId(tapped.id), Moment(end)))
     if tap.listener.message_class.is_monitor:
         become_monitor(central, listener, options)
-        enlist(central, listener)
+        enlist_monitor(central, listener)
     return listener

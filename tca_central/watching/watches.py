@@ -5,7 +5,7 @@ from tca_central.model.clock import Timer, checked_seconds
 from tca_central.model.deliveries import Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import data_for, make
-from tca_central.state import State, dropped, involved
+from tca_central.state import State, dropped_fact, involved
 from tca_wire.journal import facts
 from tca_wire.packets.parts import Watching, WatchOptions
 from tca_wire.points import TaskId
@@ -49,10 +49,10 @@ class Watch:
         action = self.parts[_ACTION]
         return Watching(involved(self.task), action.name if action is not None else "")
 
-    def met(self, central: State, _: Task) -> None:
+    def on_reached(self, central: State, _: Task) -> None:
         """The point at which it ends is reached."""
         self.waits_for = None
-        end_watch(central, self, "its end point is reached")
+        end_monitor(central, self, "its end point is reached")
 
 
 def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
@@ -85,7 +85,7 @@ def become_monitor(central: State, task: Task, options: WatchOptions) -> None:
     task.more.watch = Watch(task, options, parts)
 
 
-def enlist(central: State, task: Task) -> None:
+def enlist_monitor(central: State, task: Task) -> None:
     """A new task has its place in the tree: a monitor is known among those that watch, or are still to, if it lives."""
     if task.message.message_class.is_monitor and not task.killed:
         central.watches[task.id] = task.more.watch
@@ -99,7 +99,7 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
     what a monitor of others has sent, and what wiretaps have that are fired for *parent* once. Each
     step leads to something older, so what is older than *parent* ends the search.
     """
-    one = central.dispatcher.attended.get(origin)
+    one = central.dispatcher.running.get(origin)
     is_own = origin == parent.given_as
     while one is not None and one.id >= parent.id and not is_own:
         if one.role is Role.LISTENER:
@@ -113,12 +113,12 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
             one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
         else:  # was sent before it was given to anybody: so this comes to an end whatever modules say
             is_own = one.origin == parent.given_as
-            one = central.dispatcher.attended.get(one.origin) if one.origin < one.id else None
+            one = central.dispatcher.running.get(one.origin) if one.origin < one.id else None
         is_own = is_own or one is parent
     return not is_own
 
 
-def stop(central: State, watch: Watch, why: str) -> None:
+def stop_watching(central: State, watch: Watch, why: str) -> None:
     """Watch no longer; what the monitor has sent comes to its own end."""
     if watch.is_over:
         return
@@ -133,23 +133,23 @@ def stop(central: State, watch: Watch, why: str) -> None:
         watch.condition = None
         if condition.queues is not None:
             central.dispatcher.withdraw(condition)
-            central.facts.append(dropped(condition, "its monitor has ended"))
-        del central.asked[condition.id]
+            central.facts.append(dropped_fact(condition, "its monitor has ended"))
+        del central.watch_of_condition[condition.id]
     if watch.began is None:
         return
     central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
-    central.agenda.happened.append((watch.task, RETURNED))
+    central.agenda.tap_events.append((watch.task, RETURNED))
     if not watch.task.message.message_class.has_condition and (cancel := watch.parts[_CANCEL]) is not None:
         make(central, cancel, data_for(cancel, watch.task.body), watch.task, Role.CANCEL, context=watch)
 
 
-def end_watch(central: State, watch: Watch, why: str) -> None:
+def end_monitor(central: State, watch: Watch, why: str) -> None:
     """A monitor is done: its task is handled, and achieved when what it has sent is. One that has not begun never will
     watch, and the journal says why.
     """
     if not watch.is_over:
         if watch.began is None:
             central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
-        stop(central, watch, why)
+        stop_watching(central, watch, why)
         if not watch.task.killed:
-            central.agenda.returned(watch.task)
+            central.agenda.mark_returned(watch.task)

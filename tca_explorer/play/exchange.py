@@ -6,7 +6,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, Effect, Event, Received, Record
+from tca_central.events import ConnectionId, Effect, Event, Record, RequestReceived
 from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.observed.fold import Fold
 from tca_explorer.observed.messages import Taken
@@ -50,7 +50,7 @@ class Exchange:
 
     def receive(self, line: str, header: headers.ToCentral, body: bytes = b"") -> list[Effect]:
         """Let central receive something; what came of it."""
-        return self.handle(Received(self.now, connection_of(line), header, body))
+        return self.handle(RequestReceived(self.now, connection_of(line), header, body))
 
     def handle(self, event: Event) -> list[Effect]:
         """Let central handle an event, and everybody get what it sends; what came of it."""

@@ -34,10 +34,10 @@ IGNORED = {
         "epoch",  # the same for all
         "events",  # numbers the journal's entries
         "facts", "failed", "messages", "origin",  # empty between events
-        "suspects", "blocked", "look_after", "next_look", "scan", "has_closed",  # nobody looks: see Play
+        "suspects", "blocked", "look_after", "next_look", "scan", "may_have_closed",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached
-        "asked", "watches",  # met as the conditions of monitors, and at their tasks
+        "watch_of_condition", "watches",  # met as the conditions of monitors, and at their tasks
     },
     "TaskTree": {
         "newest", "tasks",  # ids are only names; all tasks are met as children
@@ -55,7 +55,7 @@ IGNORED = {
     },
     "Connection": {
         "id", "session", "number", "answers", "last_number", "orphans", "late",  # addresses; scripts repeat nothing
-        "handling", "waits", "pauses", "taken",  # met as what is handled and asked
+        "handling", "waits", "pauses", "lost_claims",  # met as what is handled and asked
     },
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
@@ -73,7 +73,7 @@ IGNORED = {
     "Resource": {"_sent_by"},  # the same queue in other words
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
     "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
-    "Release": {"constraint"},  # as it is recorded
+    "PendingDelay": {"constraint"},  # as it is recorded
     "Dispatcher": {"_clock", "_facts", "_deliver", "_arrivals"},  # arrivals are compared, not counted: see add_rank
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""
@@ -324,7 +324,7 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Rare", "listeners"): _Walk.add_living,
     ("Recovery", "failure"): _Walk.add_failure,
     ("Recovery", "attached"): _Walk.add_attachment,
-    ("Ending", "verdict"): _Walk.add_verdict,
+    ("PendingKill", "verdict"): _Walk.add_verdict,
     ("Watch", "timers"): _Walk.add_timers,
     ("Watch", "began"): _Walk.add_beginning,
     ("Watch", "count"): _Walk.add_count,
@@ -336,7 +336,7 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Module", "connections"): _Walk.add_unordered,
     ("Resource", "slots"): _Walk.add_unordered_keys,
     ("Resource", "_queue"): _Walk.add_queue,
-    ("Dispatcher", "attended"): _Walk.add_unordered,  # the order of nested ones is that of the scripts on their line
+    ("Dispatcher", "running"): _Walk.add_unordered,  # the order of nested ones is that of the scripts on their line
 }
 """By class and attribute: of what only a part, or not the order, can influence what happens next."""
 

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from tca_central.core import Central
-from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Received, Record, Tick, Transmit
+from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Record, RequestReceived, Tick, Transmit
 from tca_central.invariants import check_invariants
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Entry
@@ -48,7 +48,7 @@ class Player:
         self.time += 1.0
         if getattr(header, "origin", None) == 0 and not isinstance(header, SAYS_ITSELF):
             header = msgspec.structs.replace(header, origin=(self.delivered(connection) or [0])[-1])
-        effects = self.event(Received(self.time, ConnectionId(connection.encode()), header, body))
+        effects = self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body))
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 
     def number(self, connection: str) -> int:
@@ -138,7 +138,7 @@ class Player:
     def delivered(self, connection: str) -> list[int]:
         """The deliveries that a connection was given and has not answered."""
         return [
-            d.given_as for d in self.central.dispatcher.attended.values() if d.slot and d.slot.id == connection.encode()
+            d.given_as for d in self.central.dispatcher.running.values() if d.slot and d.slot.id == connection.encode()
         ]
 
     def reply(self, connection: str, delivery: int = 0, value: Any = None) -> list[Any]:

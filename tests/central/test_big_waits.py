@@ -58,7 +58,7 @@ class Crowd(Player):
     def ask(self) -> int:
         """Ask whether it is done; the handler's delivery."""
         self.send("user", "done")
-        return next(reversed(self.central.dispatcher.attended))
+        return next(reversed(self.central.dispatcher.running))
 
     def look_to_the_end(self) -> int:
         """How many looks that takes."""
@@ -91,7 +91,7 @@ def test_no_event_looks_at_more_than_so_many_edges(crowd: Crowd) -> None:
     assert crowd.look_to_the_end() > 1
     assert 0 < crowd.most <= MOST
     crowd.send("user", "where")
-    crowd.reply("map/1", next(reversed(crowd.central.dispatcher.attended)))
+    crowd.reply("map/1", next(reversed(crowd.central.dispatcher.running)))
     assert crowd.central.next_look is None, "a question of strangers closes no circle"
     crowd.task("user", "walk")
     assert crowd.central.next_look is not None, "a task might"
@@ -103,7 +103,7 @@ def test_a_circle_behind_thousands_of_subtasks_is_found_in_the_end(crowd: Crowd)
     both = [crowd.ask(), crowd.ask()]
     crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)  # for a watcher, and both wait for the walk
     for delivery in both:
-        slot = crowd.central.dispatcher.attended[delivery].slot
+        slot = crowd.central.dispatcher.running[delivery].slot
         assert slot is not None
         crowd.wait(slot.id.decode(), delivery)
     assert not crowd.refused, "that takes longer than an event may"
@@ -117,7 +117,7 @@ def test_a_circle_that_comes_undone_while_it_is_looked_for_is_none(crowd: Crowd)
     both = [crowd.ask(), crowd.ask()]
     crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     for delivery in both:
-        slot = crowd.central.dispatcher.attended[delivery].slot
+        slot = crowd.central.dispatcher.running[delivery].slot
         assert slot is not None
         crowd.wait(slot.id.decode(), delivery)
     crowd.tick(0.25)

@@ -13,7 +13,7 @@ from properties.life import Life
 from tca_central.model.intervals import unified
 from tca_central.model.task_tree import Task, TaskTree
 from tca_central.order import cycles
-from tca_central.order.cycles import Borders, Place, Search, find_path, successors
+from tca_central.order.cycles import Borders, PathSearch, Place, find_path, successors
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
@@ -83,7 +83,7 @@ def compare(tree: TaskTree, chance: random.Random) -> None:
     for _ in range(min(150, len(places) ** 2)):
         start, goal = chance.choice(places), chance.choice(places)
         if start != goal:
-            known = path_of(Search(tree, start, goal))
+            known = path_of(PathSearch(tree, start, goal))
             assert (known is None) == (pruned(tree, start, goal) is None) == (found(tree, start, goal) is None)
 
 
@@ -92,8 +92,8 @@ def all_places(tree: TaskTree) -> Iterator[Place]:
         yield from (Place(task, int(moment)) for moment in Moment if not task.reached & moment)
 
 
-def path_of(search: Search) -> list[Place] | None:
-    while not search.is_over():
+def path_of(search: PathSearch) -> list[Place] | None:
+    while not search.step():
         pass
     return search.path
 
@@ -102,7 +102,7 @@ def pruned(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     borders = Borders(start, goal)
     for _ in borders.draw(tree):
         pass
-    return checked(path_of(Search(tree, start, goal, borders)), start, goal)
+    return checked(path_of(PathSearch(tree, start, goal, borders)), start, goal)
 
 
 def found(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
@@ -166,13 +166,13 @@ class Counted:
         player.module("planner", "goal walk", capacity=4)
         player.module("user")
         player.declare("user", "goal walk", "command move")
-        for kind, name in ((Search, "is_over"), (Borders, "draw")):
+        for kind, name in ((PathSearch, "step"), (Borders, "draw")):
             self._count(monkeypatch, kind, name)
 
     def _count(self, monkeypatch: pytest.MonkeyPatch, kind: type, name: str) -> None:
         original = getattr(kind, name)
 
-        def step(search: Search) -> bool:
+        def step(search: PathSearch) -> bool:
             self.steps += 1
             return bool(original(search))
 
@@ -181,7 +181,7 @@ class Counted:
                 self.steps += 1
                 yield
 
-        monkeypatch.setattr(kind, name, step if kind is Search else draw)
+        monkeypatch.setattr(kind, name, step if kind is PathSearch else draw)
 
     def wide(self, **options: object) -> int:
         """A goal that is planned ahead, with thousands of subtasks, and held back."""

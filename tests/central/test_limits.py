@@ -246,7 +246,7 @@ def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
     depth, parent = 3000, 0
     for _ in range(depth):
         parent = player.task("user", "walk", under=parent, flags=Flags.NONE, keep=True)
-    while player.central.dispatcher.attended:
+    while player.central.dispatcher.running:
         player.reply("planner/1")
     assert len(player.central.kept) == depth
     check_invariants(player.central)
@@ -289,8 +289,8 @@ def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -
     task = player.task("user", "move")
     player.fail("legs/1", "slip")
     calls = 0
-    while player.central.dispatcher.attended:
-        (delivery,) = player.central.dispatcher.attended.values()
+    while player.central.dispatcher.running:
+        (delivery,) = player.central.dispatcher.running.values()
         calls += 1
         assert calls <= 10 * number
         assert delivery.slot

@@ -78,7 +78,7 @@ def live(operations: list[tuple[str, int, int, int, int]]) -> None:
 def end_life(life: Life) -> None:
     _end_everything(life)
     assert not life.central.tree.tasks
-    assert not life.central.dispatcher.attended
+    assert not life.central.dispatcher.running
     assert not life.central.collectors
     assert not any(connection.outstanding for connection in life.central.registry.connections.values())
     _check_ledger(life)
@@ -101,7 +101,7 @@ def _end_everything(life: Life) -> None:
     rounds = 0
     for task in [task for task in life.central.tree.tasks.values() if task.suspended]:
         life.request(headers.Suspend, TaskId(task.id), True)
-    while life.central.dispatcher.attended or life.central.clock.next is not None:
+    while life.central.dispatcher.running or life.central.clock.next is not None:
         life.reply_(0)
         life.pass_(9)
         rounds += 1
@@ -150,7 +150,7 @@ def _check_kept(life: Life) -> None:
     for connection in life.connections():
         life.player.lose(connection)
     assert not life.central.kept
-    assert not life.central.promises
+    assert not life.central.keep_count
     assert not life.central.kept_bytes
 
 
@@ -175,9 +175,9 @@ def test_a_resource_serves_by_priority_then_arrival_and_never_over_capacity(
     player.declare("user", "inform note")
     for priority in priorities:
         player.send("user", "note", priority=priority)
-    while player.central.dispatcher.attended:
-        assert len(player.central.dispatcher.attended) <= capacity
-        delivery = next(iter(player.central.dispatcher.attended.values()))
+    while player.central.dispatcher.running:
+        assert len(player.central.dispatcher.running) <= capacity
+        delivery = next(iter(player.central.dispatcher.running.values()))
         assert delivery.slot
         player.reply(delivery.slot.id.decode(), delivery.id)
     order = [fact.id for fact in player.facts(Delivered)]
@@ -197,6 +197,6 @@ def test_a_deep_and_a_wide_tree_need_no_recursion_and_come_to_an_end() -> None:
         for _ in range(max(depth, width)):
             child = player.task("user", "walk", under=parent, flags=Flags.NONE)
             parent = child if depth > 1 else top
-        while player.central.dispatcher.attended:
+        while player.central.dispatcher.running:
             player.reply("planner/1")
         assert not player.central.tree.tasks

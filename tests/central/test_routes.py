@@ -205,7 +205,7 @@ def test_nothing_is_left_of_those_who_go(player: Player) -> None:
     player.lose("user")
     message = player.central.registry.messages["height"]
     (slot,) = message.route
-    assert not message.told
+    assert not message.senders_told
     assert not slot.watchers
 
 

@@ -75,7 +75,9 @@ def what_passed_a_tap_that_nobody_heard_does_not_pass_it_again(patch: Patch) -> 
 
 
 def a_retry_does_not_wait_for_the_handler(patch: Patch) -> None:
-    patch.setattr(Agenda, "_may_start", lambda self, task: not task.children if task.again else MAY_START(self, task))
+    patch.setattr(
+        Agenda, "_may_start", lambda self, task: not task.children if task.retrying else MAY_START(self, task)
+    )
 
 
 MAY_START = Agenda._may_start
@@ -103,8 +105,8 @@ def attempts_are_not_told(patch: Patch) -> None:
 
 
 def a_reissued_failure_is_searched_from_the_start(patch: Patch) -> None:
-    real = failures._ask
-    patch.setattr(failures, "_ask", lambda central, task, failure, _below=None: real(central, task, failure))
+    real = failures._call_handler
+    patch.setattr(failures, "_call_handler", lambda central, task, failure, _below=None: real(central, task, failure))
 
 
 def one_that_could_not_decide_is_the_last_that_is_asked(patch: Patch) -> None:
@@ -144,15 +146,15 @@ def once_more(options: WatchOptions) -> WatchOptions:
 
 
 def a_late_kill_kills_nothing(patch: Patch) -> None:
-    patch.setattr(kills.Ending, "now", lambda _self, _central: None)
+    patch.setattr(kills.PendingKill, "carry_out", lambda _self, _central: None)
 
 
 def nothing_is_done_on_termination(patch: Patch) -> None:
-    patch.setattr(failures, "_leave_behind", lambda _central, _task, _why: None)
+    patch.setattr(failures, "_after_kill", lambda _central, _task, _why: None)
 
 
 def a_wait_is_never_over(patch: Patch) -> None:
-    patch.setattr(TaskWait, "met", lambda _self, _central, _task: None)
+    patch.setattr(TaskWait, "on_reached", lambda _self, _central, _task: None)
 
 
 def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:

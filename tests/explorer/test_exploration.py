@@ -88,14 +88,14 @@ def test_what_is_counted_is_part_of_the_state() -> None:
 
 def test_centrals_own_invariants_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     """A queue that miscounts does nothing wrong that could be seen from outside."""
-    real = Queue.left
+    real = Queue.mark_void
 
     def left(self: Queue[Any]) -> None:
         real(self)
         self.waiting += 1
 
     assert explore(walking(never_stuck())).ok
-    monkeypatch.setattr(Queue, "left", left)
+    monkeypatch.setattr(Queue, "mark_void", left)
     result = explore(walking(never_stuck()))
     assert result.violation is not None
     assert result.violation.broken == "central's own invariants"

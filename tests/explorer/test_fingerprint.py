@@ -22,14 +22,14 @@ from explorer.recoveries import (
 from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
 from sampling import one_in
 
-from tca_central.control.kills import Ending
+from tca_central.control.kills import PendingKill
 from tca_central.core import Central
 from tca_central.events import ConnectionId
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, ModuleResource
 from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Rare, Siblings, TaskTree, Verdict
-from tca_central.order.holds import Release
+from tca_central.order.holds import PendingDelay
 from tca_central.state import Recovery
 from tca_central.watching.watches import Watch
 from tca_explorer import Scenario, Script, Task
@@ -218,7 +218,7 @@ def test_the_world_is_as_central_is(name: str) -> None:
             assert living.keys() == played.central.tree.tasks.keys()
             for task in played.central.tree.tasks.values():
                 seen = living[task.id]
-                attempts = (task.rare.attempts if task.rare else 1) + task.again
+                attempts = (task.rare.attempts if task.rare else 1) + task.retrying
                 assert (seen.reached, seen.is_suspended, seen.is_killed, seen.is_handled, seen.is_queued) == (
                     task.reached, task.suspended, bool(task.killed), task.is_running, task.queues is not None
                 ), seen  # fmt: skip
@@ -289,8 +289,8 @@ def test_the_tables_name_what_there_is() -> None:
         central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
-        central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(), Siblings(),  # type: ignore[arg-type]
-        Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, Verdict("")),
+        central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Rare(), Siblings(),  # type: ignore[arg-type]
+        Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
         Recovery(*[None] * 5),  # type: ignore[arg-type]
     ]  # fmt: skip
     assert isinstance(message, MessageType)

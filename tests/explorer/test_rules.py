@@ -197,16 +197,16 @@ def test_without_its_legs_it_waits() -> None:
 
 def release_too_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """Followers are released by whatever their leader reaches."""
-    real = Holds.let_go
-    monkeypatch.setattr(Holds, "let_go", lambda self, task, _: real(self, task, 63))
+    real = Holds.release_followers
+    monkeypatch.setattr(Holds, "release_followers", lambda self, task, _: real(self, task, 63))
 
 
 def release_nobody_who_was_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def release(self: Holds, task: LiveTask, moments: int, real: Any = Holds.let_go) -> list[LiveTask]:
+    def release(self: Holds, task: LiveTask, moments: int, real: Any = Holds.release_followers) -> list[LiveTask]:
         released: list[LiveTask] = [] if task.killed else real(self, task, moments)
         return released
 
-    monkeypatch.setattr(Holds, "let_go", release)
+    monkeypatch.setattr(Holds, "release_followers", release)
 
 
 def give_slots_twice(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -172,7 +172,7 @@ def told(central: LocalCentral) -> set[str]:
     """The messages of the coroutines that central takes to wait."""
     core = central.core
     waits = [wait for connection in list(core.blocked) for wait in list(connection.waits.values()) if wait.together]
-    handled = [core.dispatcher.attended.get(wait.origin) for wait in waits]
+    handled = [core.dispatcher.running.get(wait.origin) for wait in waits]
     return {delivery.message.name for delivery in handled if delivery is not None}
 
 

@@ -118,7 +118,7 @@ class Life:
                 constraints.append(
                     before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5))
                 )
-        attended = list(self.central.dispatcher.attended.values())
+        attended = list(self.central.dispatcher.running.values())
         origin = attended[a % len(attended)].given_as if attended and b % 2 else 0
         self.player.send(
             senders[a % len(senders)], self.sent_name(b), under=parent, origin=origin,
@@ -141,14 +141,14 @@ class Life:
         return Attachment(FAILURES[b % len(FAILURES)], handler, b % 3)
 
     def reply_(self, a: int, *_: int) -> None:
-        attended = list(self.central.dispatcher.attended.values())
+        attended = list(self.central.dispatcher.running.values())
         if attended:
             delivery = attended[a % len(attended)]
             assert delivery.slot
             self.player.reply(delivery.slot.id.decode(), delivery.given_as, value=a)
 
     def fail_(self, a: int, b: int, c: int, *_: int) -> None:
-        attended = list(self.central.dispatcher.attended.values())
+        attended = list(self.central.dispatcher.running.values())
         if attended:
             delivery = attended[a % len(attended)]
             assert delivery.slot
@@ -192,7 +192,7 @@ class Life:
             self.request(headers.Raise, task, FAILURES[b % 2])
 
     def retry_(self, a: int, b: int, c: int, d: int) -> None:
-        handlers = [one for one in self.central.dispatcher.attended.values() if one.role is Role.EXCEPTION]
+        handlers = [one for one in self.central.dispatcher.running.values() if one.role is Role.EXCEPTION]
         handler = handlers[a % len(handlers)] if handlers and b % 3 else None
         name, task = "user", self.task(a)
         if handler is not None and handler.slot is not None:
@@ -223,7 +223,7 @@ class Life:
         tasks = [0, *self.central.tree.tasks]
         options, name = self.watch_options(a, b, c, for_ever=d % 5 == 0), list(MONITORS)[a % 3]
         parent = tasks[c % len(tasks)]
-        attended, origin = list(self.central.dispatcher.attended.values()), 0
+        attended, origin = list(self.central.dispatcher.running.values()), 0
         if attended and d % 3 == 2:  # a handler, of whatever task or of what it is about
             handled = attended[b % len(attended)]
             origin, living = handled.given_as, [one for one in self.causes(handled) if one in tasks]
@@ -243,7 +243,7 @@ class Life:
             return [int(one.id) for one in handled.lineage()]
         if handled.role:
             return [int(one.id) for one in about.task.lineage()]
-        sending = self.central.dispatcher.attended.get(handled.origin)
+        sending = self.central.dispatcher.running.get(handled.origin)
         return [sending.id] if sending is not None else []
 
     def watch_options(self, a: int, b: int, c: int, *, for_ever: bool = False) -> WatchOptions:
@@ -319,7 +319,7 @@ class Life:
         self.player.receive(name, headers.Await(number, blocking=b % 3 > 0))
 
     def lock_(self, a: int, b: int, c: int, d: int) -> None:
-        modules, attended = self.central.registry.modules.values(), list(self.central.dispatcher.attended.values())
+        modules, attended = self.central.registry.modules.values(), list(self.central.dispatcher.running.values())
         resources = [resource for module in modules for resource in module.resources.values()]
         if not resources:
             return

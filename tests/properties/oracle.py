@@ -36,7 +36,7 @@ from properties.oracle_records import (
     World,
 )
 
-from tca_central.events import ConnectionLost, Effect, Event, Received
+from tca_central.events import ConnectionLost, Effect, Event, RequestReceived
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.points import THIS, Moment
@@ -63,7 +63,7 @@ class Oracle:
         oracle_rules.let_time_pass(world, self._settle)
         if isinstance(event, ConnectionLost):
             self._leave(event.connection.decode(), lost=True)
-        elif isinstance(event, Received) and not seen.is_refused and type(event.header) in MESSAGES:
+        elif isinstance(event, RequestReceived) and not seen.is_refused and type(event.header) in MESSAGES:
             MESSAGES[type(event.header)](self, event.connection.decode(), event.header, event.body)
         self._settle()
         self._compare(seen)

@@ -89,7 +89,7 @@ class Told(Folding, Blocking):
                 self.lose(one.id.decode())
 
     def free(self) -> list[Delivery]:
-        newest = {delivery.slot: delivery for delivery in self.central.dispatcher.attended.values()}
+        newest = {delivery.slot: delivery for delivery in self.central.dispatcher.running.values()}
         return [one for slot, one in newest.items() if slot and not waits_in(slot, one) and not slot.pauses]
 
 

@@ -248,7 +248,7 @@ def who_is_said_to_be_next_is(life: Life, at: RunAt, task: TaskAt) -> None:
     going_on = [run for run in at.running(*place) if run.delivery in own_slots]
     for run in going_on[:1]:
         known = len(again.entries)
-        again.answer(again.central.dispatcher.attended[run.delivery])
+        again.answer(again.central.dispatcher.running[run.delivery])
         told = [fact for entry in again.entries[known:] for fact in entry.facts if isinstance(fact, Delivered)]
         let_in = [fact.message_id for fact in told if (fact.module, fact.resource) == place]
         is_wrong = task.id in let_in if isinstance(by, Claim) else not let_in

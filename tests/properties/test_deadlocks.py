@@ -88,7 +88,7 @@ class Blocking(Player):
 
     def _await(self, what: str, b: int, c: int) -> None:
         """A coroutine asks some more and awaits what comes first; or its timeout is over, and one answer less is awaited."""
-        coroutines = [one for one in self.central.dispatcher.attended.values() if is_coroutine(one)]
+        coroutines = [one for one in self.central.dispatcher.running.values() if is_coroutine(one)]
         if not coroutines:
             return
         delivery = coroutines[b % len(coroutines)]
@@ -141,7 +141,7 @@ def is_coroutine(delivery: Delivery) -> bool:
 
 def free_handlers(central: Central) -> list[Delivery]:
     """What is handled by a handler that waits for nothing: the newest of its slot, and every coroutine."""
-    attended = central.dispatcher.attended.values()
+    attended = central.dispatcher.running.values()
     newest = {delivery.slot: delivery for delivery in attended}
     may_go_on = [one for one in attended if is_coroutine(one) or newest[one.slot] is one]
     return [one for one in may_go_on if one.slot and not waits_in(one.slot, one)]

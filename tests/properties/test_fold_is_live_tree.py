@@ -52,12 +52,12 @@ def assert_same(central: Central, history: History) -> None:
         assert (folded.why_killed or "") == task.killed
         assert task.killed or folded.is_suspended == task.suspended
         assert bool(folded.handling) == task.is_running
-        if folded.parent != ROOT and not task.killed and not task.again:  # one at the top has those under it, too
+        if folded.parent != ROOT and not task.killed and not task.retrying:  # one at the top has those under it, too
             assert folded.failure.partition(":")[0] == (task.failure[0] if task.failure else "")
             assert not task.failure or folded.is_dealt_with == task.is_dealt_with
         assert folded.is_queued == (task.queues is not None)
         assert {child for child in folded.children if child in live} == set(task.children or {})
-    attended = {delivery.message_id for delivery in central.dispatcher.attended.values()}
+    attended = {delivery.message_id for delivery in central.dispatcher.running.values()}
     assert {handling.message_id for handling in history.handlings if handling.end is None} == attended
 
 

@@ -11,13 +11,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
 
-from tca_central.control.deadlines import Bound
-from tca_central.control.kills import Ending
+from tca_central.control.deadlines import PendingDeadline
+from tca_central.control.kills import PendingKill
 from tca_central.core import Central
 from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Delivery
 from tca_central.model.task_tree import Rare
-from tca_central.order.holds import Release
+from tca_central.order.holds import PendingDelay
 from tca_central.watching.taps import Listening
 from tca_central.watching.watches import Watch
 from tca_wire.constraints import Flags
@@ -27,7 +27,7 @@ from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Scope
 
 END = Moment.END_ACHIEVING
-PASSING = (Delivery, Rare, Watch, Ending, Bound, Release, Timer, Listening)
+PASSING = (Delivery, Rare, Watch, PendingKill, PendingDeadline, PendingDelay, Timer, Listening)
 """What is only there for tasks and messages that have not ended."""
 
 
@@ -77,7 +77,7 @@ class Long:
         return self.player.task("user", "move", **{"flags": Flags.NONE, **options})
 
     def returns(self, task: int) -> None:
-        (slot,) = (d.slot for d in self.player.central.dispatcher.attended.values() if d.id == task and d.slot)
+        (slot,) = (d.slot for d in self.player.central.dispatcher.running.values() if d.id == task and d.slot)
         self.player.reply(slot.id.decode(), task)
 
     def guard(self, duration: float = 0) -> int:

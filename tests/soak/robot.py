@@ -8,7 +8,7 @@ from central.player import ANY, Player, before, point
 from central.reachable import reachable
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Tick, Transmit
+from tca_central.events import ConnectionId, ConnectionLost, Event, RequestReceived, Tick, Transmit
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, WatchOptions
@@ -81,7 +81,7 @@ class Robot:
         return [header for _, header in told if not isinstance(header, headers.Deliver)]
 
     def receive(self, connection: str, header: Any, body: bytes = DATA) -> list[Any]:
-        return self.event(Received(self.time, ConnectionId(connection.encode()), header, body))
+        return self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body))
 
     def ask(self, connection: str, kind: type, *fields: Any, body: bytes = DATA, **options: Any) -> int:
         """A request; the id of what came of it."""

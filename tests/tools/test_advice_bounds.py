@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from properties.life import Life, operation
 from tools.story import Story
 
-from tca_central.events import ConnectionId, Received, Transmit
+from tca_central.events import ConnectionId, RequestReceived, Transmit
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.backwards import Causes
@@ -67,7 +67,7 @@ class Kitchen(Player):
         self.slots = [f"cutter/{n + 1}" for n in range(slots)] + [f"packer/{n + 1}" for n in range(len(jobs))]
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
-        effects = self.event(Received(self.time, ConnectionId(connection.encode()), header, body))
+        effects = self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body))
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 
     def run(self) -> History:

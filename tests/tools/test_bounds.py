@@ -10,7 +10,7 @@ from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tca_central.events import ConnectionId, Received, Transmit
+from tca_central.events import ConnectionId, RequestReceived, Transmit
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task
@@ -38,7 +38,7 @@ class Robot(Player):
         self.module("legs", "command move")
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
-        effects = self.event(Received(self.time, ConnectionId(connection.encode()), header, body))
+        effects = self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body))
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 
     def run(self) -> History:
