@@ -3,7 +3,7 @@
 import pytest
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, Received, Transmit
+from tca_central.events import ConnectionId, RequestReceived, Transmit
 from tca_module.session.request import Request
 from tca_module.session.session import HELLO_NUMBER, QUIET, Session
 from tca_wire.packets import headers
@@ -480,6 +480,8 @@ def test_handlers_are_declared_by_what_renews_them_alone(session: Session) -> No
 def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> None:
     core = Central("two")
     effects = [
-        effect for header in (Send(7, "walk"), Reply(8)) for effect in core.handle(Received(0.0, SOMEBODY, header, b""))
+        effect
+        for header in (Send(7, "walk"), Reply(8))
+        for effect in core.handle(RequestReceived(0.0, SOMEBODY, header, b""))
     ]
     assert [effect.header for effect in effects if isinstance(effect, Transmit)] == [Unknown(7), Unknown(0)]
