@@ -16,8 +16,8 @@ from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut
 from tca_tools.why.coping import HANDLED, STANDINGS, WATCHING
-from tca_tools.why.whereabouts import listed
 from tca_wire.points import Interval
+from tca_wire.text.measures import listed
 from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Role
 

@@ -13,8 +13,8 @@ from tca_tools.tasktree_viz.arrows import SEQ, Arrows
 from tca_tools.tasktree_viz.lanes import Line, lines
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name
-from tca_tools.why.whereabouts import listed
 from tca_wire.points import Interval
+from tca_wire.text.measures import listed
 from tca_wire.text.printable import printable
 
 INDENT, DEEPEST = 22.0, 420.0

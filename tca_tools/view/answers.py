@@ -17,8 +17,7 @@ from tca_tools.why.coping import Fate, coped_with, fate, told_to
 from tca_tools.why.ends import Cause, causes
 from tca_tools.why.story import Sentence, story
 from tca_tools.why.wait_words import Age, Last, age_of, asked, coming, how, in_the_end, last_of, shown, told_now
-from tca_tools.why.waiting import held_above
-from tca_tools.why.waits import Wait
+from tca_tools.why.waits import Wait, held_above
 from tca_wire.journal.facts import kind_of
 from tca_wire.points import Interval, TaskId
 from tca_wire.text.bodies import data_text
@@ -113,7 +112,10 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         "spans": {interval.name.lower(): span(task, interval) for interval in Interval},
         "constraints": [
             *(_constraint(at, task, hold) for hold in task.holds),
-            *(_constraint(at, above, hold) | {"way": _named(run, above.id)} for above, hold in held_above(at, task)),
+            *(
+                _constraint(at, at.tasks[above], hold) | {"way": _named(run, above)}
+                for above, hold in held_above(at, task.id)
+            ),
         ],
     }
 

@@ -1,5 +1,6 @@
 """What became of one message, in sentences: who sent it, what it waited for, who handled it, how it ended."""
 
+from bisect import bisect_right
 from collections.abc import Iterator
 from itertools import groupby
 from math import inf, nextafter
@@ -21,42 +22,43 @@ from tca_tools.run.records import (
     Task,
 )
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import WATCHING, told_to, watches
+from tca_tools.terminal import cut
+from tca_tools.why.coping import WATCHING, told_to
 from tca_tools.why.deciding import decisions, retried_for
-from tca_tools.why.stretches import NO_TIME, OTHERS, Stretch, for_claim_briefly, in_queue_briefly, in_state, still_open
-from tca_tools.why.waiting import clause, of_ahead, of_all
-from tca_tools.why.whereabouts import (
-    NAMED,
-    answers_so_far,
-    claim_and_why,
-    failure_told,
-    listed,
-    whereabouts,
-    why_in_vain,
-)
-from tca_wire.points import Moment
+from tca_tools.why.keepers import Part, parts_in_queue, parts_of_claim
+from tca_tools.why.wait_words import NAMED, of_ahead, of_claim, of_query, of_queueing, told, wait_for
+from tca_tools.why.waits import NO_TIME, Wait, of_handler_wait, states_of, told_waits
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
-from tca_wire.text.measures import times
+from tca_wire.text.measures import counted, listed, numbered, times
+from tca_wire.text.waits_in_words import in_words, several_in_words, whereabouts
 from tca_wire.vocabulary import Outcome
+from tca_wire.waits import WaitFor, WaitKind
 
 _NEWLINE = "\n"
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
 _MANY = 3
-"""Waits of one handler at a time, more of which are told as one."""
+"""Waits of one handler at a time, more of which are told as one; keepers told at either end of a wait in a queue."""
+_LONGEST_ANSWER = 40
+"""Columns of an answer that is told among others."""
 _IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
 """States of which other sentences tell."""
-_IN_VAIN = {State.FAILED: "failed", State.KILLED: "was killed"}
-"""How a task ends that is not achieved."""
+_IN_VAIN = {State.FAILED: ("failed", "failed"), State.KILLED: ("was killed", "were killed")}
+"""How a task ends that is not achieved, and how several do."""
 
 
 class _Asked(NamedTuple):
     """What a handler asked or waited for, from when until when."""
 
-    name: str
+    what: WaitFor
     start: float
     end: float
+
+    @property
+    def name(self) -> str:
+        """What that is called."""
+        return numbered(self.what.name, self.what.number)
 
 
 class Sentence(NamedTuple):
@@ -133,53 +135,83 @@ def _waits_in_queues(run: Run, message: Message, moment: float) -> Iterator[Sent
         if not queueing.module:
             yield _spanning(queueing, "no module handles it")
             continue
-        where = place(queueing.module, queueing.resource)
-        for part in in_queue_briefly(run, queueing, message, moment):
-            yield _part(part, f"queued for {where}" + (f", {part.why}" if part.why else ""))
+        for start, end, parts in _briefly(parts_in_queue(run, queueing, message), moment):
+            at = RunAt(run, start)
+            what = f"queued {in_words(of_queueing(at, queueing, parts[0].by))}"
+            if len(parts) > 1:
+                what = f"queued for {place(queueing.module, queueing.resource)}, kept busy by {_others(parts)}"
+            yield _lasting(start, end, what)
+
+
+def _waits_for_claim(run: Run, wait: HandlerWait, claim: Claim, moment: float) -> Iterator[Sentence]:
+    for start, end, parts in _briefly(parts_of_claim(run, wait, claim), moment):
+        what = in_words(of_claim(RunAt(run, start), claim, parts[0].by))
+        if len(parts) > 1:
+            what = f"for the {claim}, kept busy by {_others(parts)}"
+        yield _lasting(start, end, f"its handler waits {what}")
+
+
+def _others(parts: list[Part]) -> str:
+    return f"{counted(len(parts), 'other')}, one after the other"
+
+
+def _briefly(parts: list[Part], moment: float) -> Iterator[tuple[float, float, list[Part]]]:
+    """The first and the last ones that had begun at a moment, and of those after it likewise; those between together.
+    What is told of a moment stays the same when time goes on.
+    """
+    known = bisect_right(parts, moment, key=attrgetter("start"))
+    for some in (parts[:known], parts[known:]):
+        middle = some[_MANY:-_MANY]
+        together = [middle] if len(middle) > 1 else [[one] for one in middle]
+        last = some[max(len(some) - _MANY, _MANY) :]
+        for group in ([one] for one in some[:_MANY]), together, ([one] for one in last):
+            yield from ((one[0].start, one[-1].end, one) for one in group)
 
 
 def _run(run: Run, handling: Handling, moment: float) -> Iterator[Sentence]:
     how = ""
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
-    where, at = place(handling.module, handling.resource), RunAt(run, moment)
-    yield _spanning(handling, f"handled by {where}", how)
-    over: dict[Moment | None, list[_Asked]] = {}
+    at = RunAt(run, moment)
+    yield _spanning(handling, f"handled by {place(handling.module, handling.resource)}", how)
+    over: dict[int, list[_Asked]] = {}
     for wait in handling.waits:
         claim = run.claims.get(wait.awaited)
         if claim is None:
-            told = _wait(at, wait)
-            if wait.end is None or wait.end > at.moment or told.ending or wait.end == wait.start:
-                yield told
+            sentence = _wait(at, wait)
+            if wait.end is None or wait.end > at.moment or sentence.ending or wait.end == wait.start:
+                yield sentence
             else:
-                over.setdefault(wait.moment, []).append(_Asked(run.describe(wait.awaited), wait.start, wait.end))
+                over.setdefault(int(wait.moment or 0), []).append(_Asked(_plain(run, wait), wait.start, wait.end))
         elif claim.granted != wait.start:
             yield from _waits_for_claim(run, wait, claim, moment)
         if claim is not None and claim.granted is not None:
             took = None if claim.end is None else claim.end - claim.granted
             yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
-    for until, waited in over.items():
-        yield from _over(until, waited)
+    for waited in over.values():
+        yield from _over(waited)
     yield from _asked(at, handling)
 
 
-def _over(moment: Moment | None, waited: list[_Asked]) -> Iterator[Sentence]:
+def awaited(run: Run, wait: HandlerWait) -> str:
+    """What a handler waited for when it began to: ``for the reply to next stance {7}``."""
+    return in_words(wait_for(RunAt(run, wait.start), of_handler_wait(run, wait)))
+
+
+def _plain(run: Run, wait: HandlerWait) -> WaitFor:
+    """What a handler waited for, without where that was."""
+    kind = WaitKind.TASK if wait.moment else WaitKind.REPLY
+    return WaitFor(kind, wait.awaited, run.name(wait.awaited), int(wait.moment or 0))
+
+
+def _over(waited: list[_Asked]) -> Iterator[Sentence]:
     """Waits that are over. Of many that began at once it is told in one sentence, with what came last."""
     for some in _at_once(waited):
         for together in [some] if len(some) > _MANY else [[one] for one in some]:
             last = max(together, key=attrgetter("end"))
-            names, several = listed([one.name for one in together]), len(together) > 1
-            what = f"for the {'replies' if several else 'reply'} to {names}"
-            if moment:
-                what = f"until {names} {of_all(clause(moment), len(together))}"
-            text = f"its handler waits {what}" + (f", the last one {last.name}" if several else "")
+            text = f"its handler waits {several_in_words(one.what for one in together)}"
+            text += f", the last one {last.name}" if len(together) > 1 else ""
             yield Sentence(together[0].start, text, last.end - together[0].start)
-
-
-def _waits_for_claim(run: Run, wait: HandlerWait, claim: Claim, moment: float) -> Iterator[Sentence]:
-    for part in for_claim_briefly(run, wait, claim, moment):
-        what = f"{claim}, {OTHERS}" if part.why == OTHERS else part.why
-        yield _part(part, f"its handler waits for the {what}")
 
 
 def _asked(at: RunAt, handling: Handling) -> Iterator[Sentence]:
@@ -191,13 +223,14 @@ def _asked(at: RunAt, handling: Handling) -> Iterator[Sentence]:
         if fetched is None or fetched.start > max(at.moment, query.received):
             end = query.answered if query.answered is not None else query.written("dropped") if query.dropped else None
             is_open = query.received <= at.moment and (end is None or end > at.moment)
-            where = whereabouts(at, query.id) if is_open else ""
+            now = of_query(at, query)
+            where = f"; {whereabouts(now)}" if is_open and now.because else ""
             took = None if end is None else end - query.received
-            text = f"its handler asked {query}{where}, and goes on"
-            how = f"; it fails: {failure}" if end is not None and (failure := failure_told(query, end)) else ""
+            text = f"its handler asked {query}, and goes on{where}"
+            how = f"; it fails: {failure}" if end is not None and (failure := _failure_told(query, end)) else ""
             yield Sentence(query.received, text + how, took, took is None, how)
         elif fetched.start > query.received:  # it fetches the reply later
-            later.append(_Asked(str(query), query.received, fetched.start))
+            later.append(_Asked(WaitFor(WaitKind.REPLY, query.id, query.name), query.received, fetched.start))
     for some in _at_once(later):
         asked, end = listed([one.name for one in some]), max(one.end for one in some)
         yield Sentence(some[0].start, f"its handler asked {asked}, and goes on", end - some[0].start)
@@ -217,30 +250,48 @@ def _at_once(asked: list[_Asked]) -> Iterator[list[_Asked]]:
 
 
 def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
-    run, text = at.run, f"its handler waits {awaited(at.run, wait)}{_missing(at, wait)}"
+    run, goes_on = at.run, wait.start <= at.moment and (wait.end is None or wait.end > at.moment)
+    text = f"its handler waits {in_words(wait_for(at, of_handler_wait(run, wait)) if goes_on else _plain(run, wait))}"
     if circle := run.deadlock(wait):
-        told = _spanning(wait, text, f", and is refused: {circle}")
-        return told._replace(seconds=None) if wait.end == wait.start else told
-    if why := why_in_vain(run, wait):
-        return _spanning(wait, text, f", and gives up: {why}")
-    query = None if wait.moment or wait.end is None else run.messages.get(wait.awaited)
-    failure = "" if query is None or wait.end is None else failure_told(query, wait.end)
+        sentence = _spanning(wait, text, f", and is refused: {circle}")
+        return sentence._replace(seconds=None) if wait.end == wait.start else sentence
+    query = None if wait.moment else run.messages.get(wait.awaited)
+    if query is None or wait.end is None:
+        return _spanning(wait, text)
+    if query.was_given_up:
+        asked = of_query(RunAt(run, nextafter(wait.end, 0.0)), query)
+        return _spanning(wait, text, f", and gives up: {whereabouts(asked) if asked.because else 'no answer came'}")
+    failure = _failure_told(query, wait.end)
     return _spanning(wait, text, f", which fails: {failure}" if failure else "")
 
 
-def _missing(at: RunAt, wait: HandlerWait) -> str:
-    """Where the query is that a handler waits for at that moment, or who has not answered one that many were asked."""
-    is_waiting = not wait.moment and wait.start <= at.moment and (wait.end is None or wait.end > at.moment)
-    return whereabouts(at, wait.awaited) if is_waiting else ""
+def _failure_told(query: Message, moment: float) -> str:
+    """With what a query had failed, in a line; "" if it had not. Of a question to many single failures say nothing."""
+    failure = str(query.was("failure", moment)) if query.message_class.asks_one else ""
+    return next(iter(failure.strip().splitlines()), "")
 
 
-def awaited(run: Run, wait: HandlerWait) -> str:
-    """What a handler waited for: ``for the reply to next stance {7}``."""
-    if wait.moment:
-        return f"until {run.describe(wait.awaited)} {clause(wait.moment)}"
-    if claim := run.claims.get(wait.awaited):
-        return f"for the {claim_and_why(RunAt(run, wait.start), claim)}"
-    return f"for the reply to {run.describe(wait.awaited)}"
+def _answers_so_far(run: Run, query: Message, given_up: float) -> str:
+    """What became of a multi-query that was given up when some had answered: its sender gets these answers. ``its
+    sender waits no longer: 1 of 3 answered in time: arm (7); legs had not, head had failed``; "" of others.
+    """
+    if not query.message_class.asks_many or not query.was_given_up:
+        return ""
+    at = RunAt(run, nextafter(given_up, 0.0))
+    late = [place(one.module, one.resource) for one in of_query(at, query).because]
+    runs = [one for one in query.handlings if one.end is not None and one.end <= at.moment]
+    answers = [_answer(query, one) for one in runs if one.outcome is Outcome.DONE]
+    failed = [place(one.module, one.resource) for one in runs if one.outcome is not Outcome.DONE]
+    others = [f"{listed(some)} had {what}" for some, what in ((late, "not"), (failed, "failed")) if some]
+    rest = f"; {', '.join(others)}" if others else ""
+    number = f"{len(answers)} of {len(late) + len(runs)}"
+    return f"its sender waits no longer: {number} answered in time: {listed(answers)}{rest}" if answers else ""
+
+
+def _answer(query: Message, run: Handling) -> str:
+    """Who answered, and what."""
+    data = "" if run.end is None else data_text(query.was("result", run.end))
+    return place(run.module, run.resource) + (f" ({cut(data, _LONGEST_ANSWER)})" if data else "")
 
 
 def _changes(run: Run, message: Message) -> Iterator[Sentence]:
@@ -250,7 +301,7 @@ def _changes(run: Run, message: Message) -> Iterator[Sentence]:
         for time, new in message.became(name) if name in changed else ():
             if new and (said := say(new)):
                 if name == "dropped":
-                    said = answers_so_far(run, message, time) or said
+                    said = _answers_so_far(run, message, time) or said
                 who = raised.get((time, new), "") if name == "failure" else ""
                 yield Sentence(time, said + who)
 
@@ -333,49 +384,60 @@ def _plans(run: Run, task: Task) -> Iterator[Sentence]:
 
 def _states(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
     """The states that nothing else tells of, with what ended them or keeps them up."""
-    for number, (time, state) in enumerate(task.states):
-        after = task.states[number + 1][0] if number + 1 < len(task.states) else None
+    waits = told_waits(run, task)
+    for number, (start, end, state) in enumerate(states_of(task)):
         is_told = state in _IS_TOLD and state not in OVER
-        if is_told or (after is not None and after - time < NO_TIME):
+        if is_told or end - start < NO_TIME:
             continue
         if state in OVER:
-            is_late = number > 0 and (task.states[number - 1][1] is State.ENDING or _failed_before(task, state, time))
+            is_late = number > 0 and (task.states[number - 1][1] is State.ENDING or _failed_before(task, state, start))
             if state not in _IS_TOLD or is_late:
-                yield Sentence(time, "has ended" if is_late else str(state))
+                yield Sentence(start, "has ended" if is_late else str(state))
             continue
-        for part in in_state(run, task, number, moment):
-            if part.why:
-                left = _left(run, task, part, moment)
-                yield _part(part, f"{state}, {part.why}{left}", _not_achieved(run, task, part))
-            elif state is not State.ENDING:
-                last = run.time if part.end is None else nextafter(part.end, 0.0)
-                last = min(last, moment) if part.start <= moment else last
-                yield _part(part, WATCHING if watches(task, state, last) else str(state))
+        kept = [one for one in waits if start <= one.start < end]
+        handled = [one for one in kept if one.record is not None and isinstance(one.record, Handling)]
+        if state is State.PLANNING and handled:
+            kept = []
+        yield from _in_state(RunAt(run, moment), task, state, kept) if kept else [_lasting(start, end, str(state))]
 
 
-def _left(run: Run, task: Task, part: Stretch, moment: float) -> str:
-    """Of many that it waits for at that moment, how many are not done yet, if some are."""
-    moment = min(moment, run.time)
-    if len(part.tasks) <= NAMED or not part.start <= moment < (inf if part.end is None else part.end):
-        return ""
-    left = still_open(run, task, part, moment)
-    return f", {left} of them still to come" if left < len(part.tasks) else ""
-
-
-def _not_achieved(run: Run, task: Task, part: Stretch) -> str:
-    """Which of what it waited for failed or was killed instead: who is reaches all moments at once."""
-    if part.end is None or (task.killed is not None and task.written("killed") <= part.end):
-        return ""
-    found: dict[str, dict[str, None]] = {}
-    for point in (hold.constraint.before for hold in task.holds):
-        other = run.tasks.get(point.task)
-        if other is None or other is task or not other.states or not (other.id in part.tasks or str(other) in part.why):
+def _in_state(at: RunAt, task: Task, state: State, waits: list[Wait]) -> Iterator[Sentence]:
+    """What keeps a task in a state; what kept it from when it came to that on is told together, if it is much."""
+    watched = [one for one in waits if one.kind is WaitKind.CONDITION]
+    yield from (_lasting(one.start, one.end, WATCHING) for one in watched)
+    groups: dict[object, list[Wait]] = {}
+    for wait in waits:
+        if wait.kind is WaitKind.CONDITION or any(one.start <= wait.start < one.end for one in watched):
             continue
-        ended, how = other.states[-1]
-        if how in _IN_VAIN and part.start < ended <= part.end and other.reached.get(point.moment) == ended:
-            found.setdefault(_IN_VAIN[how], {})[str(other)] = None
-    told = [f"{listed(list(names))} {of_all(how, len(names))}" for how, names in found.items()]
-    return f", but {' and '.join(told)}" if told else ""
+        groups.setdefault((wait.kind, wait.on.moment, wait.start), []).append(wait)
+    for group in groups.values():
+        is_told_at_once = len(group) > NAMED or group[0].kind is WaitKind.SUBTASK
+        for some in [group] if is_told_at_once else [[one] for one in group]:
+            yield _of_group(at, task, state, some)
+
+
+def _of_group(at: RunAt, task: Task, state: State, waits: list[Wait]) -> Sentence:
+    start, end = waits[0].start, max(one.end for one in waits)
+    is_in_whatever_way = state is State.ENDING or task.is_retried
+    what = several_in_words(told(RunAt(at.run, start), waits, however=is_in_whatever_way))
+    left = sum(one.end > at.moment for one in waits) if start <= at.moment < end else len(waits)
+    more = f", {left} of them still to come" if left < len(waits) else ""
+    return _lasting(start, end, f"{state}, {what}{more}", _not_achieved(at.run, task, waits, end))
+
+
+def _not_achieved(run: Run, task: Task, waits: list[Wait], end: float) -> str:
+    """Which of what it waited for failed or was killed instead: whatever is reaches all moments at once."""
+    if end == inf or (task.killed is not None and task.written("killed") <= end):
+        return ""
+    found: dict[str, list[str]] = {}
+    for wait in waits:
+        other = run.tasks.get(wait.on.number)
+        if wait.kind is WaitKind.CONSTRAINT and other is not None and other.states and wait.end < inf:
+            ended, how = other.states[-1]
+            if how in _IN_VAIN and ended == wait.end:
+                found.setdefault(how, []).append(str(other))
+    ends = [f"{listed(names)} {_IN_VAIN[State(how)][len(names) > 1]}" for how, names in found.items()]
+    return f", but {' and '.join(ends)}" if ends else ""
 
 
 def _failed_before(task: Task, state: State, time: float) -> bool:
@@ -408,6 +470,6 @@ def _spanning(span: Queueing | Handling | HandlerWait | Suspension, text: str, e
     return Sentence(span.start, text + ending, took, took is None, ending)
 
 
-def _part(part: Stretch, text: str, ending: str = "") -> Sentence:
-    took = None if part.end is None else part.end - part.start
-    return Sentence(part.start, text + ending, took, took is None, ending)
+def _lasting(start: float, end: float, text: str, ending: str = "") -> Sentence:
+    took = None if end == inf else end - start
+    return Sentence(start, text + ending, took, took is None, ending)

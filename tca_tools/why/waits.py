@@ -72,6 +72,7 @@ _NEXT = {
 """The moment that a task in a state comes to next (0: it is to be resumed)."""
 _ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 """The moments that come after its handler has returned."""
+_BEGINNING = START_HANDLING | START_PLANNING | START_ACHIEVING
 _LATELY = 32
 """Waits of a handler that are looked at, of those that had begun at a moment."""
 _OF_ITS_STATE = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.DELAY, WaitKind.SUBTASK)
@@ -472,6 +473,15 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
     return [], []
 
 
+def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
+    """The constraints of tasks above that keep a task from what it comes to next, each with whose it is."""
+    above = [wait.on for wait in keeping(at, next_node(at, number)) if wait.kind is WaitKind.PARENT]
+    for node in above:  # grows while it is walked
+        waits = keeping(at, node)
+        yield from ((node.number, wait.record) for wait in waits if isinstance(wait.record, Hold))
+        above += [wait.on for wait in waits if wait.kind is WaitKind.PARENT]
+
+
 # --- as people are told ----------------------------------------------------------------------------------------------
 
 
@@ -523,7 +533,9 @@ def told_waits(run: Run, task: Task) -> list[Wait]:
 
 
 def _moments_in_state(task: Task, state: State, since: float) -> int:
-    return 0 if state is State.SUSPENDED else _moments(task, _next_moment(task, state, since), since)
+    if state in (State.SUSPENDED, State.RECOVERING):
+        return 0 if state is State.SUSPENDED else _BEGINNING | END_HANDLING
+    return _moments(task, _next_moment(task, state, since), since)
 
 
 def _is_of_state(wait: Wait, state: State) -> bool:

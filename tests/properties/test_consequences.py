@@ -15,7 +15,7 @@ from central.player import Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.test_deadlocks import Blocking, free_handlers
-from properties.test_ends import reached
+from properties.test_waits_are_true import reached
 
 from tca_central.core import Central
 from tca_central.events import Effect
@@ -23,15 +23,16 @@ from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim as Wanted
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fold import History
-from tca_tools.run.records import Claim
-from tca_tools.why.last import MOST, End, Ends
-from tca_tools.why.leads import Kind, Node, leads
-from tca_tools.why.whereabouts import kept_out
+from tca_tools.why.ends import MOST, End, Ends
+from tca_tools.why.keepers import kept_out
+from tca_tools.why.waits import Node
+from tca_tools.why.waits import steps as waits_lead_to
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Delivered
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.waits import WaitKind
 
 numbers = st.integers(0, 50)
 steps = st.lists(
@@ -156,19 +157,19 @@ class Again(Player):
 
     def act(self, end: End) -> None:
         """Do what an end stands for. Raises AssertionError where central knows nothing of the kind."""
-        if end.kind is Kind.GOES_ON:
+        if end.kind is WaitKind.RUNNING:
             runs = [one for one in may_return(self.central) if one.message_id == end.number]
             assert runs, f"{end} does not go on"
             for run in runs:
                 self.answer(run)
-        elif end.kind is Kind.NOBODY:
+        elif end.kind is WaitKind.HANDLER:
             self.take(self.at.run.messages[end.number].name)
-        elif end.kind is Kind.SUSPENDED:
+        elif end.kind is WaitKind.RESUME:
             assert self.central.tree.tasks[TaskId(end.number)].suspended, f"{end} is not suspended"
             self.receive("operator", headers.Suspend(self.number("operator"), TaskId(end.number), resume=True))
-        elif end.kind is Kind.DELAYED:
+        elif end.kind is WaitKind.DELAY:
             self.tick(LONG)
-        elif end.kind is Kind.STANDS:
+        else:
             self.unlock_or_join(end)
 
     def unlock_or_join(self, end: End) -> None:
@@ -230,7 +231,7 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
         if told.queueing and told.queueing.module:
             who_is_said_to_be_next_is(life, at, told)
     for ends, nodes in waiting.items():
-        if len(ends) <= MOST and all(end.kind is not Kind.WATCHES for end in ends):
+        if len(ends) <= MOST and all(end.kind is not WaitKind.CONDITION for end in ends):
             nothing_else_helps(life, ends, nodes)
             for node in dict.fromkeys((nodes[0], nodes[-1])):
                 what_is_named_helps(life, node)
@@ -242,7 +243,7 @@ def who_is_said_to_be_next_is(life: Life, at: RunAt, task: TaskAt) -> None:
     assert task.queueing
     place = task.queueing.module, task.queueing.resource
     by, again = kept_out(at, *place, task), Again(life)
-    if isinstance(by, Claim) and (at.is_granted(by) or by.is_reserved):  # that may let it in
+    if by.claim and (at.is_granted(by.claim) or by.claim.is_reserved):  # that may let it in
         return
     own_slots = {one.given_as for one in may_return(again.central) if not one.nested}
     going_on = [run for run in at.running(*place) if run.delivery in own_slots]
@@ -251,7 +252,7 @@ def who_is_said_to_be_next_is(life: Life, at: RunAt, task: TaskAt) -> None:
         again.answer(again.central.dispatcher.running[run.delivery])
         told = [fact for entry in again.entries[known:] for fact in entry.facts if isinstance(fact, Delivered)]
         let_in = [fact.message_id for fact in told if (fact.module, fact.resource) == place]
-        is_wrong = task.id in let_in if isinstance(by, Claim) else not let_in
+        is_wrong = task.id in let_in if by.claim else not let_in
         assert not is_wrong, f"{task} waits for {by}; {run} returned, and {let_in} got in"
 
 
@@ -275,14 +276,14 @@ def rest(again: Again, ends: tuple[End, ...], named: set[int]) -> Iterator[objec
         if claim.is_granted:
             again.release(claim)
             yield claim
-    if Kind.SUSPENDED not in kinds:
+    if WaitKind.RESUME not in kinds:
         for task in [one for one in central.tree.tasks.values() if one.suspended]:
             again.receive("operator", headers.Suspend(again.number("operator"), TaskId(task.id), resume=True))
             yield f"{task} resumed"
-    if Kind.NOBODY not in kinds:
+    if WaitKind.HANDLER not in kinds:
         for name in ("later", "never"):
             again.take(name)
-    if Kind.DELAYED not in kinds:
+    if WaitKind.DELAY not in kinds:
         again.tick(LONG)
         yield "time"
 
@@ -293,7 +294,7 @@ def what_is_named_helps(life: Life, node: Node) -> None:
         if again.has_reached(node):
             return
         ends = Ends.at(again.at).of_node(node)
-        if ends[0].kind in (Kind.CIRCLE, Kind.WATCHES):
+        if ends[0].kind in (WaitKind.CIRCLE, WaitKind.CONDITION):
             return
         told.append(ends)
         again.act(ends[0])
@@ -301,10 +302,10 @@ def what_is_named_helps(life: Life, node: Node) -> None:
 
 
 def each_is_needed(life: Life, at: RunAt, node: Node, ends: tuple[End, ...]) -> None:
-    if len(ends) < 2 or ends[0].kind is Kind.CIRCLE:
+    if len(ends) < 2 or ends[0].kind is WaitKind.CIRCLE:
         return
     for left in ends:
-        if left.kind is not Kind.DELAYED:
+        if left.kind is not WaitKind.DELAY:
             does_not_help_without(life, node, left)
 
 
@@ -315,8 +316,8 @@ def does_not_help_without(life: Life, node: Node, left: End) -> None:
         if any(is_choice(at, one) for one in reached(at, [node])):
             return
         ends = Ends.at(at).of_node(node)
-        others = [end for end in ends if end.number != left.number and end.kind is not Kind.DELAYED]
-        if not others or ends[0].kind is Kind.CIRCLE or left not in ends:
+        others = [end for end in ends if end.number != left.number and end.kind is not WaitKind.DELAY]
+        if not others or ends[0].kind is WaitKind.CIRCLE or left not in ends:
             return
         again.act(others[0])
         assert not again.has_reached(node), f"{node} did not wait for {left}"
@@ -326,7 +327,7 @@ def is_choice(at: RunAt, node: Node) -> bool:
     """Whether one of several is enough: of those that are in a resource the first that returns makes room."""
     message = at.run.messages.get(node.number)
     queueing = at.queueing_of(message) if message else None
-    return queueing is not None and len(leads(at, node)[0]) > 1
+    return queueing is not None and len(waits_lead_to(at, node)[0]) > 1
 
 
 @given(steps)

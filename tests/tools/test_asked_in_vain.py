@@ -36,10 +36,10 @@ def asking() -> Run:
 def test_the_story_says_where_each_question_was() -> None:
     told = [(one.time, one.seconds, one.text) for one in story_of(asking(), 1)]
     assert told[2:6] == [
-        (0.0, 0.5, "its handler waits for the reply to where {2}, and gives up: map had it, and had not answered"),
-        (0.6, 0.4, "its handler waits for the reply to where {3}, and gives up: it was queued for map, busy with where {2}"),
+        (0.0, 0.5, "its handler waits for the reply to where {2}, and gives up: map handles it"),
+        (0.6, 0.4, "its handler waits for the reply to where {3}, and gives up: it is queued for map, busy with where {2}"),
         (1.25, 0.25, "its handler asked look {4}, and goes on"),
-        (1.5, 0.5, "its handler waits for the reply to look {4}, and gives up: no module handled it"),
+        (1.5, 0.5, "its handler waits for the reply to look {4}, and gives up: no module handles it"),
     ]  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from tca_tools.analysis.steps import Doing
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
-from tca_tools.why.waiting import why_waiting
+from tca_tools.why.wait_words import reasons
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import Moment, Point, TaskId
@@ -366,7 +366,7 @@ def test_a_constraint_on_the_end_of_handling_or_planning_is_a_reason(moment: str
     if state == "achieving":
         story.reached(walk, Moment.START_ACHIEVING)
     run = story.say(facts.Returned(walk, Outcome.DONE, b"")).fold()
-    assert (run.tasks[walk].state, why_waiting(RunAt(run), TaskId(walk))) == (state, ["until walk {1} is achieved"])
+    assert (run.tasks[walk].state, reasons(at := RunAt(run), at.tasks[walk])) == (state, ["until walk {1} is achieved"])
 
 
 def test_a_task_that_its_deadline_killed_leads_to_what_it_waited_for_elsewhere() -> None:

@@ -15,7 +15,7 @@ from tca_tools.run.records import HandlerWait, Offer, State
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
-from tca_tools.why.waiting import why_waiting
+from tca_tools.why import wait_words
 from tca_wire.constraints import plan_first, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
@@ -28,7 +28,7 @@ def states(history: History) -> dict[str, State]:
 
 
 def reasons(history: History, task: int) -> list[str]:
-    return why_waiting(RunAt(history), TaskId(task))
+    return wait_words.reasons(at := RunAt(history), at.tasks[TaskId(task)]) if task in history.tasks else []
 
 
 def test_the_tree_while_one_step_is_taken_and_the_next_is_planned() -> None:
@@ -65,7 +65,7 @@ def test_the_tree_as_it_was() -> None:
 
 def test_why_each_task_waits() -> None:
     history = walking().fold()
-    assert reasons(history, 1) == ["until take steps {2}, take steps {3}, take steps {4} are achieved"]
+    assert reasons(history, 1) == ["until take steps {2}, take steps {3} and take steps {4} are achieved"]
     assert reasons(history, 2) == ["until move body {7} is achieved"]
     assert reasons(history, 3) == ["until take steps {2} is achieved"]
     assert reasons(history, 4) == ["until take steps {3} is being achieved"]
@@ -210,7 +210,7 @@ def test_a_journal_may_begin_in_the_middle() -> None:
 def everything_about(history: History) -> None:
     """Ask a history all that the tools ask; nothing may fail."""
     for task in history.tasks.values():
-        why_waiting(RunAt(history), TaskId(task.id))
+        reasons(history, task.id)
     for rows in (whole_outline(RunAt(history)), outline(RunAt(history), shown_at_most=2)):
         list(tree_lines(RunAt(history), rows, width=60, with_data=True))
         dot_source(RunAt(history), rows, "title", with_data=True)
@@ -316,7 +316,7 @@ def test_a_message_waits_for_a_locked_resource_and_a_handler_for_its_lock() -> N
     move, walk = story.command("move", "user"), story.goal("walk", "user")
     story.delivered(walk, "planner").delivered(move, "legs")
     story.at(1.0).say(facts.Claimed(20, "legs", "legs", False, "planner", walk))
-    assert reasons(story.fold(), walk) == ["for the lock of legs {20}, but legs is busy with move {1}"]
+    assert reasons(story.fold(), walk) == ["for the lock of legs {20}, busy with move {1}"]
     story.returned(move).say(facts.Granted(20))
     other = story.command("move", "eyes")
     story.queued(other, "legs")
@@ -372,7 +372,10 @@ def test_what_is_suspended_from_above_waits_for_that_to_be_resumed() -> None:
     known = story.fold()
     for task in (held, queued, late):
         assert reasons(known, task) == [f"until walk {{{walk}}} is resumed"]
-    assert reasons(known, step) == [f"until move {{{first}}} has been handled", f"until walk {{{walk}}} is resumed"]
+    assert reasons(known, step) == [
+        f"until the handler of move {{{first}}} returns",
+        f"until walk {{{walk}}} is resumed",
+    ]
     assert reasons(known, first) == []  # its handler runs on
     assert reasons(story.fold(0.5), held) == [f"until move {{{first}}} is achieved"]
     story.at(3.0).say(facts.SuspendedOrResumed(TaskId(walk), False))

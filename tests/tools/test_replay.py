@@ -176,14 +176,14 @@ def test_a_story_says_nothing_that_was_not_known_then() -> None:
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("slash", *"{3}", "enter")
         for moment, why in (
-            ("1", "until move {1}, look {2} are achieved"),
+            ("1", "until move {1} is achieved"),
             ("2", "until look {2}"),
         ):
             await pilot.press("g", *moment, "enter")
             _, _, sentences = " ".join(story_of(app).split()).partition("sent by user")
             assert f"held, {why}" in sentences
         await pilot.press("end")
-        assert "held, until look {2} is achieved, 1.000 s" in " ".join(story_of(app).split())
+        assert "held, until look {2} is achieved, 2.000 s" in " ".join(story_of(app).split())
 
     play(app, act)
 

@@ -1,0 +1,124 @@
+"""What the tools say that a task waits for, knowing the journal alone, is what central's own graph of needs says: for
+every moment of every task that lives, after every event of random lives.
+"""
+
+from collections.abc import Iterable
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
+from properties.life import Life, operation
+
+from tca_central.core import Central
+from tca_central.model.task_tree import Task
+from tca_central.needs.graph import needs
+from tca_central.order.cycles import Place
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.fold import History
+from tca_tools.why.ends import Ends
+from tca_tools.why.wait_words import reasons
+from tca_tools.why.waits import Node, keeping, next_node, steps, waits_of
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS
+from tca_wire.waits import WaitKind
+
+ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
+"""Of moments that begin something the tools name the one of the constraint, central the one at which that is decided."""
+OF_TASKS = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.LISTENER}
+
+
+class ComparedPlayer(FoldedPlayer):
+    """After every event central and the tools are asked."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.compared = 0
+
+    def compare(self) -> None:
+        at = RunAt(self.history)
+        for task in self.central.tree.tasks.values():
+            for moment in MOMENTS:
+                if not task.reached & moment:
+                    self.compared += 1
+                    assert_same(self.central, at, task, int(moment))
+            if not task.is_running:
+                assert reasons(at, at.tasks[task.id]), f"no reason why {task} does not go on"
+            assert_ends(at, task.id)
+
+
+def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
+    """The points of other tasks that have to come first. What is suspended is told with its constraints, too."""
+    true = outside(central, task, moment)
+    kept = keeping(at, Node(task.id, moment))
+    told, recovery = (
+        {(one.on.number, one.on.moment & ENDS) for one in kept if one.kind in kinds}
+        for kinds in (OF_TASKS, {WaitKind.RECOVERY})
+    )
+    for points in (true, told):  # what is achieved is planned
+        points -= {(number, END_PLANNING) for number, last in points if last == END_ACHIEVING}
+    extra = told - true if not task.suspended else set()
+    assert not extra, f"{task} before {moment}: {extra}"
+    assert true <= told | recovery, f"{task} before {moment}: {true - told - recovery}"
+
+
+def outside(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
+    """What central says that a moment of a task needs of other tasks, by way of its own moments; but for what would do
+    as well as something else: until when a monitor watches is in no journal.
+    """
+    way, found = [Place(task, moment)], set[tuple[int, int]]()
+    for place in way:  # grows while it is walked
+        needed = [group[0] for group in needs(central, place) if group and len(group) == 1]
+        for node in (node for node in needed if isinstance(node, Place)):
+            if node.task is not task:
+                found.add((node.task.id, int(node.moment) & ENDS))
+            elif node not in way:
+                way.append(node)
+    return found
+
+
+def assert_ends(at: RunAt, number: int) -> None:
+    """The ends are what can be reached and leads nowhere else; or circles, if there is no such thing."""
+    way = reached(at, [next_node(at, number)])
+    last = {node.number for node in way if steps(at, node)[1] or not steps(at, node)[0]}
+    found = Ends.at(at).of(number)
+    assert {end.number for end in found if end.kind is not WaitKind.CIRCLE} == last
+    assert list(found) == sorted(set(found))
+
+
+def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
+    """All that waits lead to."""
+    way = list(start)
+    seen = set(way)
+    for node in way:  # grows while it is walked
+        new = [one for one in steps(at, node)[0] if one not in seen]
+        way += new
+        seen.update(new)
+    return seen
+
+
+def assert_lists(history: History) -> None:
+    """At each moment of the run, the wait lists have what was kept then."""
+    for time in history.times[:: max(len(history.times) // 20, 1)]:
+        at = RunAt(history, time)
+        for number, task in at.tasks.items():
+            told = {one.on for one in waits_of(history, number) if one.start <= time < one.end}
+            node = next_node(at, number)
+            assert {one.on for one in keeping(at, node)} <= told, (time, str(task))
+
+
+@given(st.lists(operation, max_size=50))
+@settings(max_examples=100)
+def test_what_tasks_wait_for_is_what_central_knows(operations: list[tuple[str, int, int, int, int]]) -> None:
+    player = ComparedPlayer()
+    life = Life(player)
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+    assert_lists(player.history)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2)
+def test_so_it_is_in_a_long_life(seed: int) -> None:
+    player = ComparedPlayer()
+    Life(player).go_on(seed, 300)
+    assert player.compared > 100
+    assert_lists(player.history)
