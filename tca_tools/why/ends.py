@@ -3,7 +3,7 @@
 Each node is looked at once a moment, however many wait for it, and nothing recurses.
 """
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator
 from heapq import merge
 from itertools import groupby, islice
@@ -83,8 +83,29 @@ class Ends:
 
     def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
         """The same of who waits for this."""
-        deque(self.looking(node, within), maxlen=0)
+        if node not in self._ends and within != 0:
+            self._follow(node, within)
         return self._ends.get(node, ())
+
+    def _follow(self, start: Node, within: int | None) -> None:
+        """Go on as long as each waits for one thing only, as in a long chain; from there on search."""
+        ends, chain = self._ends, dict[Node, None]()
+        node = start
+        while node not in ends and node not in chain and (within is None or len(chain) < within):
+            nexts, leaves = steps(self._at, node)
+            if leaves or len(nexts) != 1:
+                break
+            chain[node] = None
+            node = nexts[0]
+        if node in chain:  # a circle
+            self._find(start, within)
+            return
+        if node not in ends:
+            self._find(node, None if within is None else within - len(chain))
+        if (found := ends.get(node)) is not None and chain:
+            ends.update(dict.fromkeys(chain, found))
+            if found[0].number == node.number != next(reversed(chain)).number:
+                self.last.add(found[0])
 
     def circle(self, number: int) -> list[int]:
         """All that wait for each other in a circle, by its first."""
@@ -103,23 +124,20 @@ class Ends:
             node = step[1]
         return found
 
-    def looking(self, start: Node, within: int | None = None) -> Iterator[None]:
-        """Find the ends of a node bit by bit: between two bits others may look for others, and the run may go on.
-
-        Depth first to where something waits for nothing else; what waits for each other is found together (Tarjan's
-        algorithm, without recursion).
+    def _find(self, start: Node, within: int | None) -> None:
+        """Go depth first to where something waits for nothing else; what waits for each other is found together
+        (Tarjan's algorithm, without recursion).
         """
         ends, order, lowest = self._ends, dict[Node, int](), dict[Node, int]()
-        undecided: list[Node] = []
+        undecided: dict[Node, tuple[list[Node], list[WaitKind]]] = {}
         way: list[tuple[Node, list[Node], Iterator[Node]]] = []
-        new: Node | None = start if start not in ends and within != 0 else None
+        new: Node | None = start
         while new is not None or way:
             if new is not None:
                 if within is not None and len(order) > within:
                     return
                 order[new] = lowest[new] = len(order)
-                undecided.append(new)
-                further = steps(self._at, new)[0]
+                undecided[new] = further, _ = steps(self._at, new)
                 way.append((new, further, iter(further)))
             node, further, rest = way[-1]
             for new in rest:
@@ -133,13 +151,12 @@ class Ends:
                         lowest[node] = lowest[one]
                 if lowest[node] == order[node]:
                     self._settle(undecided, node)
-            yield
 
-    def _settle(self, undecided: list[Node], first: Node) -> None:
+    def _settle(self, undecided: dict[Node, tuple[list[Node], list[WaitKind]]], first: Node) -> None:
         """What waits for each other, or one thing alone, has the ends of all that it waits for elsewhere."""
-        group = [undecided.pop()]
-        while group[-1] != first:
-            group.append(undecided.pop())
+        group = dict([undecided.popitem()])
+        while first not in group:
+            group.update([undecided.popitem()])
         several = self._beyond(group)
         if not several:
             numbers = sorted({node.number for node in group})
@@ -151,15 +168,14 @@ class Ends:
         for node in group:
             self._ends[node] = ends
 
-    def _beyond(self, group: list[Node]) -> list[tuple[End, ...]]:
+    def _beyond(self, group: dict[Node, tuple[list[Node], list[WaitKind]]]) -> list[tuple[End, ...]]:
         """The ends of all that a group waits for elsewhere, and its own."""
         numbers, own = {node.number for node in group}, set[End]()
         several: dict[int, tuple[End, ...]] = {}
-        for node in group:
-            further, leaves = steps(self._at, node)
-            if leaves or not further:
+        for node, (nexts, leaves) in group.items():
+            if leaves or not nexts:
                 own.update(End(_RANK[leaf], node.number) for leaf in leaves or (None,))
-            for to in further:
+            for to in nexts:
                 if (known := self._ends.get(to)) is not None:
                     several[id(known)] = known
                     if known[0].number == to.number and to.number not in numbers:
@@ -171,46 +187,29 @@ def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
     """How many tasks wait, for how many things in the end, and the things that most of them wait for. What nobody
     handles counts once a name; a task counts for its first ``MOST`` ends.
     """
-    count = Count(at)
-    deque(count.steps(), maxlen=0)
-    return count.causes()
+    ends = Ends.at(at)
+    waiting, first = Counter[tuple[End, ...]](), dict[End, int]()
+    for task in at.tasks.values():
+        if task.state not in OVER:
+            found = ends.of(task.id)
+            if found[0].number != task.id or not found[0].goes_on:
+                waiting[found] += 1
+                first.setdefault(found[0], task.id)
+    things: dict[object, list[End]] = {}
+    counts: Counter[object] = Counter()
+    for found, tasks in waiting.items():
+        named = {_thing(at, end): end for end in reversed(found)}
+        for thing, end in named.items():
+            things.setdefault(thing, []).append(end)
+            counts[thing] += tasks
+    ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:_TOLD]
+    told = [tuple(sorted(set(things[thing]))) for thing in ranked]
+    return (
+        sum(waiting.values()),
+        len({*things, *(_thing(at, end) for end in ends.last)}),
+        [Cause(one, counts[thing], first.get(one[0], one[0].number)) for one, thing in zip(told, ranked, strict=True)],
+    )
 
 
-class Count:
-    """The same, counted bit by bit: of a hundred thousand tasks it takes a while."""
-
-    def __init__(self, at: RunAt) -> None:
-        self._at, self._ends = at, Ends.at(at)
-        self._waiting = Counter[tuple[End, ...]]()
-        self._first: dict[End, int] = {}
-
-    def steps(self) -> Iterator[None]:
-        """Count. Between two bits the run may go on, and others may look."""
-        for task in list(self._at.tasks.values()):
-            if task.state not in OVER:
-                node = next_node(self._at, task.id)
-                yield from self._ends.looking(node)
-                found = self._ends.of_node(node)
-                if found[0].number != task.id or not found[0].goes_on:
-                    self._waiting[found] += 1
-                    self._first.setdefault(found[0], task.id)
-            yield
-
-    def causes(self) -> tuple[int, int, list[Cause]]:
-        """What the function of that name returns, when all has been counted."""
-        things: dict[object, list[End]] = {}
-        counts: Counter[object] = Counter()
-        for found, tasks in self._waiting.items():
-            named = {self._thing(end): end for end in reversed(found)}
-            for thing, end in named.items():
-                things.setdefault(thing, []).append(end)
-                counts[thing] += tasks
-        ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:_TOLD]
-        told = [self._cause(tuple(sorted(set(things[thing]))), counts[thing]) for thing in ranked]
-        return sum(self._waiting.values()), len({*things, *map(self._thing, self._ends.last)}), told
-
-    def _cause(self, ends: tuple[End, ...], tasks: int) -> Cause:
-        return Cause(ends, tasks, self._first.get(ends[0], ends[0].number))
-
-    def _thing(self, end: End) -> object:
-        return self._at.run.name(end.number) if end.kind is WaitKind.HANDLER else end
+def _thing(at: RunAt, end: End) -> object:
+    return at.run.name(end.number) if end.kind is WaitKind.HANDLER else end
