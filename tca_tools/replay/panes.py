@@ -230,7 +230,7 @@ class StoryPane(Widget):
     def _sentence(self, sentence: Sentence, at: RunAt) -> Iterator[Text]:
         run, clock = self._recording.run, self._recording.time(self._recording.place_of_record(sentence.time))
         text = printable(sentence.by(at.moment, at.time))
-        style = "red" if text.startswith(("failed", "killed")) else ""
+        style = "red" if sentence.is_bad else ""
         if style and coped_with(run, run.tasks[self._shown], sentence.time, at.moment):
             style = _HANDLED
         start = f"{clock:9.3f}  "

@@ -71,6 +71,8 @@ class Sentence(NamedTuple):
     """Whether it goes on when the journal ends."""
     ending: str = ""
     """The end of the text, if it tells how it ended: not known before."""
+    is_bad: bool = False
+    """Whether it says that the message failed or was killed."""
 
     def known(self, moment: float) -> "Sentence":
         """What was known of it at a moment: of what ended later, not how nor when."""
@@ -303,7 +305,7 @@ def _changes(run: Run, message: Message) -> Iterator[Sentence]:
                 if name == "dropped":
                     said = _answers_so_far(run, message, time) or said
                 who = raised.get((time, new), "") if name == "failure" else ""
-                yield Sentence(time, said + who)
+                yield Sentence(time, said + who, is_bad=name == "failure")
 
 
 _SAY: dict[str, Any] = {
@@ -317,7 +319,7 @@ _SAY: dict[str, Any] = {
 def _kills(task: Task) -> Iterator[Sentence]:
     for time, why in task.became("killed"):
         if why is not None:
-            yield Sentence(time, f"killed: {kill_reason(why, task.was('killed_by', time))}")
+            yield Sentence(time, f"killed: {kill_reason(why, task.was('killed_by', time))}", is_bad=True)
 
 
 def _exhausted(run: Run, task: Task) -> Iterator[Sentence]:

@@ -136,4 +136,4 @@ def test_exports_and_the_page_say_so(run: Path) -> None:
         reading.feed.apply(entry)
     answer = message_answer(reading, move, history.time)
     assert answer is not None
-    assert (answer["result"], answer["failure_data"]) == ("", '{"z": 1.5}')
+    assert (answer["result"], answer["failureData"]) == ("", '{"z": 1.5}')
