@@ -5,10 +5,13 @@ from collections.abc import Callable
 import numpy as np
 
 from robots.ambler_sim.elevation import make_map
+from robots.ambler_sim.footfall import choose_foothold
 from robots.ambler_sim.gait import body_height, next_step, standard_feet
 from robots.ambler_sim.geometry import Array
+from robots.ambler_sim.leg_recovery import plan_leg_move
+from robots.ambler_sim.perception import build_elevation_map
 from robots.ambler_sim.robot import Robot
-from robots.ambler_sim.vocabulary import Arc, ElevationMap, Pose, Stance, Step
+from robots.ambler_sim.vocabulary import Arc, ElevationMap, LegMove, Pose, Stance, Step
 from robots.ambler_sim.walk_alone import StepReport, take_step
 
 ORIGIN = Pose(0.0, 0.0, 0.0, 2.7)
@@ -47,3 +50,11 @@ def take_steps(robot: Robot, arc: Arc, count: int, known: ElevationMap | None = 
         reports.append(take_step(robot, arc, known))
         known = reports[-1].ground
     return reports
+
+
+def the_first_leg_move(robot: Robot) -> LegMove:
+    """Planned from what the robot sees where it stands."""
+    stance = robot.stance()
+    ground = build_elevation_map(robot.scan(), stance)
+    step = next_step(stance, an_arc())
+    return plan_leg_move(ground, step, choose_foothold(ground, step))

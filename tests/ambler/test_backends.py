@@ -12,8 +12,27 @@ from robots.ambler_sim.body import plan_shift
 from robots.ambler_sim.pacing import Pacer, Watch
 from robots.ambler_sim.robot import make_robot
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
-from robots.ambler_sim.urdf import ambler_urdf
 from robots.ambler_sim.vocabulary import TerrainSpec
+
+
+class FakeClock:
+    """Stands in for the time module: sleeping only moves the clock."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    clock = FakeClock()
+    monkeypatch.setattr("robots.ambler_sim.pacing.time", clock)
+    return clock
 
 
 def test_without_pybullet_the_kinematic_backend_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,25 +62,19 @@ def test_a_snapshot_of_one_backend_can_be_continued_on_the_other() -> None:
     physical.close()
 
 
-def test_pace_holds_simulated_time_back_to_a_multiple_of_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = FakeClock()
-    monkeypatch.setattr("robots.ambler_sim.pacing.time", clock)
+def test_pace_holds_simulated_time_back_to_a_multiple_of_real_time(clock: FakeClock) -> None:
     robot = make_robot("kinematic", pace=10.0)
     began_simulated, began_real = robot.time, clock.now
     robot.move_body(plan_shift(robot.stance(), a_stance().pose))
     assert clock.now - began_real == pytest.approx((robot.time - began_simulated) / 10.0, abs=0.01)
 
 
-def test_pace_zero_never_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = FakeClock()
-    monkeypatch.setattr("robots.ambler_sim.pacing.time", clock)
+def test_pace_zero_never_waits(clock: FakeClock) -> None:
     Pacer(0.0).passed(1000.0)
     assert clock.now == 0.0
 
 
-def test_idle_time_is_not_caught_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = FakeClock()
-    monkeypatch.setattr("robots.ambler_sim.pacing.time", clock)
+def test_idle_time_is_not_caught_up(clock: FakeClock) -> None:
     pacer = Pacer(1.0)
     clock.now = 100.0
     pacer.restart()
@@ -106,22 +119,3 @@ def test_a_file_that_is_no_snapshot_is_refused(tmp_path: Path) -> None:
     path.write_text('{"backend": "kinematic"}', encoding="utf-8")
     with pytest.raises(msgspec.ValidationError, match="missing required field"):
         load_snapshot(path)
-
-
-def test_the_mechanism_as_text_weighs_as_much_as_the_robot() -> None:
-    masses = [float(part.split('"')[1]) for part in ambler_urdf().split("<mass value=")[1:]]
-    assert sum(masses) == 2500.0
-    assert len(masses) == 1 + 6 * 4
-
-
-class FakeClock:
-    """Stands in for the time module: sleeping only moves the clock."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def sleep(self, seconds: float) -> None:
-        self.now += seconds

@@ -59,10 +59,6 @@ def test_each_margin_counts(worse: Margins) -> None:
     assert is_stable(Margins(0.6, 0.3, 0.1))
 
 
-def test_a_foot_on_its_foothold_that_bears_its_part_stands_well() -> None:
-    assert fault_of_footfall(LEG_MOVE, LANDED, EVEN) == ""
-
-
 @pytest.mark.parametrize(
     ("shift", "load", "fault"),
     [

@@ -6,14 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ambler.builders import an_arc
+from ambler.builders import the_first_leg_move
 
 from robots.ambler_sim.errors import TerrainContact
-from robots.ambler_sim.footfall import choose_foothold
-from robots.ambler_sim.gait import next_step
-from robots.ambler_sim.leg_recovery import plan_leg_move
 from robots.ambler_sim.motion import BACK_OFF
-from robots.ambler_sim.perception import build_elevation_map
 from robots.ambler_sim.robot import Backend, Robot, make_robot, pybullet_is_installed
 from robots.ambler_sim.stability import WEIGHT
 from robots.ambler_sim.terrain import scattered_rocks
@@ -35,13 +31,6 @@ def a_robot(backend: Backend, *rocks: Rock) -> Robot:
 def backend(request: pytest.FixtureRequest) -> Backend:
     name: Backend = request.param
     return name
-
-
-def the_first_leg_move(robot: Robot) -> LegMove:
-    stance = robot.stance()
-    ground = build_elevation_map(robot.scan(), stance)
-    step = next_step(stance, an_arc())
-    return plan_leg_move(ground, step, choose_foothold(ground, step))
 
 
 def contact_of(robot: Robot, move: LegMove) -> Contact:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from robots.ambler_sim.geometry import (
     AMBLER,
     circulating_angle,
-    circulation,
     feet_of,
     joints_of,
     leg_joints,
@@ -62,14 +61,6 @@ def test_limits_are_about_reach_and_drop() -> None:
     rows = np.array([[0.0, 0.9, 2.0], [9.0, 1.5, 2.0], [0.0, 2.6, 2.0], [0.0, 2.0, 5.1]])
     assert within_limits(rows).tolist() == [False, True, False, False]
     assert within_limits(rows, reserve=-0.2).all()
-
-
-def test_both_stacks_bring_their_rear_most_leg_forward_through_the_middle() -> None:
-    stance = a_stance()
-    progress = [circulating_angle(stance.pose, foot) for foot in stance.feet]
-    assert max(LEGS[:3], key=lambda leg: progress[leg]) == 2
-    assert max(LEGS[3:], key=lambda leg: progress[leg]) == 5
-    assert [circulation(leg) for leg in LEGS] == [1, 1, 1, -1, -1, -1]
 
 
 def test_a_leg_stopped_under_the_body_counts_as_rear_most() -> None:

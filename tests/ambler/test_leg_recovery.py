@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robots.ambler_sim.errors import OutOfReach, PathBlocked
 from robots.ambler_sim.geometry import Array, feet_of, leg_joints, to_world
 from robots.ambler_sim.leg_recovery import CLEARANCE, plan_leg_move, plan_swing, rotation, swing_path
-from robots.ambler_sim.motion import GUARD, SPEEDS, ease, leg_segments
+from robots.ambler_sim.motion import GUARD, SPEEDS, leg_segments
 from robots.ambler_sim.vocabulary import Foot, LegMove, Step
 
 angles = st.floats(-10.0, 10.0)
@@ -88,8 +88,3 @@ def test_no_joint_is_ever_faster_than_it_can_be() -> None:
         joints = np.array([segment.at(share) for share in np.linspace(0, 1, 101)])
         rates = np.abs(np.diff(joints, axis=0)) / (segment.duration / 100)
         assert (rates <= SPEEDS * 1.001).all()
-
-
-def test_easing_starts_and_ends_at_rest() -> None:
-    assert [ease(share) for share in (0.0, 0.5, 1.0, 1.5)] == pytest.approx([0.0, 0.5, 1.0, 1.0])
-    assert ease(0.01) < 0.001

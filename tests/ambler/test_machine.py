@@ -2,13 +2,12 @@
 
 import threading
 
-from robots.ambler_sim.footfall import choose_foothold
-from robots.ambler_sim.gait import next_step
-from robots.ambler_sim.leg_recovery import plan_leg_move
+from ambler.builders import the_first_leg_move
+
 from robots.ambler_sim.machine import Machine
-from robots.ambler_sim.perception import build_elevation_map, points_of
+from robots.ambler_sim.perception import points_of
 from robots.ambler_sim.robot import make_robot
-from robots.ambler_sim.vocabulary import Arc, Scan
+from robots.ambler_sim.vocabulary import Scan
 
 
 def test_a_standing_robot_is_scanned_at_once() -> None:
@@ -20,9 +19,7 @@ def test_a_scan_is_taken_between_two_ticks_of_a_move_with_all_feet_on_the_ground
     robot = make_robot("kinematic")
     machine = Machine(robot)
     before = robot.stance()
-    ground = build_elevation_map(points_of(machine.scan()), before)
-    step = next_step(before, Arc(before.pose, 0.0, 5.0))
-    move = plan_leg_move(ground, step, choose_foothold(ground, step))
+    move = the_first_leg_move(robot)
     scans: list[Scan] = []
     other = threading.Thread(target=lambda: scans.append(machine.scan()))
     taken_at: list[float] = []

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.elevation import height_at, heights_of, known_cells
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.perception import build_elevation_map, pack_scan, points_of
+from robots.ambler_sim.perception import build_elevation_map
 from robots.ambler_sim.robot import make_robot
 from robots.ambler_sim.vocabulary import Pose, TerrainSpec
 
@@ -63,11 +63,6 @@ def test_a_map_never_leaves_the_range_of_what_was_measured(rows: list[tuple[floa
     lowest, highest = min([0.0, *points[:, 2]]), max([0.0, *points[:, 2]])
     assert np.nanmin(heights) >= lowest - 1e-6
     assert np.nanmax(heights) <= highest + 1e-6
-
-
-def test_a_scan_survives_being_sent() -> None:
-    points = patch(2.0, -0.5, 0.4)
-    assert points_of(pack_scan(a_stance(), points)) == pytest.approx(points, abs=1e-6)
 
 
 def test_a_scan_of_hills_becomes_a_map_of_these_hills() -> None:

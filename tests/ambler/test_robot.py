@@ -9,20 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ambler.builders import an_arc, take_steps
+from ambler.builders import an_arc, take_steps, the_first_leg_move
 
 from robots.ambler_sim import motion
 from robots.ambler_sim.body import plan_shift
 from robots.ambler_sim.errors import OutOfReach
-from robots.ambler_sim.footfall import choose_foothold
-from robots.ambler_sim.gait import next_leg, next_step
-from robots.ambler_sim.geometry import offset
-from robots.ambler_sim.leg_recovery import plan_leg_move, plan_swing
+from robots.ambler_sim.gait import next_leg
+from robots.ambler_sim.leg_recovery import plan_swing
 from robots.ambler_sim.perception import build_elevation_map
 from robots.ambler_sim.robot import Backend, Robot, make_robot, pybullet_is_installed
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.stability import WEIGHT
-from robots.ambler_sim.vocabulary import BodyMove, LegMove, Stance, TerrainSpec
+from robots.ambler_sim.vocabulary import BodyMove, Stance, TerrainSpec
 
 NO_PHYSICS = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")
 BACKENDS = ["kinematic", pytest.param("pybullet", marks=NO_PHYSICS)]
@@ -38,13 +36,6 @@ def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
     made = make_robot(backend, terrain=HILLS)
     yield made
     made.close()
-
-
-def the_first_leg_move(robot: Robot) -> LegMove:
-    stance = robot.stance()
-    ground = build_elevation_map(robot.scan(), stance)
-    step = next_step(stance, an_arc())
-    return plan_leg_move(ground, step, choose_foothold(ground, step))
 
 
 def greatest_shift(before: Stance, after: Stance, *, without: int = -1) -> float:
@@ -156,18 +147,6 @@ def test_another_robot_goes_on_from_a_saved_snapshot(robot: Robot, tmp_path: Pat
     assert following[0].step.leg == 1
     assert other.stance().pose.x == pytest.approx(1.5, abs=0.06)
     assert other.time > robot.time
-    other.close()
-
-
-def test_it_starts_anywhere_and_heads_anywhere(robot: Robot) -> None:
-    start = replace(robot.stance().pose, x=5.0, y=1.0, heading=2.5)
-    backend: Backend = "pybullet" if robot.backend == "pybullet" else "kinematic"
-    other = make_robot(backend, terrain=HILLS, start=start)
-    arc = an_arc(start=other.stance().pose)
-    take_steps(other, arc, 1)
-    x, y = offset(start, 0.5, 0.0)
-    pose = other.stance().pose
-    assert (pose.x, pose.y, pose.heading) == pytest.approx((x, y, 2.5), abs=0.06)
     other.close()
 
 

@@ -29,12 +29,6 @@ def test_a_second_walk_goes_on_where_the_first_one_ended(capsys: pytest.CaptureF
     assert "walked 1.0" in capsys.readouterr().out
 
 
-def test_a_curve_over_steep_hills_can_be_walked(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--metres", "4", "--curvature", "-0.1", "--slope", "0.3", "--seed", "5", "--backend", "kinematic"]
-    assert main(arguments) == 0
-    assert "walked 4.0" in capsys.readouterr().out
-
-
 def test_a_curve_that_is_too_tight_ends_with_one_line_that_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--metres", "4", "--curvature", "1.0", "--backend", "kinematic"]) == 1
     assert capsys.readouterr().err.startswith("walk_alone: NoFootfall: no foothold for leg")

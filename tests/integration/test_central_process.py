@@ -104,18 +104,6 @@ def test_a_killed_module_fails_its_task_and_nothing_else(tmp_path: Path) -> None
             assert user.query(SQUARE, 3) == 9
 
 
-def test_a_terminated_module_finishes_what_it_does_and_another_goes_on(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, connect("user", daemon.address) as user:
-        with program(MOVES_UNTIL_TERMINATED, daemon.address) as old:
-            ready(old)
-            assert user.command(MOVE, 1).result(timeout=20) == 1
-            old.send_signal(signal.SIGTERM)
-            assert old.wait(timeout=10) == 0
-        waiting = user.command(MOVE, 2)
-        with program(MOVES, daemon.address):
-            assert waiting.result(timeout=10) == 2
-
-
 def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
@@ -226,45 +214,6 @@ def test_two_centrals_do_not_write_to_one_folder(tmp_path: Path) -> None:
         assert done.returncode == 1
         assert "another central that runs writes its journal there: name another folder" in done.stderr
         assert sorted(path.name for path in daemon.journal.iterdir()) == before
-
-
-def test_a_central_that_was_restarted_in_the_middle_is_asked_and_modules_serve_on(tmp_path: Path) -> None:
-    with central(tmp_path) as first:
-        with program(SQUARES, first.address) as squares, connect("user", first.address) as user:
-            ready(squares)
-            assert user.query(SQUARE, 2) == 4
-            first.signal(signal.SIGKILL)
-            first.process.wait()
-            (tmp_path / "again").mkdir()
-            with central(tmp_path / "again", bind=first.address):
-                assert user.query(SQUARE, 3, timeout=30) == 9
-
-
-def test_a_stopped_central_blames_nobody(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, program(MOVES, daemon.address) as legs:
-        ready(legs)
-        with connect("user", daemon.address, patience=3.0) as user:
-            move = user.command(MOVE, 1000)
-            assert legs.stdout
-            assert legs.stdout.readline() == "moving\n"
-            daemon.signal(signal.SIGSTOP)
-            with pytest.raises(CentralLost):
-                move.wait()
-            daemon.signal(signal.SIGCONT)
-            assert user.status("modules")
-            move.kill()
-            assert move.wait(timeout=10) is Outcome.KILLED
-
-
-def test_the_journal_of_a_killed_central_can_be_read(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, program(MOVES, daemon.address) as legs, connect("user", daemon.address) as user:
-        ready(legs)
-        for number in range(20):
-            user.command(MOVE, number).result(timeout=10)
-        daemon.signal(signal.SIGKILL)
-        daemon.process.wait()
-    history = History.until(open_log(daemon.journal))
-    assert sum(task.state == "achieved" for task in history.tasks.values()) == 20
 
 
 def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:

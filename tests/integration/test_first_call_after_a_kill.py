@@ -6,12 +6,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import pytest
 from integration.programs import central
 
-from tca_module import CentralLost, Client, Command, Query, Variable, connect
-from tca_tools.run.journals import open_log
-from tca_wire.journal import facts
+from tca_module import Client, Command, Query, Variable, connect
 
 WORK, UNHEARD = Command("work", int), Command("unheard of", int)
 LEVEL, HEIGHT, WHERE = Variable("level", int), Variable("height", int), Query("where", reply=int)
@@ -51,17 +48,3 @@ def test_a_client_that_slept_through_a_restart_loses_nothing(tmp_path: Path) -> 
         stack.enter_context(central(tmp_path / "again", bind=first.address))
         told = {call: CALLS[call][0](user) for call, user in users.items()}
         assert told == {call: expected for call, (_, expected) in CALLS.items()}
-
-
-def test_what_the_killed_central_had_is_not_asked_twice(tmp_path: Path) -> None:
-    with central(tmp_path) as first, connect("user", first.address) as user:
-        pending = user.query_send(WHERE)
-        assert user.modules()  # so that one has come, too
-        first.signal(signal.SIGKILL)
-        first.process.wait()
-        with central(tmp_path / "again", bind=first.address) as second:
-            with pytest.raises(CentralLost, match="central was restarted meanwhile and has forgotten it; ask again"):
-                pending.receive()
-            assert user.modules()
-        told = [fact for entry in open_log(second.journal) for fact in entry.facts]
-        assert not [fact for fact in told if isinstance(fact, facts.Received)]

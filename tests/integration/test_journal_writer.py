@@ -34,15 +34,6 @@ def test_what_was_added_can_be_read(tmp_path: Path, sync: Sync) -> None:
     assert entries[-1].facts == [Closed("done")]
 
 
-def test_a_flush_is_with_the_kernel_when_it_returns(tmp_path: Path) -> None:
-    journal = writer(tmp_path / "run")
-    journal.add(Entry(1, 0.5, [Dropped(1, "any", "why")]))
-    assert len(list(open_log(tmp_path / "run"))) == 1
-    journal.flush()
-    assert len(list(open_log(tmp_path / "run"))) == 2
-    journal.close(2, 1.0, "done")
-
-
 def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal_writer, "SEGMENT_BYTES", 2000)
     journal = writer(tmp_path / "run")

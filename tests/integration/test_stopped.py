@@ -231,25 +231,6 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
 
 
 @pytest.mark.soak
-def test_a_restarted_central_watches_as_the_one_before(tmp_path: Path) -> None:
-    with central(tmp_path) as first, eyes_at(first.address).running(), program(LEGS, first.address) as legs:
-        with connect("user", first.address) as user:
-            user.wait_until_handled(STEP, timeout=SOON)
-        first.signal(signal.SIGKILL)
-        first.process.wait()
-        (tmp_path / "again").mkdir()
-        with central(tmp_path / "again", "--lost-after", "3", bind=first.address) as second:
-            with connect("user", first.address) as user:
-                user.wait_until_handled(STEP, LOOK, timeout=SOON)
-                step = user.command(STEP)
-                hear(legs, "steps")
-                legs.send_signal(signal.SIGSTOP)
-                assert step.wait(timeout=SOON) is Outcome.FAILED
-            second.stop()
-            assert silent(second.journal) == ["legs"]
-
-
-@pytest.mark.soak
 def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_path: Path) -> None:
     """The kernel closes them only when the last process that has them ends; a child has no pulse."""
     with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:

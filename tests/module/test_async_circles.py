@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from module.real_central import until
 
-from tca_module import Client, Command, Deadlock, Module, Outcome, Query, Task, TaskFailed
+from tca_module import Client, Command, Module, Outcome, Query, Task, TaskFailed
 from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import RequestRefused
@@ -93,33 +93,6 @@ def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(how: How, centra
     assert text.startswith("deadlock: ")
     assert "draw {" in text
     assert "map {" in text
-
-
-def test_a_circle_of_tasks(central: LocalCentral, user: Client) -> None:
-    eyes, maps, both = Module("eyes", central), Module("maps", central), threading.Barrier(2)
-    caught: list[str] = []
-
-    def waits_for(command: Command[None, None]) -> Callable[[Task], Coroutine[Any, Any, None]]:
-        async def handle(task: Task) -> None:
-            both.wait(SOON)
-            ref = task.command(command)
-            try:
-                await ref
-            except Deadlock as error:
-                caught.append(str(error))
-                ref.kill("it would wait for ever")
-
-        return handle
-
-    eyes.handles(DRAW)(waits_for(REST))
-    maps.handles(MAP)(waits_for(HOLD))
-    eyes.handles(HOLD)(lambda _: None)
-    maps.handles(REST)(lambda _: None)
-    with eyes.running(), maps.running():
-        refs = user.command(DRAW, sequential=False), user.command(MAP, sequential=False)
-        assert [ref.wait(SOON) for ref in refs] == [Outcome.DONE] * 2
-    assert len(caught) == 1
-    assert "is achieved" in caught[0]
 
 
 # --- what may go on by itself ----------------------------------------------------------------------------------------

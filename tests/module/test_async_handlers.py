@@ -16,22 +16,6 @@ from tca_wire.journal.facts import Failed, Received, Returned
 SOON = 5.0
 
 
-def test_a_coroutine_replies(legs: Module, user: Client) -> None:
-    @legs.handles(STANCE)
-    async def stance(task: Task, radius: float) -> list[int]:
-        await asyncio.sleep(0)
-        return [int(radius)]
-
-    class Thermometer:
-        async def __call__(self, task: Task) -> float:
-            return await asyncio.to_thread(lambda: 36.6)
-
-    legs.handles(TEMPERATURE)(Thermometer())
-    with legs.running():
-        assert user.query(STANCE, 3.0, timeout=SOON) == [3]
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-
-
 def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(legs: Module, user: Client) -> None:
     loops, went_on = [], threading.Event()
 
@@ -59,13 +43,13 @@ def test_plain_handlers_and_coroutines_mix_in_one_slot(legs: Module, user: Clien
         awaited, waited_for = await task.query_send(TEMPERATURE), task.query(TEMPERATURE, timeout=SOON)
         return [int(awaited), int(waited_for)]
 
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> float:
-        return 36.6
+    class Legs:
+        async def __call__(self, task: Task, leg: int) -> Footfall:
+            stance = await asyncio.to_thread(lambda: [36])
+            return Footfall(stance[0], 0.0)
 
-    @legs.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> Footfall:
-        return Footfall(task.query(STANCE, 1.0, timeout=SOON)[0], 0.0)
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    legs.handles(MOVE_LEG)(Legs())
 
     with legs.running():
         assert user.query(STANCE, 1.0, timeout=SOON) == [36, 36]
@@ -128,21 +112,6 @@ def test_an_answer_may_be_awaited_only_so_long(legs: Module, user: Client, centr
         assert user.query(STANCE, 1.0, timeout=SOON) == [1]
         assert user.status("messages")
     assert "no module handles it" in {getattr(fact, "where", "") for fact in central.facts}
-
-
-def test_a_blocking_call_loses_nothing_that_coroutines_wait_for(legs: Module, eyes: Module, user: Client) -> None:
-    """It reads from the socket what others wait for, and no file tells of that."""
-    eyes.handles(STANCE)(lambda _, radius: [int(radius)])
-
-    @legs.handles(TEMPERATURE)
-    async def temperature(task: Task) -> float:
-        pending = [asyncio.ensure_future(task.query_send(STANCE, float(number))) for number in range(20)]
-        await asyncio.sleep(0)
-        task.query(STANCE, 0.0, timeout=SOON)
-        return float(sum(stance[0] for stance in await asyncio.gather(*pending)))
-
-    with legs.running(), eyes.running():
-        assert user.query(TEMPERATURE, timeout=SOON) == sum(range(20))
 
 
 # --- the end ------------------------------------------------------------------------------------------------------------
@@ -309,28 +278,6 @@ def test_only_async_handlers_await(user: Client) -> None:
 
 
 # --- central breaks -----------------------------------------------------------------------------------------------------
-
-
-def test_a_coroutine_is_cancelled_when_central_has_forgotten_its_task(
-    legs: Module, user: Client, central: LocalCentral
-) -> None:
-    ended = queue.Queue[str]()
-
-    @legs.handles(REST)
-    async def rest(task: Task) -> None:
-        try:
-            await task.command(STOP)
-        except BaseException as error:
-            ended.put(type(error).__name__)
-            raise
-
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        rested = user.goal(REST)
-        rested.wait_for(rested.handling.start, SOON)
-        central.restart("afresh")
-        assert ended.get(timeout=SOON) in ("CancelledError", "CentralLost")
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
 
 
 def test_a_coroutine_does_not_await_a_central_that_is_silent(legs: Module, user: Client, central: LocalCentral) -> None:

@@ -70,21 +70,6 @@ def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:
     assert not clock.callbacks
 
 
-def test_a_slow_callback_skips(clock: Clock) -> None:
-    called: list[float] = []
-
-    def slow() -> None:
-        called.append(clock.now)
-        clock.now += 1.7
-
-    clock.callbacks.every(1.0, slow)
-    clock.begin()
-    clock.pass_by(1.0)
-    clock.pass_by(0.2)
-    clock.pass_by(0.1)
-    assert called == pytest.approx([101.0, 103.0])
-
-
 def test_an_error_stops_nobody(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
     called: list[str] = []
 
@@ -236,28 +221,6 @@ def test_the_thread_of_callbacks_begins_when_it_is_first_needed(legs: Module, us
         with legs.running():
             assert user.query(TEMPERATURE, timeout=SOON) == 36.6
             assert rang.get(timeout=SOON) == "callbacks 2"
-
-
-def test_what_can_be_read_is_read(legs: Module, line: tuple[socket.socket, socket.socket]) -> None:
-    near, far = line
-    heard, ended = queue.Queue[bytes](), threading.Event()
-
-    def hear(callback: Callback) -> None:
-        data = near.recv(100)
-        heard.put(data)
-        if not data:
-            callback.cancel()
-            ended.set()
-
-    watch = legs.on_readable(near, hear)
-    with legs.running():
-        for word in (b"left", b"right"):
-            far.send(word)
-            assert heard.get(timeout=SOON) == word
-        far.close()
-        assert heard.get(timeout=SOON) == b""
-        assert ended.wait(SOON)
-        assert watch.is_over
 
 
 def test_files_times_and_coroutines_share_a_thread(

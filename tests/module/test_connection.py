@@ -1,11 +1,10 @@
 """Waiting on a connection: a scripted central, and a clock that runs only while somebody waits."""
 
-import threading
 from collections.abc import Callable
 
 import pytest
 
-from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Timeout
+from tca_module.errors import CentralLost, FormatRefused, Refused, Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.task_ref import TaskRef
 from tca_module.session.session import QUIET, Session
@@ -267,21 +266,6 @@ def test_what_has_left_is_not_counted_as_lost_though_the_rest_could_not_leave() 
     connection.post(Send(0, "speed"), b"")
     assert [header.message for header in central.heard if isinstance(header, Send)] == ["position"]
     assert session.dropped == 2
-
-
-def test_a_connection_belongs_to_one_thread() -> None:
-    connection, _ = connected()
-    caught: list[MisuseError] = []
-
-    def elsewhere() -> None:
-        with pytest.raises(MisuseError) as error:
-            connection.call(Send(0, "walk"), "goal 'walk'")
-        caught.append(error.value)
-
-    thread = threading.Thread(target=elsewhere, name="elsewhere")
-    thread.start()
-    thread.join()
-    assert "used from thread 'elsewhere', but belongs to the one that opened it" in str(caught[0])
 
 
 def test_an_interrupted_wait_is_not_asked_again() -> None:

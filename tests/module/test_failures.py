@@ -180,24 +180,3 @@ def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Clien
         with pytest.raises(TaskFailed, match=r"fog: .*query 'height' failed: fog: thick") as failed:
             walking.result(SOON)
     assert failed.value.data == 3
-
-
-@pytest.mark.usefixtures("attentive")
-def test_who_was_cut_off_learns_that_his_task_has_failed(robot: Robot, user: Client) -> None:
-    """Or his handler would go on while another recovers."""
-    begun, told = threading.Event(), threading.Event()
-
-    @robot.legs.handles(STOP)
-    def stop(task: Task) -> None:
-        begun.set()
-        while not task.cancelled:
-            threading.Event().wait(0.01)
-        told.set()
-
-    with robot.running():
-        stopping = user.command(STOP)
-        assert begun.wait(SOON)
-        robot.central.cut("legs")
-        with pytest.raises(TaskFailed, match="module lost"):
-            stopping.result(SOON)
-        assert told.wait(SOON)

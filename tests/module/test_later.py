@@ -33,18 +33,6 @@ def owed(legs: Module) -> "queue.Queue[LaterReply[Footfall]]":
 Owed = queue.Queue[LaterReply[Footfall]]
 
 
-def test_another_thread_answers(legs: Module, owed: Owed, user: Client) -> None:
-    with legs.running():
-        move = user.command(MOVE_LEG, 3)
-        later = owed.get(timeout=SOON)
-        assert repr(later) == "move leg {1}"
-        assert later.is_open
-        assert move.wait_for(move.handling.start, SOON)
-        later.reply(Footfall(3, 0.5))
-        assert not later.is_open
-        assert move.result(SOON) == Footfall(3, 0.5)
-
-
 def test_until_then_the_place_in_the_resource_is_taken(
     legs: Module, owed: Owed, user: Client, central: LocalCentral
 ) -> None:
@@ -79,26 +67,19 @@ def test_an_answer_that_comes_before_the_handler_returns_waits_for_it(
         assert user.query(STANCE, 1.0, timeout=SOON) == [1]
 
 
-def test_a_timer_answers(legs: Module, user: Client) -> None:
+@pytest.mark.parametrize("is_coroutine", [False, True])
+def test_a_timer_answers(legs: Module, user: Client, *, is_coroutine: bool) -> None:
     """In the thread of the handler itself, which is free meanwhile."""
 
-    @legs.handles(TEMPERATURE)
     def temperature(task: Task) -> LaterReply[float]:
         later = task.reply_later()
         legs.after(0.01, lambda: later.reply(36.6), resource="legs")
         return later
 
-    with legs.running():
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+    async def temperature_of_coroutine(task: Task) -> LaterReply[float]:
+        return temperature(task)
 
-
-def test_a_coroutine_may_leave_its_answer_to_another(legs: Module, user: Client) -> None:
-    @legs.handles(TEMPERATURE)
-    async def temperature(task: Task) -> LaterReply[float]:
-        later = task.reply_later()
-        legs.after(0.0, lambda: later.reply(36.6))
-        return later
-
+    legs.handles(TEMPERATURE)(temperature_of_coroutine if is_coroutine else temperature)
     with legs.running():
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
 

@@ -71,18 +71,6 @@ def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(eyes:
 
 
 @pytest.mark.usefixtures("moving")
-def test_a_lock_that_is_had_to_the_end_of_its_block_is_released_there(eyes: Module, user: Client) -> None:
-    scans = Scans(eyes)
-    with eyes.running():
-        scan = user.command(SCAN)
-        with scans.under_way():
-            pass
-        assert scan.wait(SOON) is Outcome.DONE
-    assert scans.held == [True, True, False]
-    assert not user.unlock("legs"), "nobody has it"
-
-
-@pytest.mark.usefixtures("moving")
 def test_an_error_that_leaves_the_block_is_not_replaced(eyes: Module, user: Client, central: LocalCentral) -> None:
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:

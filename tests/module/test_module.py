@@ -112,17 +112,6 @@ def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) 
     assert [fact.module for fact in central.facts if isinstance(fact, ModuleLeft)] == ["safety"]
 
 
-def test_a_handler_sends_with_its_task_not_with_the_module(legs: Module, user: Client) -> None:
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> float:
-        with pytest.raises(MisuseError, match="used from thread 'legs 1', but belongs to the one that opened it"):
-            legs.goal(REST)
-        return 0.0
-
-    with legs.running():
-        assert user.query(TEMPERATURE) == 0.0
-
-
 # --- leaving ------------------------------------------------------------------------------------------------------------
 
 

@@ -29,10 +29,8 @@ from tca_module import (
     connect,
     module,
 )
-from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import ModuleLeft
-from tca_wire.packets import headers
 
 SOON = 5.0
 
@@ -176,21 +174,6 @@ def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: 
         assert started.module._keep_alive is not None
         started.stop()
     assert started.error == []
-
-
-def test_what_asks_how_things_stand_is_repeated_to_a_central_that_was_restarted() -> None:
-    session = Session(headers.Hello(0, headers.PROTOCOL_VERSION, "user", "run"))
-    session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
-    wait = session.request(headers.WaitUntilHandled(0, ["walk"]), wants_answer=True)
-    got = session.request(headers.GetVariable(0, "pose"), wants_answer=True)
-    swap = session.request(headers.SetVariable(0, "pose", swap=True), wants_answer=True)
-    declared = session.request(headers.Register(0, [], []))
-    session.outgoing.clear()
-    session.break_off()
-    session.receive(headers.Welcome(1, 1, "user", "second"), b"", 0.0)
-    assert swap.lost
-    assert [one.is_over for one in (wait, got, declared)] == [False] * 3
-    assert session.outgoing == [(one.header, b"") for one in (wait, got, declared)]
 
 
 # --- being told ---------------------------------------------------------------------------------------------------------

@@ -1,10 +1,9 @@
 """Queries, multi-queries, informs and broadcasts between modules."""
 
-import queue
 import threading
 
 import pytest
-from module.gait_messages import ALARM, COLLISION, HEALTH, POSITION, STANCE, TEMPERATURE, Arc, Footfall
+from module.gait_messages import COLLISION, HEALTH, POSITION, STANCE, TEMPERATURE, Arc, Footfall
 
 from tca_module import (
     BadData,
@@ -214,17 +213,6 @@ def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(central: 
             next(one_by_one)
         assert list(one_by_one) == []
         release.set()
-
-
-def test_a_broadcast_reaches_everybody_who_listens(central: LocalCentral, user: Client) -> None:
-    heard: queue.Queue[tuple[str, str]] = queue.Queue()
-    modules = [Module(name, central) for name in ("legs", "eyes")]
-    modules[0].handles(ALARM)(lambda _, text: heard.put(("legs", text)))
-    modules[1].handles(ALARM)(lambda _, text: heard.put(("eyes", text)))
-    user.broadcast(ALARM, "too early")
-    with modules[0].running(), modules[1].running():
-        user.broadcast(ALARM, "fire")
-        assert sorted(heard.get(timeout=SOON) for _ in range(2)) == [("eyes", "fire"), ("legs", "fire")]
 
 
 def test_a_client_can_be_closed_twice_and_used_no_more(central: LocalCentral) -> None:

@@ -458,13 +458,15 @@ def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(s
 
 
 def test_questions_that_change_nothing_are_asked_of_the_new_central(session: Session) -> None:
-    asked = [session.request(each, wants_answer=True) for each in (STATUS, TASKS)]
-    task = session.request(Inspect(0, TaskId(3), "self"), wants_answer=True)
+    questions = STATUS, TASKS, headers.WaitUntilHandled(0, ["walk"]), headers.GetVariable(0, "pose")
+    asked = [session.request(each, wants_answer=True) for each in questions]
+    others = Inspect(0, TaskId(3), "self"), headers.SetVariable(0, "pose", swap=True)
+    lost = [session.request(each, wants_answer=True) for each in others]
     said(session)
     assert {request.epoch for request in asked} == {"one"}
     hear(session, Unknown(), welcome("two"))
-    assert task.lost
-    assert [type(header) for header in said(session)] == [Ask, Inspect]
+    assert all(request.lost for request in lost)
+    assert [type(header) for header in said(session)] == [type(each) for each in questions]
     assert {request.epoch for request in asked} == {"two"}
 
 

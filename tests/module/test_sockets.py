@@ -12,7 +12,7 @@ import pytest
 from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 from module.real_central import RealCentral, until
 
-from tca_module import Callback, Command, LaterReply, MisuseError, Module, Outcome, Task, Timeout, connect
+from tca_module import Callback, Command, LaterReply, MisuseError, Module, Outcome, Task, connect
 from tca_module.sockets.transport import DealerTransport
 
 pytestmark = pytest.mark.usefixtures("attentive")
@@ -31,18 +31,6 @@ def central(address: str) -> Iterator[str]:
     """The address of a central that runs."""
     with RealCentral(address):
         yield address
-
-
-def test_messages_travel(central: str) -> None:
-    legs = Module("legs", central)
-    legs.handles(STANCE)(lambda task, radius: [task.command(MOVE_LEG, int(radius)).result(SOON).leg])
-    legs.handles(MOVE_LEG, resource="leg")(lambda _, leg: Footfall(leg, 0.0))
-    with legs.running(), connect("user", central) as user:
-        assert user.query(STANCE, 3.0, timeout=SOON) == [3]
-        assert user.command(MOVE_LEG, 4).result(SOON) == Footfall(4, 0.0)
-        assert legs.command(MOVE_LEG, 5).wait(SOON) is Outcome.DONE
-        with pytest.raises(Timeout):
-            user.query(TEMPERATURE, timeout=0.05)
 
 
 def test_a_socket_does_not_take_what_nobody_is_there_for(address: str) -> None:

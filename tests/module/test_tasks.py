@@ -67,27 +67,6 @@ def test_what_a_querys_handler_sends_hangs_under_the_root(robot: Robot, user: Cl
 # --- order ----------------------------------------------------------------------------------------------------------
 
 
-def test_blocks_order_the_children(robot: Robot, user: Client) -> None:
-    @robot.planner.handles(REST)
-    def rest(task: Task) -> None:
-        task.command(MOVE_LEG, 0)
-        with task.parallel():
-            task.command(MOVE_LEG, 1)
-            with task.sequence():
-                task.command(MOVE_LEG, 2)
-                task.command(MOVE_LEG, 3)
-        task.command(MOVE_LEG, 4)
-
-    with robot.running():
-        user.goal(REST).result(SOON)
-    constraints = {
-        (constraint.before.task, fact.id) for fact in robot.received("move leg") for constraint in fact.constraints
-    }
-    assert constraints <= {(2, 3), (2, 4), (4, 5), (3, 6), (5, 6)}
-    assert robot.done.index("leg 2") < robot.done.index("leg 3")
-    assert (robot.done[0], robot.done[-1]) == ("leg 0", "leg 4")
-
-
 def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
     robot.planner.handles(STEP)(lambda _, _number: None)
 

@@ -4,6 +4,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from inspect import iscoroutinefunction
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,14 @@ from tca_module import (
     MultiQuery,
     Outcome,
     Query,
+    SentTask,
     Stopped,
     Task,
     TaskFailed,
     TaskKilled,
     connect,
 )
-from tca_wire.journal.facts import Failed
+from tca_wire.journal.facts import Failed, Returned
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
@@ -99,6 +101,24 @@ class Robot:
             user.command(NEVER, sequential=False)
             yield user
 
+    @contextmanager
+    def works(self, handler: Callable[[Task], Any]) -> Iterator[SentTask[None]]:
+        """A command that the legs handle so; the handler has begun."""
+        work, begun = Command("work"), threading.Event()
+
+        def begin(task: Task) -> Any:
+            begun.set()
+            return handler(task)
+
+        async def begin_coroutine(task: Task) -> None:
+            await begin(task)
+
+        self.legs.handles(work, resource="wheels")(begin_coroutine if iscoroutinefunction(handler) else begin)
+        with self.running() as user, self.legs.running():
+            working = user.command(work, sequential=False)
+            assert begun.wait(SOON)
+            yield working
+
     def waits(self, how: str) -> None:
         """Until the handler does."""
         if "direct" in how:
@@ -158,9 +178,8 @@ def test_a_handler_that_is_to_be_called_again_is_woken(robot: Robot, how: str) -
 
 
 def test_who_is_woken_is_told_why(robot: Robot) -> None:
-    works, said, begun = Command("work"), queue.Queue[str](), queue.Queue[None]()
+    said, begun = queue.Queue[str](), queue.Queue[None]()
 
-    @robot.legs.handles(works, resource="wheels")
     def work(task: Task) -> None:
         begun.put(None)
         try:
@@ -169,14 +188,13 @@ def test_who_is_woken_is_told_why(robot: Robot) -> None:
             said.put(str(error))
             raise
 
-    with robot.running() as user, robot.legs.running():
-        working = user.command(works, sequential=False)
-        begun.get(timeout=SOON)
+    with robot.works(work) as working:
         robot.waits("query")
         working.retry()
         again = f"{working} was killed: it is to be handled again; query 'nobody' is not waited for any more"
         assert said.get(timeout=SOON) == again
-        begun.get(timeout=SOON)
+        for _ in range(2):
+            begun.get(timeout=SOON)
         robot.waits("query")
         working.kill("the floor is wet")
         killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is not waited for any more"
@@ -190,46 +208,32 @@ def test_who_is_woken_is_told_why(robot: Robot) -> None:
 
 
 def test_who_does_not_wait_is_woken_from_the_next_wait(robot: Robot) -> None:
-    begun, killed = threading.Event(), threading.Event()
-    works = Command("work")
+    killed = threading.Event()
 
-    @robot.legs.handles(works, resource="wheels")
     def work(task: Task) -> None:
-        begun.set()
         assert killed.wait(SOON)
         robot.ask(task, "query")
 
-    with robot.running() as user, robot.legs.running():
-        working = user.command(works, sequential=False)
-        assert begun.wait(SOON)
+    with robot.works(work) as working:
         working.kill()
         killed.set()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
 
 
 def test_who_has_seen_it_is_not_woken(robot: Robot) -> None:
-    begun = threading.Event()
-    works = Command("work")
-
-    @robot.legs.handles(works, resource="wheels")
     def work(task: Task) -> None:
-        begun.set()
         while not task.cancelled:
             pass
         robot.seen.put((None, task.query(HERE)))
 
-    with robot.running() as user, robot.legs.running():
-        working = user.command(works, sequential=False)
-        assert begun.wait(SOON)
+    with robot.works(work) as working:
         working.kill()
         assert robot.seen.get(timeout=SOON) == (None, "at home")
 
 
 def test_who_waits_on_after_a_kill_does_not_keep_its_module(robot: Robot, caplog: pytest.LogCaptureFixture) -> None:
     """The module's end is another reason, and wakes the handler once more; it was killed, and has not failed."""
-    works = Command("work")
 
-    @robot.legs.handles(works, resource="wheels")
     def work(task: Task) -> None:
         try:
             task.query(NOBODY, timeout=None)
@@ -237,22 +241,19 @@ def test_who_waits_on_after_a_kill_does_not_keep_its_module(robot: Robot, caplog
             robot.seen.put((TaskKilled, ""))
             task.wait_until_handled(NEVER)
 
-    with robot.running() as user:
-        with robot.legs.running():
-            working = user.command(works, sequential=False)
-            robot.waits("query")
-            working.kill()
-            assert robot.seen.get(timeout=SOON) == (TaskKilled, "")
-            robot.waits("until handled")
-        assert working.wait(SOON) is Outcome.KILLED
+    with robot.works(work) as working:
+        robot.waits("query")
+        working.kill()
+        assert robot.seen.get(timeout=SOON) == (TaskKilled, "")
+        robot.waits("until handled")
+    assert [fact.outcome for fact in robot.central.facts(Returned) if fact.id == working.id] == [Outcome.DONE]
     assert not robot.central.facts(Failed)
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
 def test_a_reply_that_was_given_up_is_not_waited_for_again(robot: Robot) -> None:
-    works, said = Command("work"), queue.Queue[object]()
+    said = queue.Queue[object]()
 
-    @robot.legs.handles(works, resource="wheels")
     def work(task: Task) -> None:
         pending, bids = task.query_send(NOBODY), task.multi_query_send(BIDS, timeout=None)
         with pytest.raises(TaskKilled):
@@ -261,8 +262,7 @@ def test_a_reply_that_was_given_up_is_not_waited_for_again(robot: Robot) -> None
         said.put(task.cancelled)
         pending.cancel()
 
-    with robot.running() as user, robot.legs.running():
-        working = user.command(works, sequential=False)
+    with robot.works(work) as working:
         assert robot.asked.wait(SOON)
         working.kill()
         assert (said.get(timeout=SOON), said.get(timeout=SOON)) == ([], True)
@@ -273,28 +273,19 @@ def test_a_reply_that_was_given_up_is_not_waited_for_again(robot: Robot) -> None
 
 def test_a_handler_within_the_wait_is_not_disturbed(robot: Robot) -> None:
     """A killed handler asks its own resource: who answers there works for itself, and only then the first is woken."""
-    works, inner, told = Command("work"), Query("inner", reply=str), queue.Queue[str]()
-
-    @robot.legs.handles(works, resource="wheels")
-    def work(task: Task) -> None:
-        try:
-            task.query(inner, timeout=None)
-        except TaskKilled as error:
-            told.put(str(error))
-            raise
+    inner, answered = Query("inner", reply=str), threading.Event()
 
     @robot.legs.handles(inner, resource="wheels")
     def answer(task: Task) -> str:
         assert task.query(BUSY, timeout=SOON) == 1
-        told.put("answered")
+        answered.set()
         return ""
 
-    with robot.running() as user, robot.legs.running():
-        working = user.command(works, sequential=False)
+    with robot.works(lambda task: task.query(inner, timeout=None)) as working:
         assert robot.asked.wait(SOON)
         working.kill()
         robot.go_on.set()
-        assert told.get(timeout=SOON) == "answered"
+        assert answered.wait(SOON)
         assert working.wait(SOON) is Outcome.KILLED
 
 
@@ -303,20 +294,18 @@ def asked(robot: Robot, module: str) -> list[str]:
 
 
 def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
-    works, told = Command("work"), queue.Queue[int]()
+    told = queue.Queue[int]()
 
     def elsewhere() -> None:
         with connect("thread", robot.central.address) as client:
             told.put(client.query(BUSY, timeout=SOON))
 
-    @robot.legs.handles(works, resource="wheels")
     def work(task: Task) -> None:
         threading.Thread(target=elsewhere).start()
         task.query_notify(HERE, None, lambda sender, _: told.put(sender.query(BUSY, timeout=SOON)))
         task.query(NOBODY, timeout=None)
 
-    with robot.running() as user, robot.legs.running():
-        working = user.command(works, sequential=False)
+    with robot.works(work) as working:
         for module in ("legs", "thread"):
             until(lambda module=module: BUSY.name in asked(robot, module), "it waits")  # type: ignore[misc]
         working.kill()
@@ -328,9 +317,7 @@ def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
 @pytest.mark.parametrize("waits", [lambda task: task.query(NOBODY, timeout=None), lambda task: task.lock("arm")])
 def test_a_coroutine_that_blocks_is_woken_as_well(robot: Robot, waits: Callable[[Task], Any]) -> None:
     """And is then not cancelled: it was told."""
-    works = Command("work")
 
-    @robot.legs.handles(works, resource="wheels")
     async def work(task: Task) -> None:
         try:
             waits(task)
@@ -338,30 +325,8 @@ def test_a_coroutine_that_blocks_is_woken_as_well(robot: Robot, waits: Callable[
             robot.seen.put((TaskKilled, await task.query_send(HERE)))
             raise
 
-    with robot.running() as user, robot.legs.running():
-        working = user.command(works, sequential=False)
+    with robot.works(work) as working:
         robot.waits("")
         working.kill()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
-        assert working.wait(SOON) is Outcome.KILLED
-
-
-def test_a_coroutine_that_waits_on_after_a_kill_does_not_keep_its_module(robot: Robot) -> None:
-    works = Command("work")
-
-    @robot.legs.handles(works, resource="wheels")
-    async def work(task: Task) -> None:
-        try:
-            await task.query_send(NOBODY)
-        finally:
-            robot.seen.put((None, ""))
-            await task.query_send(BUSY)
-
-    with robot.running() as user:
-        with robot.legs.running():
-            working = user.command(works, sequential=False)
-            robot.waits("")
-            working.kill()
-            robot.seen.get(timeout=SOON)
-            assert robot.asked.wait(SOON)
         assert working.wait(SOON) is Outcome.KILLED

@@ -19,7 +19,7 @@ from module.direct_maps import (
 )
 from module.real_central import SOON, RealCentral, until
 
-from tca_module import BadData, Client, LaterReply, Module, QueryFailed, Refused, Task
+from tca_module import Client, LaterReply, Module, Refused, Task
 from tca_wire.journal.facts import HandledDirectly, HandlerRemoved, LostDirectly
 from tca_wire.vocabulary import Condition, Outcome, Refusal
 
@@ -91,26 +91,6 @@ def test_coroutines_ask_and_answer_directly(central: RealCentral, user: Client) 
         assert user.command(WALK, -2.0).result(SOON) == 40.0
         assert time.monotonic() - began < 20 * 0.1  # what is missed costs a step of 0.2 s each time
     until(lambda: direct(central, "depth"), "it was noted")
-
-
-def test_failures_and_bad_data_are_those_that_central_brings(central: RealCentral, user: Client) -> None:
-    def fog(x: float) -> float:
-        if x > 0:
-            raise ValueError("fog")
-        return "high"  # type: ignore[return-value]
-
-    with a_map(central, height=fog).running():
-
-        def ask(x: float) -> None:
-            with pytest.raises(QueryFailed, match="fog" if x > 0 else "bad data"):
-                user.query(HEIGHT, x)
-
-        ask_until_direct(central, lambda: ask(1.0))
-        ask(-1.0)
-        with pytest.raises(BadData):
-            user.query(HEIGHT, "here")  # type: ignore[misc]
-    failures = {"handler error", "bad data"}
-    until(lambda: {fact.failure for fact in central.facts(HandledDirectly)} == failures, "both were noted")
 
 
 def test_a_wiretap_sees_all_while_it_lasts(central: RealCentral, user: Client) -> None:
