@@ -10,7 +10,7 @@ from dataclasses import replace
 from tca_tools.analysis import advice_words as words
 from tca_tools.analysis.advice_words import Advice, Sum, Topic, Words, length
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.concurrency import Overlap
+from tca_tools.analysis.concurrency import Overlap, why_held
 from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import Kind
 from tca_tools.analysis.given_up import still_handled_in_words
@@ -109,7 +109,7 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
     pair = f"one '{first}' and the next" if first == second else f"'{first}' and '{second}'"
     example = (
         f"{run_time(chance.start)} to {run_time(chance.end)}, between {run.describe(chance.first)} and "
-        f"{run.describe(chance.second)}: {chance.reason}"
+        f"{run.describe(chance.second)}: {why_held(run, chance.held)}"
     )
     return words.OVERLAP.filled(
         overlap.saving, saved_on_path, number, example, (chance.start, chance.end),

@@ -50,8 +50,6 @@ class Chance:
     """When the resource acted again."""
     steps: list[Step]
     """The planning."""
-    reason: str
-    """What held it back, in words."""
     remedy: str
     """What would have to change."""
     saving: float
@@ -154,8 +152,8 @@ def _chance(run: Run, causes: Causes, acting: Key, pair: tuple[Handling, Handlin
     planning = [step for step in steps[number:] if _plans(run, step, acting)]
     if not planning:
         return None
-    reason, remedy = _why(run, held)
-    return Chance(acting, first.message_id, second.message_id, held, gap, second.start, planning, reason, remedy, 0.0)
+    ids = first.message_id, second.message_id
+    return Chance(acting, *ids, held, gap, second.start, planning, _remedy(run, held), 0.0)
 
 
 def _was_queued(run: Run, message_id: int, time: float) -> bool:
@@ -188,27 +186,29 @@ def _plans(run: Run, step: Step, acting: Key) -> bool:
 # --- what held it back ---------------------------------------------------------------------------------------------
 
 
-def _why(run: Run, held: Step) -> tuple[str, str]:
-    """What held the planning back, in words, and what would have to change: the same of all chances of a kind."""
-    if held.resumed:
-        who = f"the handler of {run.describe(held.message_id)}"
-        kind = f"the handler of '{run.name(held.message_id)}'"
-        if held.doing is Doing.OUTSIDE:
-            who = kind = held.module
-        if asked := _queued_question(run, held.resumed):
-            return f"{who} waited for the reply to {asked}", (
-                f"'{asked.name}' queues behind commands: let a resource of its own handle it"
-            )
-        what, name = run.describe(held.resumed.awaited), _quoted(run, held.resumed.awaited)
-        remedy = (
-            f"{kind} waits for {name} and only then goes on: let it send what follows at once, in a "
-            "sequence with plan_ahead=1"
-        )
-        return f"{who} waited for {what}", remedy
-    task = run.tasks[held.message_id]
-    at = RunAt(run, nextafter(held.start, 0.0))
-    reasons = several_in_words(told(at, waits_now(at, task.id)))
-    return f"{task} was held {reasons}", _remedy(run, task, held.start)
+def why_held(run: Run, held: Step) -> str:
+    """What held the planning back, in words."""
+    if not held.resumed:
+        at = RunAt(run, nextafter(held.start, 0.0))
+        reasons = several_in_words(told(at, waits_now(at, held.message_id)))
+        return f"{run.describe(held.message_id)} was held {reasons}"
+    is_outside = held.doing is Doing.OUTSIDE
+    who = held.module if is_outside else f"the handler of {run.describe(held.message_id)}"
+    asked = _queued_question(run, held.resumed)
+    return f"{who} waited for {f'the reply to {asked}' if asked else run.describe(held.resumed.awaited)}"
+
+
+def _remedy(run: Run, held: Step) -> str:
+    """What would have to change: the same of all chances of a kind."""
+    if not held.resumed:
+        return _remedy_of_order(run, run.tasks[held.message_id], held.start)
+    if asked := _queued_question(run, held.resumed):
+        return f"'{asked.name}' queues behind commands: let a resource of its own handle it"
+    who = held.module if held.doing is Doing.OUTSIDE else f"the handler of '{run.name(held.message_id)}'"
+    return (
+        f"{who} waits for {_quoted(run, held.resumed.awaited)} and only then goes on: let it send what follows at "
+        "once, in a sequence with plan_ahead=1"
+    )
 
 
 def _quoted(run: Run, number: int) -> str:
@@ -223,7 +223,7 @@ def _queued_question(run: Run, wait: HandlerWait) -> Message | None:
     return asked if asked and asked.queueings and asked.message_class.has_reply else None
 
 
-def _remedy(run: Run, task: Task, released: float) -> str:
+def _remedy_of_order(run: Run, task: Task, released: float) -> str:
     """What holds tasks of this kind back: a constraint, or the parent's turn."""
     for hold in task.holds:
         before, after = hold.constraint.before, hold.constraint.after

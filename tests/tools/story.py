@@ -149,9 +149,10 @@ class Story:
     def write(self, folder: Path, segments: int = 1) -> Path:
         """The journal as a directory, its entries spread over so many segments."""
         folder.mkdir(parents=True)
-        size = -(-len(self.entries) // segments)
+        told = self.caused()
+        size = -(-len(told) // segments)
         for number in range(segments):
-            entries = self.entries[number * size : (number + 1) * size]
+            entries = told[number * size : (number + 1) * size]
             if number:
                 entries = [
                     Entry(

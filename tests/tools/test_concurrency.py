@@ -7,7 +7,7 @@ from tools.story import THIS, Story, walking
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.concurrency import Overlap, overlaps
+from tca_tools.analysis.concurrency import Overlap, overlaps, why_held
 from tca_tools.analysis.critical_path import critical_path, last_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
@@ -53,8 +53,9 @@ def test_no_more_is_saved_than_the_planner_has_time_for() -> None:
 
 
 def test_what_holds_the_planning_back_is_named() -> None:
-    (overlap,) = found_in(stepping().fold())
-    assert overlap.example.reason == "step {3} was held until step {2} is achieved"
+    run = stepping().fold()
+    (overlap,) = found_in(run)
+    assert why_held(run, overlap.example.held) == "step {3} was held until step {2} is achieved"
     assert overlap.example.remedy == (
         "'step' is not planned before it may be achieved: let it be planned one ahead (plan_ahead=1, not 0 and not "
         "delay_planning)"
@@ -68,9 +69,10 @@ def test_who_looks_ahead_already_is_told_nothing() -> None:
 
 def test_a_handler_that_waits_for_its_commands() -> None:
     """Between its moves: 0.1 s of thought, 0.4 s of asking, 0.1 s of thought, while the move before took 2 s."""
-    (overlap,) = found_in(commanding().fold())
+    run = commanding().fold()
+    (overlap,) = found_in(run)
     assert overlap.saving == pytest.approx(0.6)
-    assert overlap.example.reason == "the handler of walk {1} waited for move {3}"
+    assert why_held(run, overlap.example.held) == "the handler of walk {1} waited for move {3}"
     assert "the handler of 'walk' waits for 'move'" in overlap.example.remedy
 
 
@@ -86,8 +88,9 @@ def test_a_script_that_waits_for_one_task_before_it_sends_the_next() -> None:
         story.at(now + 4.0).returned(move).reached(move, Moment.END_ACHIEVING).reached(walk, Moment.END_ACHIEVING)
         story.say(facts.WaitEnded("script", 0, TaskId(walk)))
         now += 4.0
-    (overlap,) = found_in(story.fold())
-    assert near(overlap.saving, overlap.example.reason) == (1.0, "script waited for walk {1}")
+    run = story.fold()
+    (overlap,) = found_in(run)
+    assert near(overlap.saving, why_held(run, overlap.example.held)) == (1.0, "script waited for walk {1}")
 
 
 def test_a_question_that_queues_behind_the_acting() -> None:

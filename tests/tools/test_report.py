@@ -90,7 +90,7 @@ def tca_report(*arguments: object) -> Result:
 def test_the_page_of_a_good_run_says_so_and_what_would_help(reported: Reported) -> None:
     shown = reported(stepping())
     assert "The top-level task was achieved." in shown.text
-    assert "Nothing: no failure was raised, no task was killed." in shown.text
+    assert "Nothing: no failure was raised and no task was killed." in shown.text
     assert "Plan the next while legs acts" in shown.text
     assert "'step' is not planned before it may be achieved" in shown.text
     assert "step {3} was held until step {2} is achieved" in shown.text
@@ -175,7 +175,7 @@ def test_what_took_time_is_not_called_work_if_nothing_ran(reported: Reported) ->
     story = Story().module("legs", "move").at(1.0)
     story.command("move", "user")
     shown = reported(story.at(9.0))
-    assert "What took most time: move : the journal does not tell" in shown.text
+    assert "The longest part: move : the journal does not tell" in shown.text
     assert "itself" not in shown.text
 
 
