@@ -134,6 +134,30 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "testing": {"sockets"},
         "__init__": {"client", "errors", "module", "sending", "serving"},
     },
+    "tca_tools": {
+        "errors": set(),
+        "spans": set(),
+        "terminal": set(),
+        "garbage": set(),
+        "output": {"errors"},
+        "options": {"output"},
+        "command_line": {"errors"},
+        "drawing": {"errors", "terminal"},
+        "run": {"errors"},
+        "why": {"run", "terminal"},
+        "analysis": {"run", "spans", "why"},
+        "log": {"options", "run", "terminal"},
+        "check": {"run", "terminal", "why"},
+        "stats": {"analysis", "options", "run", "spans", "terminal"},
+        "export": {"errors", "log", "options", "output", "run", "spans", "why"},
+        "gantt": {"drawing", "options", "output", "run", "spans", "terminal", "why"},
+        "tasktree_viz": {"drawing", "errors", "gantt", "options", "output", "run", "terminal", "why"},
+        "replay": {"errors", "log", "options", "run", "tasktree_viz", "terminal", "why"},
+        "report": {
+            "analysis", "errors", "gantt", "options", "output", "run", "spans", "tasktree_viz", "terminal", "why",
+        },
+        "view": {"errors", "gantt", "options", "run", "tasktree_viz", "why"},
+    },
 }  # fmt: skip
 
 

@@ -20,9 +20,9 @@ from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import span_of
+from tca_tools.run.fates import GOOD_FATES
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, Span
-from tca_tools.why.coping import GOOD_FATES
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import duration, listed, percent, run_time
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 
 from tca_tools.analysis.summary import values
+from tca_tools.run.fates import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover
-from tca_tools.why.coping import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
 from tca_tools.why.story import awaited, exhausted
 from tca_wire.messages.failures import BAD_DATA, DEADLOCK, HANDLER_ERROR, NOT_BY_CHOICE
 from tca_wire.points import Moment

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
+from tca_tools.run.fates import STANDINGS, standing
 from tca_tools.run.records import OVER, Message, State, Task
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import STANDINGS, standing
 from tca_wire.text.measures import counted, run_time
 from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import CENTRAL

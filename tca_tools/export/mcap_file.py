@@ -14,8 +14,8 @@ from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.run.at_time import TaskAt
+from tca_tools.run.fates import went_on
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact, kind_of
 from tca_wire.text.bodies import plain_data

@@ -11,9 +11,9 @@ from math import inf
 from operator import itemgetter
 from typing import Any, NamedTuple
 
+from tca_tools.run.fates import fate, has_coped, went_on
 from tca_tools.run.records import Failure, HandlerWait, Handling, Message, Queueing
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import fate, has_coped, went_on
 from tca_tools.why.waits import Wait, of_handler_wait, waits_of
 from tca_wire.points import MOMENTS, describe_moments
 from tca_wire.text.bodies import plain_data

@@ -10,10 +10,10 @@ from typing import Any
 from tca_tools.gantt import titles
 from tca_tools.gantt.chart import Bar, Chart, Ending, Kind, Mark, Row
 from tca_tools.gantt.window import ALL, Pick, span_of
+from tca_tools.run.fates import has_coped, went_on
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import lanes
-from tca_tools.why.coping import has_coped, went_on
 from tca_tools.why.waits import states_of, told_waits
 from tca_wire.text.facts_in_words import place
 from tca_wire.vocabulary import Outcome

@@ -3,9 +3,9 @@
 from math import inf
 
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import failing, told_to
 from tca_tools.run.records import Claim, HandlerWait, Handling, Queueing, Raised, Task
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import failing, told_to
 from tca_tools.why.wait_words import told
 from tca_tools.why.waits import Wait, of_handler_wait
 from tca_wire.text.facts_in_words import by_whom, place, raised_by

@@ -4,9 +4,9 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 from tca_tools.gantt.chart import Row
+from tca_tools.run.fates import watches
 from tca_tools.run.records import OVER, Task
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import watches
 
 ROOM = 0.02
 """Beside the bars, of the time that they take."""

@@ -6,10 +6,10 @@ import click
 
 from tca_tools.replay.recording import Recording
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import standing
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import columns_of, cut
-from tca_tools.why.coping import standing
 
 _DEEPEST = 12
 _SHORTEST_STATE = 12

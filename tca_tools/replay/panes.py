@@ -17,10 +17,10 @@ from textual.widgets import Footer, Input
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Row
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import coped_with
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut
-from tca_tools.why.coping import coped_with
 from tca_tools.why.story import Sentence, story
 from tca_tools.why.wait_words import age_of, coming, how, in_the_end, shown, told_now
 from tca_wire.journal.facts import kind_of

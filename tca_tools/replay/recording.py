@@ -6,9 +6,9 @@ from math import inf
 
 from tca_tools.log.__main__ import BAD_NEWS
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import went_on
 from tca_tools.run.fold import History
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import kind_of
 from tca_wire.points import ROOT, Moment

@@ -13,8 +13,8 @@ from tca_tools.analysis.steps import Doing
 from tca_tools.report.contents import Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
+from tca_tools.run.fates import GOOD_FATES, HANDLED
 from tca_tools.terminal import cut
-from tca_tools.why.coping import GOOD_FATES, HANDLED
 from tca_wire.text.measures import counted, duration, percent, run_time
 from tca_wire.text.printable import first_line, printable
 

@@ -11,6 +11,7 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import Any, TypeVar
 
+from tca_tools.run.fates import standing, watches
 from tca_tools.run.records import (
     OVER,
     Ahead,
@@ -26,7 +27,6 @@ from tca_tools.run.records import (
     Task,
 )
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import standing, watches
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.text.facts_in_words import called, kill_reason

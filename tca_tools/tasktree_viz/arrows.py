@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from tca_tools.analysis.words import seconds
 from tca_tools.run.at_time import RunAt
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, describe_moments
+from tca_wire.text.measures import duration
 
 SEQ = "SEQ"
 _AND = " + "
@@ -100,7 +100,7 @@ def kind_of_arrow(constraint: Constraint) -> str:
     names = _OWN_KINDS if before.task == after.task else KINDS
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
     name = names.get((before.moment, after.moment), f"{first} before {second}")
-    return f"{name}{_AND}{seconds(constraint.delay)}" if constraint.delay else name
+    return f"{name}{_AND}{duration(constraint.delay)}" if constraint.delay else name
 
 
 def _plain(kind: str) -> str:

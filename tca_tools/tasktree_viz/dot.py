@@ -10,12 +10,12 @@ from itertools import pairwise, starmap
 from operator import itemgetter
 
 from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.fates import HANDLED, STANDINGS, WATCHING
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut
-from tca_tools.why.coping import HANDLED, STANDINGS, WATCHING
 from tca_wire.points import Interval
 from tca_wire.text.measures import listed
 from tca_wire.text.printable import printable

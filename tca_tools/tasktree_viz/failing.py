@@ -7,10 +7,10 @@ from math import inf
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
 from tca_tools.run.records import OVER, Failure, Message, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
-from tca_tools.why.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
 from tca_tools.why.deciding import called_for, decider
 from tca_tools.why.story import exhausted, retried
 from tca_wire.points import Moment, TaskId

@@ -7,13 +7,13 @@ from operator import attrgetter, itemgetter
 from tca_tools.drawing.svg import document, rectangle, text
 from tca_tools.gantt.axis import ticks
 from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.fates import STANDINGS
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, arrows
 from tca_tools.tasktree_viz.dot import FILLS, looks_of
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.plan import AFTER, BOX, CHARACTER, LANE, LINE, Place, Plan, plan
-from tca_tools.why.coping import STANDINGS
 
 _MARGIN, _GAP = 24.0, 18.0
 _TIMES = 460.0

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import click
 
 from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.fates import HANDLED, WATCHING
 from tca_tools.run.records import OVER, State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name, padded
-from tca_tools.why.coping import HANDLED, WATCHING
 from tca_wire.points import Interval
 
 COLOURS: dict[str, str] = {

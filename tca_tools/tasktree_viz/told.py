@@ -6,6 +6,7 @@ from textwrap import wrap
 import click
 
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import standing
 from tca_tools.run.records import Message, Task
 from tca_tools.run.selection import lineage
 from tca_tools.run.whole_run import Run
@@ -13,7 +14,6 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
 from tca_tools.terminal import columns_of, cut
-from tca_tools.why.coping import standing
 from tca_tools.why.story import story
 from tca_tools.why.wait_words import in_the_end
 from tca_wire.points import TaskId

@@ -5,11 +5,11 @@ from textwrap import wrap
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.fates import STANDINGS
 from tca_tools.run.records import OVER, State
 from tca_tools.run.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name
-from tca_tools.why.coping import STANDINGS
 from tca_tools.why.wait_words import (
     Age,
     Last,

@@ -8,12 +8,12 @@ from typing import Any
 import msgspec
 
 from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.fates import Fate, coped_with, fate, told_to
 from tca_tools.run.records import Failure, Hold, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import failure_line, span
 from tca_tools.view.reading import Reading
-from tca_tools.why.coping import Fate, coped_with, fate, told_to
 from tca_tools.why.ends import Cause, causes
 from tca_tools.why.story import Sentence, story
 from tca_tools.why.wait_words import Age, Last, age_of, asked, coming, how, in_the_end, last_of, shown, told_now

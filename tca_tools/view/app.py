@@ -22,13 +22,13 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from tca_tools.run.fates import HANDLED
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
 from tca_tools.view.feed import OUTCOMES, ROLES, STATES, SpanKind
 from tca_tools.view.reading import Reading
 from tca_tools.view.runs import Runs, Shown
-from tca_tools.why.coping import HANDLED
 
 PAGE = Path(__file__).parent / "page"
 _PATIENCE = 10.0

@@ -12,12 +12,12 @@ from typing import Any
 
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
+from tca_tools.run.fates import WATCHING, Failing, failing, watches
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.verdicts import Verdicts
-from tca_tools.why.coping import WATCHING, Failing, failing, watches
 from tca_wire.journal.facts import Entry, Failed, Killed, Received
 from tca_wire.text.facts_in_words import kill_reason, place
 from tca_wire.vocabulary import Outcome, Role

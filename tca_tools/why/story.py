@@ -8,6 +8,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import WATCHING, told_to
 from tca_tools.run.records import (
     OVER,
     Claim,
@@ -23,7 +24,6 @@ from tca_tools.run.records import (
 )
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
-from tca_tools.why.coping import WATCHING, told_to
 from tca_tools.why.deciding import decisions, retried_for
 from tca_tools.why.keepers import Part, parts_in_queue, parts_of_claim
 from tca_tools.why.wait_words import NAMED, of_ahead, of_claim, of_query, of_queueing, told, wait_for

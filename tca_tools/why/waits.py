@@ -29,9 +29,9 @@ from operator import attrgetter, itemgetter, or_
 from typing import Any, NamedTuple, TypeVar
 
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import watching
 from tca_tools.run.records import OVER, Claim, HandlerWait, Handling, Hold, Message, Queueing, State, Suspension, Task
 from tca_tools.run.whole_run import Run
-from tca_tools.why.coping import watching
 from tca_tools.why.keepers import Keepers, ahead_of_claim, kept_out, kept_since
 from tca_wire.points import (
     END_ACHIEVING,

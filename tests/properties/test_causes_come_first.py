@@ -15,10 +15,10 @@ from properties.test_blocked_is_told import Told, steps
 from tca_central.events import Effect, Record
 from tca_tools.analysis.failures import failures
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import UNDECIDED, Failing, Fate, failing, fate, is_told, told_to, went_on
 from tca_tools.run.records import Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.failing import Link, failure_chain
-from tca_tools.why.coping import UNDECIDED, Failing, Fate, failing, fate, is_told, told_to, went_on
 from tca_tools.why.story import story
 from tca_wire.journal import facts
 from tca_wire.points import TaskId

@@ -10,11 +10,11 @@ from properties.life import Life, operation
 
 from tca_central.events import Effect, Record
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import HANDLED
 from tca_tools.run.fold import History
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
-from tca_tools.why.coping import HANDLED
 from tca_wire.points import MOMENTS, Point, TaskId
 
 

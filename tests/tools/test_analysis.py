@@ -15,10 +15,10 @@ from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.summary import summary
 from tca_tools.export.tables import TABLES
+from tca_tools.run.fates import Fate
 from tca_tools.run.records import State
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, levels
-from tca_tools.why.coping import Fate
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome

@@ -5,9 +5,9 @@ import pytest
 from tools.story import Story
 
 from tca_tools.analysis.failures import failures
+from tca_tools.run.fates import Fate, begun_again_with, coped_with, fate, hinges
 from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_tools.why.coping import Fate, begun_again_with, coped_with, fate, hinges
 from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId

@@ -13,9 +13,9 @@ from tca_tools.analysis.summary import summary
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Ending
 from tca_tools.gantt.svg import svg_text
+from tca_tools.run.fates import Fate, hinges, told_to, went_on
 from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_tools.why.coping import Fate, hinges, told_to, went_on
 from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId

@@ -8,12 +8,12 @@ from tools.story import ACTING, QUERY, THIS, Story
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import Fate
 from tca_tools.run.fold import History
 from tca_tools.run.records import State
 from tca_tools.run.selection import waited_for
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import note
-from tca_tools.why.coping import Fate
 from tca_tools.why.story import story
 from tca_tools.why.wait_words import reasons
 from tca_wire.constraints import Constraint, not_before, sequential_achievement

@@ -9,9 +9,9 @@ from tools.runs import OPENED, checked
 
 from tca_tools.analysis.failures import failures
 from tca_tools.check import rules
+from tca_tools.run.fates import Fate
 from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.told import story_lines
-from tca_tools.why.coping import Fate
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.points import ROOT, TaskId

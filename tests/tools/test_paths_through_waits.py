@@ -14,9 +14,9 @@ from tca_tools.analysis.failures import failures
 from tca_tools.log.classic import classic_lines
 from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents
+from tca_tools.run.fates import Fate
 from tca_tools.run.whole_run import Run
 from tca_tools.stats.measure import measure
-from tca_tools.why.coping import Fate
 from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId

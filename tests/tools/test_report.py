@@ -20,8 +20,8 @@ from tca_tools.report.contents import contents
 from tca_tools.report.page import page
 from tca_tools.report.pictures import gantt, strips
 from tca_tools.report.tree import tree
+from tca_tools.run.fates import HANDLED
 from tca_tools.run.fold import History
-from tca_tools.why.coping import HANDLED
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.text.measures import duration

@@ -15,13 +15,13 @@ from tca_tools.replay.panes import colour_of
 from tca_tools.replay.recording import Recording
 from tca_tools.report.tree import tree
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.tasktree_viz.words import summary as title
-from tca_tools.why.coping import HANDLED
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 

@@ -15,11 +15,11 @@ from tca_central.events import Effect, Record
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.looks import dark
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import WATCHING, Failing, has_coped, went_on
 from tca_tools.run.fold import History
 from tca_tools.run.records import State
 from tca_tools.view import verdicts
 from tca_tools.view.feed import LANES_OF, OUTCOMES, STATES, TABLES, Feed, SpanKind
-from tca_tools.why.coping import WATCHING, Failing, has_coped, went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.points import Moment, TaskId

@@ -8,8 +8,8 @@ from typing import Any
 from tca_tools.export.trace.details import flow_through, flow_to, flows_from, of_handling, of_message, of_wait
 from tca_tools.export.trace.events import Event, Kind, Trace, Track, counter, in_order, slices, within
 from tca_tools.export.trace.lanes import Span, in_lanes, nested
+from tca_tools.run.fates import has_coped
 from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing
-from tca_tools.why.coping import has_coped
 from tca_wire.vocabulary import Outcome
 
 _NO_HANDLER = "(no handler)"

@@ -8,8 +8,8 @@ from math import inf
 from tca_tools.export.trace.details import Details, of_task
 from tca_tools.export.trace.events import Event, Kind, Trace, Track, slices, within
 from tca_tools.export.trace.lanes import Span, in_lanes
+from tca_tools.run.fates import went_on
 from tca_tools.run.records import Task
-from tca_tools.why.coping import went_on
 from tca_wire.points import Moment
 
 _DEEPEST = 12
