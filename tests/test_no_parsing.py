@@ -17,8 +17,8 @@ WITH_PATTERNS = {
 }  # fmt: skip
 """Files that read what is no text of ours: names of files, what users type, foreign messages, pictures of libraries."""
 ROOMS_OF_WORDS = {
-    "tca_tools/why": {"story.py": 3},  # the end of a sentence that is not known yet; the first line of a failure
-    "tca_tools/tasktree_viz": {"arrows.py": 1, "outline_svg.py": 1, "text.py": 1},  # kinds of arrows, guides
+    "tca_tools/why": {"story.py": 1},  # the first line of a failure
+    "tca_tools/tasktree_viz": {"text.py": 1},  # guides
     "tca_tools/replay": {"app.py": 1, "tree.py": 1},  # what is typed, guides
     "tca_tools/analysis": {"failures.py": 3},
     "tca_tools/report": {},

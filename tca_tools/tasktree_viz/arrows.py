@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Self
 
 from tca_tools.run.at_time import RunAt
 from tca_wire.constraints import Constraint
@@ -9,8 +10,6 @@ from tca_wire.points import Moment, describe_moments
 from tca_wire.text.measures import duration
 
 SEQ = "SEQ"
-_AND = " + "
-"""Between a kind and its delay."""
 DELAYED = "DP"
 KINDS = {
     (Moment.END_ACHIEVING, Moment.START_ACHIEVING): SEQ,
@@ -31,40 +30,51 @@ MEANINGS = {
 }
 
 
+class ArrowKind(str):
+    """What an arrow says, ``SEQ + 3 s``; and its *name* without the delay."""
+
+    __slots__ = ("name",)
+    name: str
+
+    def __new__(cls, name: str, delay: float = 0.0) -> Self:
+        """With a delay in seconds (0: none)."""
+        made = super().__new__(cls, f"{name} + {duration(delay)}" if delay else name)
+        made.name = name
+        return made
+
+
 @dataclass(slots=True)
 class Arrows:
     """What the constraints of a tree look like."""
 
-    between: dict[tuple[int, int], list[str]] = field(default_factory=dict)
+    between: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
     """For each two tasks, the kinds of the constraints between them."""
-    own: dict[int, list[str]] = field(default_factory=dict)
+    own: dict[int, list[ArrowKind]] = field(default_factory=dict)
     """For each task, the kinds of those with itself that no arrow to it carries."""
-    unseen: dict[tuple[int, int], list[str]] = field(default_factory=dict)
+    unseen: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
     """The same as *between*, of tasks that are not shown before one that is: folded up, or not in the part."""
 
     @property
     def kinds(self) -> set[str]:
         """All kinds there are, without delays."""
         return {
-            _plain(kind)
-            for kinds in (*self.between.values(), *self.own.values(), *self.unseen.values())
-            for kind in kinds
+            kind.name for kinds in (*self.between.values(), *self.own.values(), *self.unseen.values()) for kind in kinds
         }
 
 
 def arrows(at: RunAt, shown: set[int]) -> Arrows:
     """The arrows between the tasks shown."""
-    found = Arrows()
+    found, delayed = Arrows(), ArrowKind(DELAYED)
     for task_id in sorted(shown):
         task = at.tasks[task_id]
-        incoming: dict[int, list[str]] = {}
+        incoming: dict[int, list[ArrowKind]] = {}
         for constraint in task.constraints:
             if constraint.before.task in at.tasks:
                 _add(incoming.setdefault(constraint.before.task, []), kind_of_arrow(constraint))
         own = incoming.pop(task_id, [])
         if DELAYED in own and (sequence := _sequence(incoming)):
-            own.remove(DELAYED)  # "after it, and not even planned before": one arrow, as the literature draws it
-            _add(sequence, DELAYED)
+            own.remove(delayed)  # "after it, and not even planned before": one arrow, as the literature draws it
+            _add(sequence, delayed)
         unseen = {before: kinds for before, kinds in incoming.items() if before not in shown}
         found.between |= {(before, task_id): kinds for before, kinds in incoming.items() if before in shown}
         known = _befores(at, incoming) if unseen else set()
@@ -78,14 +88,14 @@ def arrows(at: RunAt, shown: set[int]) -> Arrows:
 def _befores(at: RunAt, tasks: Iterable[int]) -> set[int]:
     """The tasks after which some others are achieved: who waits for those need not be said to wait for these."""
     constraints = (one for task in tasks for one in at.tasks[task].constraints)
-    return {one.before.task for one in constraints if _plain(kind_of_arrow(one)) == SEQ}
+    return {one.before.task for one in constraints if kind_of_arrow(one).name == SEQ}
 
 
-def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:
+def _leave_out_detours(between: dict[tuple[int, int], list[ArrowKind]]) -> None:
     """What stands in a row needs no arrow from the first to the third: whoever waited for a killed task waits for what
     that one waited for.
     """
-    rows = {pair for pair, kinds in between.items() if SEQ in map(_plain, kinds)}
+    rows = {pair for pair, kinds in between.items() if any(kind.name == SEQ for kind in kinds)}
     following: dict[int, list[int]] = {}
     for before, after in rows:
         following.setdefault(before, []).append(after)
@@ -94,25 +104,20 @@ def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:
             del between[before, after]
 
 
-def kind_of_arrow(constraint: Constraint) -> str:
-    """What an arrow for this constraint says: ``SEQ``, ``SEQ + 3.00 s``."""
+def kind_of_arrow(constraint: Constraint) -> ArrowKind:
+    """What an arrow for this constraint says."""
     before, after = constraint.before, constraint.after
     names = _OWN_KINDS if before.task == after.task else KINDS
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
     name = names.get((before.moment, after.moment), f"{first} before {second}")
-    return f"{name}{_AND}{duration(constraint.delay)}" if constraint.delay else name
+    return ArrowKind(name, constraint.delay)
 
 
-def _plain(kind: str) -> str:
-    """A kind without its delay."""
-    return kind.partition(_AND)[0]
-
-
-def _sequence(incoming: dict[int, list[str]]) -> list[str] | None:
+def _sequence(incoming: dict[int, list[ArrowKind]]) -> list[ArrowKind] | None:
     """The kinds of an arrow that says SEQ, if there is one."""
-    return next((kinds for kinds in incoming.values() if SEQ in map(_plain, kinds)), None)
+    return next((kinds for kinds in incoming.values() if any(kind.name == SEQ for kind in kinds)), None)
 
 
-def _add(kinds: list[str], kind: str) -> None:
+def _add(kinds: list[ArrowKind], kind: ArrowKind) -> None:
     if kind not in kinds:
         kinds.append(kind)

@@ -4,7 +4,7 @@ Narrow arrows down lead from a task to its subtasks, which stand from left to ri
 temporal constraints.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from itertools import pairwise, starmap
 from operator import itemgetter
@@ -118,7 +118,7 @@ def _brothers(rows: list[Row]) -> Iterable[list[Row]]:
     return (brothers for brothers in below.values() if len(brothers) > 1)
 
 
-def _constraint_arrow(at: RunAt, before: int, after: int, kinds: list[str], *, is_named: bool) -> str:
+def _constraint_arrow(at: RunAt, before: int, after: int, kinds: Sequence[str], *, is_named: bool) -> str:
     what = " · ".join(kinds)
     tooltip = printable(f"{at.describe(before)} to {at.describe(after)}: {what}")
     label = what if is_named else ""

@@ -182,7 +182,7 @@ def _head(rows: list[Row], title: str, laid: Plan, kinds: set[str], right: float
         x += needed
     y += 32
     joined = _JOINED if any(len(line.sources) > 1 for line in laid.lines) else ""
-    says = [f'"{AFTER}"'] * any(part.startswith(AFTER) for place in laid.places for part in place.after.split("; "))
+    says = [f'"{AFTER}"'] * any(place.says_after for place in laid.places)
     after = " and ".join(["heavy lines"] * bool(laid.lines) + says)
     meanings = [(after, MEANINGS[SEQ] + joined)] * bool(after)
     meanings += [("dashed, with +", _FOLDED)] * any(row.folded for row in rows)

@@ -3,6 +3,7 @@
 For trees that are too wide to be drawn as a figure: this one grows downwards only.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from textwrap import wrap
 
@@ -47,6 +48,8 @@ class Place:
     """What stands beside it, line by line: its state, what it waits for, how it failed, its data."""
     after: str = ""
     """Its constraints that no line to it shows."""
+    says_after: bool = False
+    """Whether it says in words that it comes after others."""
     planning: tuple[float, float | None] | None = None
     achieving: tuple[float, float | None] | None = None
 
@@ -123,7 +126,9 @@ def _say_the_rest(at: RunAt, places: list[Place], found: Arrows, drawn: list[Lin
     said: dict[int, dict[tuple[str, str], list[str]]] = {}  # for each row: what is said before and behind which names
     for (first, second), kinds in (found.between | found.unseen).items():
         to = numbers[second]
-        if around := _words_around(kinds, is_drawn=(numbers.get(first), to) in has_line):
+        is_drawn = (numbers.get(first), to) in has_line
+        if around := _words_around(kinds, is_drawn=is_drawn):
+            places[to].says_after |= not is_drawn and kinds == [SEQ]
             said.setdefault(to, {}).setdefault(around, []).append(at.describe(first))
     for task, kinds in found.own.items():
         places[numbers[task]].after = ", ".join(kinds)
@@ -134,7 +139,7 @@ def _say_the_rest(at: RunAt, places: list[Place], found: Arrows, drawn: list[Lin
         place.after = cut(printable(place.after), _LONGEST_AFTER)
 
 
-def _words_around(kinds: list[str], *, is_drawn: bool) -> tuple[str, str] | None:
+def _words_around(kinds: Sequence[str], *, is_drawn: bool) -> tuple[str, str] | None:
     """``after ...``, ``plan ahead (after ...)``, or with a line that says the rest: ``plan ahead (...)``."""
     if not is_drawn and kinds == [SEQ]:
         return f"{AFTER} ", ""

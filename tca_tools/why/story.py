@@ -65,26 +65,33 @@ class Sentence(NamedTuple):
     """Something that happened: when, and how long it took (None: it goes on, or took no time)."""
 
     time: float
-    text: str
+    begun: str
+    """What is known of it from its beginning on."""
     seconds: float | None = None
     is_open: bool = False
     """Whether it goes on when the journal ends."""
     ending: str = ""
-    """The end of the text, if it tells how it ended: not known before."""
+    """How it ended, behind that."""
+
+    @property
+    def text(self) -> str:
+        """The whole sentence."""
+        return self.begun + self.ending
+
     is_bad: bool = False
     """Whether it says that the message failed or was killed."""
 
     def known(self, moment: float) -> "Sentence":
         """What was known of it at a moment: of what ended later, not how nor when."""
         if self.is_open or (self.seconds is not None and self.time + self.seconds > moment):
-            return self._replace(text=self.text.removesuffix(self.ending), seconds=None, is_open=True, ending="")
+            return self._replace(seconds=None, is_open=True, ending="")
         return self
 
     def by(self, moment: float, time: float) -> str:
         """What was known of it at a moment, when the clock showed *time*: with how long it took, or has so far."""
         if self.is_open or (self.seconds is not None and self.time + self.seconds > moment):
             lasts = f", {time - self.time:.3f} s so far" if time - self.time >= _SHORTEST else ""
-            return self.text.removesuffix(self.ending) + lasts
+            return self.begun + lasts
         return self.text + (f", {self.seconds:.3f} s" if self.seconds is not None else "")
 
 
@@ -230,7 +237,7 @@ def _asked(at: RunAt, handling: Handling) -> Iterator[Sentence]:
             took = None if end is None else end - query.received
             text = f"its handler asked {query}, and goes on{where}"
             how = f"; it fails: {failure}" if end is not None and (failure := _failure_told(query, end)) else ""
-            yield Sentence(query.received, text + how, took, took is None, how)
+            yield Sentence(query.received, text, took, took is None, how)
         elif fetched.start > query.received:  # it fetches the reply later
             later.append(_Asked(WaitFor(WaitKind.REPLY, query.id, query.name), query.received, fetched.start))
     for some in _at_once(later):
@@ -373,7 +380,7 @@ def _tests(run: Run, monitor: Task, moment: float) -> Iterator[Sentence]:
         first, *more = [time for time, _ in tests]
         text = "its condition holds" if holds else "its condition does not hold"
         often = f", {1 + len(more)} times" if more else ""
-        yield Sentence(first, text + often, more[-1] - first if more else None, ending=often)
+        yield Sentence(first, text, more[-1] - first if more else None, ending=often)
 
 
 def _plans(run: Run, task: Task) -> Iterator[Sentence]:
@@ -469,9 +476,9 @@ def _suspensions(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
 
 def _spanning(span: Queueing | Handling | HandlerWait | Suspension, text: str, ending: str = "") -> Sentence:
     took = None if span.end is None else span.end - span.start
-    return Sentence(span.start, text + ending, took, took is None, ending)
+    return Sentence(span.start, text, took, took is None, ending)
 
 
 def _lasting(start: float, end: float, text: str, ending: str = "") -> Sentence:
     took = None if end == inf else end - start
-    return Sentence(start, text + ending, took, took is None, ending)
+    return Sentence(start, text, took, took is None, ending)
