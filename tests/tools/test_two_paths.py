@@ -32,7 +32,3 @@ def test_first_comes_what_moves_the_end(found: Contents) -> None:
     assert (round(first.saving, 6), round(first.on_path, 6)) == (0.5, 0.5)
     assert (second.title, second.sooner) == ("tank is locked while others wait", "pour {1}")
     assert (round(second.saving, 6), second.on_path) == (6.0, 0.0)
-
-
-def test_the_words_name_the_path(found: Contents) -> None:
-    assert found.advice[1].text.startswith("The critical path of pour {1} waits once because tank is locked")
