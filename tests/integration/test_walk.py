@@ -77,24 +77,6 @@ def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> N
             assert begun <= planned[Moment.START_HANDLING] < planned[Moment.END_HANDLING] < body[Moment.END_HANDLING]
 
 
-def test_perception_may_scan_while_the_leg_moves(history: History) -> None:
-    """Whether it does depends on who is fast; the scanner is no part of what moves the legs."""
-    moves = {
-        (handling.module, handling.resource) for handling in history.handlings if handling.name.startswith("move ")
-    }
-    scans = {(handling.module, handling.resource) for handling in history.handlings if handling.name == "scan"}
-    assert scans
-    assert not moves & scans
-
-
-def test_never_is_a_step_planned_two_ahead(history: History) -> None:
-    steps = [history.tasks[task].reached for task in tasks(history, "take steps")]
-    moments = sorted({time for times in steps for time in times.values()})
-    for moment in moments:
-        ahead = sum(times[Moment.START_PLANNING] <= moment < times[Moment.START_ACHIEVING] for times in steps)
-        assert ahead <= 1
-
-
 def test_the_run_kept_all_rules_and_the_properties_of_a_walk(walked: tuple[str, Path]) -> None:
     """``tca check`` on real processes' journal, in which a module was replaced while they walked."""
     wanted = [

@@ -3,27 +3,25 @@
 import logging
 import queue
 import threading
-import time
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from module.gait_messages import ALARM, MOVE_LEG, POSITION, STANCE, TEMPERATURE, Footfall
+from module.real_central import until
 
 from tca_module import (
     HANDLERS_CHANGED,
     MODULE_JOINED,
     MODULE_LEFT,
-    Arrival,
     Client,
     Departure,
     FormatRefused,
-    HandlerCount,
     HandlerInfo,
     Inform,
     MisuseError,
     Module,
     Refused,
-    Task,
     TcaError,
     Timeout,
     connect,
@@ -128,9 +126,7 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
     monkeypatch.setattr(module, "TEND_PERIOD", 0.01)
     with caplog.at_level(logging.WARNING):
         started = Started(Module("planner", central, requires=[STANCE, MOVE_LEG]))
-        deadline = time.monotonic() + SOON
-        while not caplog.records and time.monotonic() < deadline:
-            time.sleep(0.01)
+        until(lambda: caplog.records, "it says so")
         awaited = {message["message"]: message["awaited_by"] for message in user.status("messages")}
         assert awaited == {"stance": ["planner"], "move leg": ["planner"]}
         started.stop()
@@ -150,9 +146,7 @@ def test_modules_that_require_each_other_are_told_at_once(
     planner.handles(STANCE)(lambda _, radius: [int(radius)])
     with caplog.at_level(logging.WARNING):
         started = [Started(legs), Started(planner)]
-        deadline = time.monotonic() + SOON
-        while len(caplog.records) < 2 and time.monotonic() < deadline:
-            time.sleep(0.01)
+        until(lambda: len(caplog.records) == 2, "both say so")
         for one in started:
             one.stop()
     assert {record.name for record in caplog.records} == {"tca.legs", "tca.planner"}
@@ -164,14 +158,10 @@ def test_modules_that_require_each_other_are_told_at_once(
 
 def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: Module) -> None:
     started = Started(Module("planner", central, requires=[TEMPERATURE]))
-    deadline = time.monotonic() + SOON
-    while "temperature" not in central.core.registry.messages and time.monotonic() < deadline:
-        time.sleep(0.01)
+    until(lambda: "temperature" in central.core.registry.messages, "it waits")
     central.restart("second")
     with legs.running():
-        while started.module._keep_alive is None and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert started.module._keep_alive is not None
+        until(lambda: started.module._keep_alive, "it serves")
         started.stop()
     assert started.error == []
 
@@ -179,50 +169,33 @@ def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: 
 # --- being told ---------------------------------------------------------------------------------------------------------
 
 
-def test_who_listens_is_told(legs: Module, central: LocalCentral, user: Client) -> None:
+@pytest.fixture
+def told(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
+    """What a module is told that listens to all notices."""
     told: queue.SimpleQueue[Any] = queue.SimpleQueue()
     guard = Module("guard", central)
-
-    @guard.handles(MODULE_JOINED)
-    def joined(_: Task, who: Arrival) -> None:
-        told.put(who.module)
-
-    @guard.handles(MODULE_LEFT)
-    def left(_: Task, who: Departure) -> None:
-        told.put((who.module, who.why))
-
-    @guard.handles(HANDLERS_CHANGED)
-    def changed(_: Task, what: HandlerCount) -> None:
-        told.put((what.message, what.handlers))
-
+    guard.handles(MODULE_JOINED)(lambda _, who: told.put(who.module))
+    guard.handles(MODULE_LEFT)(lambda _, who: told.put((who.module, who.why)))
+    guard.handles(HANDLERS_CHANGED)(lambda _, what: told.put((what.message, what.handlers)))
     with guard.running():
-        with legs.running():
-            pass
-        seen = {told.get(timeout=SOON) for _ in range(6)}
-    assert seen == {
+        yield told
+
+
+def test_who_listens_is_told(legs: Module, told: "queue.SimpleQueue[Any]") -> None:
+    with legs.running():
+        pass
+    assert {told.get(timeout=SOON) for _ in range(6)} == {
         "legs", ("move leg", 1), ("temperature", 1), ("move leg", 0), ("temperature", 0), ("legs", "it said goodbye"),
     }  # fmt: skip
 
 
-def test_commands_that_people_type_are_not_told_of(legs: Module, central: LocalCentral) -> None:
+def test_commands_that_people_type_are_not_told_of(central: LocalCentral, told: "queue.SimpleQueue[Any]") -> None:
     """Who suspends the robot when a module leaves would do so for each ``tca status``."""
-    told: queue.SimpleQueue[str] = queue.SimpleQueue()
-    guard = Module("guard", central)
-
-    @guard.handles(MODULE_JOINED)
-    def joined(_: Task, who: Arrival) -> None:
-        told.put(f"{who.module} joined")
-
-    @guard.handles(MODULE_LEFT)
-    def left(_: Task, who: Departure) -> None:
-        told.put(f"{who.module} left")
-
-    with guard.running():
-        with connect("tca status", central) as first, connect("tca status", central):
-            assert "tca status" in {one.name for one in first.modules()}
-        with connect("operator panel", central):
-            pass
-        assert [told.get(timeout=SOON) for _ in range(2)] == ["operator panel joined", "operator panel left"]
+    with connect("tca status", central) as first, connect("tca status", central):
+        assert "tca status" in {one.name for one in first.modules()}
+    with connect("operator panel", central):
+        pass
+    assert [told.get(timeout=SOON) for _ in range(2)] == ["operator panel", ("operator panel", "it said goodbye")]
     assert sum(isinstance(fact, ModuleLeft) and fact.module.startswith("tca status") for fact in central.facts) == 2
 
 

@@ -40,25 +40,6 @@ def test_a_variable_that_was_never_set(user: Client) -> None:
     assert user.get_variable(MODE) == "idle"
 
 
-def test_to_handle_a_variable_is_to_watch_it(central: LocalCentral, user: Client) -> None:
-    view, seen, go_on = Module("view", central), queue.SimpleQueue[Arc](), threading.Event()
-
-    @view.handles(POSE)
-    def on_pose(task: Task, pose: Arc) -> None:
-        seen.put(pose)
-        assert go_on.wait(SOON)
-
-    user.set_variable(POSE, Arc(0.0, 0))
-    with view.running():
-        assert seen.get(timeout=SOON) == Arc(0.0, 0)  # which was there before
-        for step in range(1, 6):
-            user.set_variable(POSE, Arc(0.0, step))
-        go_on.set()
-        assert seen.get(timeout=SOON) == Arc(0.0, 5)
-        user.set_variable(POSE, Arc(0.0, 6))
-        assert seen.get(timeout=SOON) == Arc(0.0, 6)
-
-
 @pytest.mark.usefixtures("attentive")
 def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(central: LocalCentral, user: Client) -> None:
     view, seen = Module("view", central), queue.SimpleQueue[str]()

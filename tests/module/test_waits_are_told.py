@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 from module.gait_messages import HEALTH, TEMPERATURE
 
-from tca_module import Client, Command, Module, Task, Timeout
+from tca_module import Client, Command, Module, Task
 from tca_module.testing import LocalCentral
 from tca_tools.run.fold import History
 from tca_wire.journal.facts import Awaited, Dropped, Received
@@ -152,30 +152,3 @@ def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
     assert wait.end == history.messages[wait.awaited].written("dropped")
     (why,) = (fact.where for fact in central.facts if isinstance(fact, Dropped))
     assert why == "it is queued for eyes, busy with temperature {1}"
-
-
-def test_who_waits_no_longer_for_a_task_hears_how_far_it_was(legs: Module, user: Client) -> None:
-    begun, go = threading.Event(), threading.Event()
-
-    @legs.handles(ASK)
-    def ask(task: Task) -> None:
-        begun.set()
-        assert go.wait(SOON)
-
-    later = user.command(ASK_LATER)
-    with pytest.raises(
-        Timeout,
-        match=r"was not reached within 0.01 s: it waits for a module that handles ask later; to wait longer give timeout=$",
-    ):
-        later.wait(0.01)
-    later.kill()
-    with legs.running():
-        first = user.command(ASK, sequential=False)
-        assert begun.wait(SOON)
-        second = user.command(ASK)
-        with pytest.raises(Timeout, match=r"it waits until its handler in legs returns; to wait"):
-            first.wait(0.01)
-        with pytest.raises(Timeout, match=f"it waits until ask .{first.id}. is achieved; to wait"):
-            second.wait(0.01)
-        go.set()
-        second.result(SOON)
