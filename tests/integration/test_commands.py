@@ -15,9 +15,6 @@ from tca_module import Client, MultiQuery, Outcome, connect
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 
 
-# --- send ------------------------------------------------------------------------------------------------------------
-
-
 def test_a_goal_is_sent_and_its_number_told(robot: list[str], user: Client) -> None:
     code, text, _ = tca(send, "walk", "1")
     task = user.tasks("walk")[0]
@@ -108,9 +105,6 @@ def test_what_cannot_be_sent(robot: list[str], user: Client, words: list[str], c
     assert user.status()["newest id"] == before
 
 
-# --- query -----------------------------------------------------------------------------------------------------------
-
-
 def test_a_reply_is_printed(robot: list[str]) -> None:
     for command in (query, send):
         assert tca(command, "where", "x=1", "y=2.5") == (0, '{"x": 2.0, "y": 2.5}\n', "")
@@ -136,9 +130,6 @@ def test_questions_without_an_answer(robot: list[str], user: Client) -> None:
     assert tca(query, "where", "x=1", "--maximum", "2")[0] == 2
 
 
-# --- variables -------------------------------------------------------------------------------------------------------
-
-
 def test_variables_are_set_and_read(user: Client) -> None:
     for variable in (MODE, POSE):
         user.get_variable(variable, None)
@@ -153,9 +144,6 @@ def test_variables_are_set_and_read(user: Client) -> None:
     assert tca(get_variable, "pose", "--json") == (0, '{\n "x": 1.0\n}\n', "")
     assert tca(set_variable, "pose", "z=1")[0] == 2
     assert tca(get_variable, "walk")[:2] == (1, "")
-
-
-# --- tasks -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_task_is_killed_by_its_number_or_its_name(robot: list[str], user: Client, address: str) -> None:

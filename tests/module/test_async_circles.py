@@ -95,9 +95,6 @@ def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(how: How, centra
     assert "map {" in text
 
 
-# --- what may go on by itself ----------------------------------------------------------------------------------------
-
-
 class Device:
     """Lets go of what coroutines wait for, from a thread of its own."""
 

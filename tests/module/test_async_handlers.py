@@ -114,9 +114,6 @@ def test_an_answer_may_be_awaited_only_so_long(legs: Module, user: Client, centr
     assert "no module handles it" in {getattr(fact, "where", "") for fact in central.facts}
 
 
-# --- the end ------------------------------------------------------------------------------------------------------------
-
-
 def test_a_killed_task_is_cancelled_where_it_awaits(
     legs: Module, user: Client, central: LocalCentral, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -275,9 +272,6 @@ def test_only_async_handlers_await(user: Client) -> None:
         MisuseError, match="query 'temperature' is awaited where no async handler runs: wait for it with"
     ):
         asyncio.run(script())
-
-
-# --- central breaks -----------------------------------------------------------------------------------------------------
 
 
 def test_a_coroutine_does_not_await_a_central_that_is_silent(legs: Module, user: Client, central: LocalCentral) -> None:

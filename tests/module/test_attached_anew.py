@@ -89,9 +89,6 @@ def attached(user: Client) -> list[str]:
     return [one["handler"] for one in known["exception_handlers"]] + [one["listener"] for one in known["wiretaps"]]
 
 
-# --- what is there again ---------------------------------------------------------------------------------------------
-
-
 def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely_on_it(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
@@ -159,9 +156,6 @@ def test_monitors_are_declared_with_their_parts_and_listen_as_before(
         assert attached(user) == ["stop", "watch"]
         restarted(central, user)
         assert user.status("attached") == before
-
-
-# --- what is not -----------------------------------------------------------------------------------------------------
 
 
 def test_what_was_removed_is_not_attached_anew_and_a_handle_goes_on_under_the_new_number(

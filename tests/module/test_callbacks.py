@@ -51,9 +51,6 @@ def clock(central: LocalCentral) -> Clock:
     return Clock(central)
 
 
-# --- the rules, without threads -----------------------------------------------------------------------------------------
-
-
 def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:
     called: list[float] = []
     clock.callbacks.after(2.0, lambda: called.append(clock.now))
@@ -168,9 +165,6 @@ def test_a_file_has_one_callback(legs: Module, line: tuple[socket.socket, socket
     far.close()
     with pytest.raises(MisuseError, match="source must be an open file"):
         legs.on_readable(far, print)
-
-
-# --- in a module --------------------------------------------------------------------------------------------------------
 
 
 def test_a_callback_sends_under_the_root(legs: Module, central: LocalCentral) -> None:

@@ -1,21 +1,17 @@
 """Tasks that fail or are killed, and what is left of them when central is gone."""
 
-import queue
 import threading
 
 import pytest
 from module.gait_messages import COLLISION, EXHAUSTED, MOVE_LEG, REST, STOP, WALK, Arc, Footfall
 from module.robot import Robot
 
-from tca_module import BadData, Client, Command, Failure, Outcome, Query, Task, TaskFailed, TaskKilled
+from tca_module import BadData, Client, Command, Failure, Outcome, Query, Task, TaskFailed
 from tca_wire.journal.facts import Failed
 
 SOON = 5.0
 HEIGHT = Query("height", int, reply=float)
 FOG = Failure("fog", int)
-
-
-# --- failures -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_failure_goes_up_with_its_data(robot: Robot, user: Client) -> None:
@@ -98,31 +94,6 @@ def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
         assert failed.value.failure == "bad data"
         with pytest.raises(TaskFailed, match="the handler of goal 'rest' must return None"):
             user.goal(REST).result(SOON)
-
-
-# --- killing ------------------------------------------------------------------------------------------------------------
-
-
-def test_a_killed_task_is_told_and_its_end_reported(robot: Robot, user: Client) -> None:
-    started, seen = threading.Event(), queue.Queue[bool]()
-
-    @robot.planner.handles(REST)
-    def rest(task: Task) -> None:
-        seen.put(task.cancelled)
-        started.set()
-        with pytest.raises(TaskKilled):
-            task.command(STOP).result(SOON)
-        seen.put(task.cancelled)
-
-    with robot.running():
-        goal = user.goal(REST)
-        assert started.wait(SOON)
-        goal.kill("enough")
-        with pytest.raises(TaskKilled, match=r"rest \{1\} was killed: enough \(by user\)$") as killed:
-            goal.result(SOON)
-        assert (killed.value.why, goal.wait()) == ("enough (by user)", Outcome.KILLED)
-        goal.kill()
-    assert [seen.get(timeout=SOON) for _ in range(2)] == [False, True]
 
 
 def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed(

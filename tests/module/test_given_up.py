@@ -49,9 +49,6 @@ def session() -> Session:
     return session
 
 
-# --- what is said -------------------------------------------------------------------------------------------------------
-
-
 def test_a_task_is_killed_by_its_request(session: Session) -> None:
     session.abandon(session.request(A_REST))
     assert said(session) == [Send(2, "rest"), callback(3, 2)]

@@ -101,9 +101,6 @@ def test_what_answers_its_own_query_later_is_heard_within_the_wait(legs: Module,
         assert user.query(STANCE, 1.0, timeout=SOON) == [36]
 
 
-# --- failures -----------------------------------------------------------------------------------------------------------
-
-
 def collides() -> BaseException:
     return COLLISION(Footfall(1, 0.5), "rock")
 
@@ -169,9 +166,6 @@ def test_a_handler_that_raises_has_answered(legs: Module, user: Client) -> None:
         with pytest.raises(QueryFailed, match="collision"):
             user.query(TEMPERATURE, timeout=SOON)
         assert not kept[0].is_open
-
-
-# --- the end ------------------------------------------------------------------------------------------------------------
 
 
 def test_it_is_told_that_its_task_was_killed(legs: Module, owed: Owed, user: Client) -> None:

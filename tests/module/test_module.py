@@ -41,9 +41,6 @@ class Busy:
         return 36.6
 
 
-# --- resources ----------------------------------------------------------------------------------------------------------
-
-
 def test_a_resource_handles_as_many_messages_as_its_capacity(central: LocalCentral, user: Client) -> None:
     busy = Busy()
     legs = Module("legs", central, capacity=2)
@@ -55,21 +52,6 @@ def test_a_resource_handles_as_many_messages_as_its_capacity(central: LocalCentr
         assert busy.started.empty()
         busy.go.set()
         assert [one.receive(SOON) for one in pending] == [36.6] * 3
-
-
-def test_each_resource_has_a_thread(legs: Module, user: Client) -> None:
-    busy, arm = Busy(), legs.resource("arm")
-    legs.handles(TEMPERATURE, resource=arm)(busy)
-    legs.handles(STANCE)(lambda _, _radius: [1])
-    with legs.running():
-        pending = user.query_send(TEMPERATURE)
-        assert busy.started.get(timeout=SOON).startswith("arm")
-        assert user.query(STANCE, 1.0) == [1]
-        busy.go.set()
-        assert pending.receive(SOON) == 36.6
-
-
-# --- handlers ------------------------------------------------------------------------------------------------------------
 
 
 def test_methods_and_partial_functions_handle_and_stay_as_they_are(legs: Module, user: Client) -> None:
@@ -85,9 +67,6 @@ def test_methods_and_partial_functions_handle_and_stay_as_they_are(legs: Module,
     with legs.running():
         assert user.query(STANCE, 7.0) == [7]
         assert user.query(TEMPERATURE) == 36.6
-
-
-# --- sending from the module ------------------------------------------------------------------------------------------
 
 
 def test_a_module_sends_from_outside_of_its_handlers(legs: Module, central: LocalCentral) -> None:
@@ -110,9 +89,6 @@ def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) 
     with pytest.raises(ValueError, match="nothing to watch"), safety.running():
         raise AssertionError
     assert [fact.module for fact in central.facts if isinstance(fact, ModuleLeft)] == ["safety"]
-
-
-# --- leaving ------------------------------------------------------------------------------------------------------------
 
 
 def test_a_module_leaves_with_goodbye(legs: Module, central: LocalCentral) -> None:
@@ -224,9 +200,6 @@ def test_a_module_can_be_stopped_before_central_is_there(legs: Module, central: 
         assert began.wait(SOON)
         legs.stop()
     assert ends == [None]
-
-
-# --- central breaks -------------------------------------------------------------------------------------------------------
 
 
 def test_a_module_comes_back_after_its_connections_broke(legs: Module, central: LocalCentral, user: Client) -> None:

@@ -61,9 +61,6 @@ class Started:
         assert not self.thread.is_alive()
 
 
-# --- asking -------------------------------------------------------------------------------------------------------------
-
-
 def test_who_is_there_and_handles_what(legs: Module, user: Client) -> None:
     with legs.running():
         known = {info.name: info for info in user.modules()}
@@ -75,9 +72,6 @@ def test_who_is_there_and_handles_what(legs: Module, user: Client) -> None:
         assert user.handlers(STANCE) == []
         assert legs.modules() == user.modules()
     assert user.handlers(MOVE_LEG) == []
-
-
-# --- waiting ------------------------------------------------------------------------------------------------------------
 
 
 def test_waiting_until_messages_are_handled(legs: Module, user: Client) -> None:
@@ -164,9 +158,6 @@ def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: 
         until(lambda: started.module._keep_alive, "it serves")
         started.stop()
     assert started.error == []
-
-
-# --- being told ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

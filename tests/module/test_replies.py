@@ -16,9 +16,6 @@ from tca_wire.packets.headers import Beat
 SOON = 5.0
 
 
-# --- replies that call --------------------------------------------------------------------------------------------------
-
-
 def test_what_it_is_called_with_sends(legs: Module, user: Client) -> None:
     moved: list[Footfall] = []
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
@@ -156,9 +153,6 @@ def test_a_reply_that_is_lost_is_a_failure(legs: Module, user: Client, central: 
     assert isinstance(failures[0], CentralLost)
 
 
-# --- replies of many ----------------------------------------------------------------------------------------------------
-
-
 def test_replies_of_many_come_one_by_one(central: LocalCentral, user: Client) -> None:
     names = ["legs", "eyes", "battery"]
     modules = [Module(name, central) for name in names]
@@ -193,9 +187,6 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
         "nobody replied: legs has not answered",
         "nobody replied: legs (queued, busy with health {1}) has not answered",
     ]
-
-
-# --- questions to central -----------------------------------------------------------------------------------------------
 
 
 def test_central_that_beats_and_does_not_answer(legs: Module) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
+from module.gait_messages import MOVE_LEG, STANCE, STOP, TEMPERATURE, Footfall
 from module.real_central import RealCentral
 
 from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, Task, TaskFailed, Timeout, connect
@@ -57,9 +57,6 @@ def raises(error: BaseException) -> Callable[[], Any]:
         raise error
 
     return function
-
-
-# --- stop() ------------------------------------------------------------------------------------------------------------
 
 
 def test_who_handled_a_message_before_takes_over_from_a_module_that_was_stopped(
@@ -154,9 +151,6 @@ def test_the_log_says_that_a_module_was_stopped(legs: Module, user: Client, capl
     assert caplog.messages == ["module 'legs' has stopped, and handles nothing any more"]
 
 
-# --- what a handler lets pass ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("error", [Own("tired"), KeyboardInterrupt(), GeneratorExit(), pytest.fail.Exception("x")])
 def test_a_handler_that_lets_more_than_an_error_pass_ends_its_module_and_the_older_one_takes_over(
     legs: Module, older: Module, user: Client, caplog: pytest.LogCaptureFixture, error: BaseException
@@ -245,9 +239,6 @@ def test_who_interrupts_the_block_itself_comes_first(legs: Module, user: Client)
     assert raised.value.__notes__ == ["module 'legs' had ended before: Own: tired"]
 
 
-# --- what is an error like any other -----------------------------------------------------------------------------------
-
-
 def runs_something_that_is_cancelled() -> None:
     async def main() -> None:
         sleeping = asyncio.ensure_future(asyncio.sleep(60))
@@ -272,24 +263,3 @@ def test_a_plain_handler_whose_own_loop_was_cancelled_has_an_error(
         assert "in runs_something_that_is_cancelled" in failed.value.text
         assert "handler test_a_plain_handler" in caplog.text
         assert user.command(MOVE_LEG, 1, sequential=False).result(SOON) == Footfall(1, 0.0)
-
-
-def test_so_has_a_callback(legs: Module, user: Client, caplog: pytest.LogCaptureFixture) -> None:
-    answered = threading.Event()
-
-    def on_reply(*_: object) -> None:
-        answered.set()
-        runs_something_that_is_cancelled()
-
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-
-    @legs.handles(REST)
-    def rest(task: Task) -> None:
-        assert task.query_notify(TEMPERATURE, None, on_reply).wait(SOON)
-
-    with legs.running():
-        legs.after(0.0, runs_something_that_is_cancelled)
-        assert user.goal(REST).wait(SOON) is Outcome.DONE
-        assert answered.wait(SOON)
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-    assert len([line for line in caplog.messages if line.startswith("callback") and line.endswith(" failed")]) == 2

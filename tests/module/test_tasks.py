@@ -14,9 +14,6 @@ from tca_wire.points import Moment, Point
 SOON = 5.0
 
 
-# --- the tree -------------------------------------------------------------------------------------------------------
-
-
 def test_a_goal_is_planned_into_commands_that_are_done_in_order(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
@@ -62,9 +59,6 @@ def test_what_a_querys_handler_sends_hangs_under_the_root(robot: Robot, user: Cl
     with robot.running():
         assert user.query(STANCE, 1.0) == [1]
     assert [(fact.parent, fact.origin) for fact in robot.received("move leg")] == [(0, 1)]
-
-
-# --- order ----------------------------------------------------------------------------------------------------------
 
 
 def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
@@ -127,9 +121,6 @@ def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
                 compare(other, first.achieving.end)
     with pytest.raises(MisuseError, match="write a <= b <= c as two constraints"):
         _ = first.achieving.start <= first.achieving.end <= second.planning.start
-
-
-# --- points in time ---------------------------------------------------------------------------------------------------
 
 
 def test_waiting_for_a_point(robot: Robot, user: Client) -> None:

@@ -16,8 +16,6 @@ from tca_wire.journal.facts import Delivered
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
-# --- breaks ----------------------------------------------------------------------------------------------------------
-
 
 def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(central: RealCentral, user: Client) -> None:
     with a_map(central).running():
@@ -54,9 +52,6 @@ def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
                 pending.receive(SOON)
             go_on.set()
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
-
-
-# --- strangers, addresses --------------------------------------------------------------------------------------------
 
 
 def entrance(folder: Path) -> Path:

@@ -173,9 +173,6 @@ def test_a_failure_is_answered_too(pair: Pair) -> None:
     assert (answer.failure, answer.text, body) == ("fog", "can't see", b"data")
 
 
-# --- strangers -------------------------------------------------------------------------------------------------------
-
-
 def said(pair: Pair, *frames: bytes) -> list[Any]:
     """What the entrance says to whom sends this."""
     pair.line.back.clear()
@@ -227,9 +224,6 @@ def test_a_flood_stays_in_the_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch
     for _ in range(10):
         pair.handle()
     assert len(pair.handled) == 10
-
-
-# --- anything --------------------------------------------------------------------------------------------------------
 
 
 class Life(Pair):
