@@ -58,9 +58,9 @@ class Central(State):
             (agenda.taps_to_fire, lambda tapped: taps.fire_before(self, *tapped)),
             (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
             (agenda.only_watched, partial(monitors.end_watchers, self)),
-            (agenda.withdrawn, self._withdraw),
+            (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
             (agenda.ended, self._on_ended),
-            (agenda.reached_waits, self._on_reached),
+            (agenda.reached_waits, lambda reached: reached[1].on_reached(self, reached[0])),
             (self.dispatcher.granted, partial(claims.tell_granted, self)),
             (self.dispatcher.displaced, lambda displaced: replying.tell_displaced(self, *displaced)),
             (self.dispatcher.stranded, partial(failures.pass_over, self)),
@@ -198,13 +198,6 @@ class Central(State):
             else:
                 return
             agenda.settle()
-
-    def _withdraw(self, task: Task) -> None:
-        self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)
-
-    def _on_reached(self, reached: tuple[Task, Any]) -> None:
-        task, waiter = reached
-        waiter.on_reached(self, task)
 
     def _start_all(self) -> None:
         """Everything has settled but these tasks, which may start. First come exception handlers that nobody handles,

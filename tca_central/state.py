@@ -257,10 +257,23 @@ class State:
         connection.remember(number, header, body)
         self.messages.append(Transmit(connection.id, header, body))
 
+    def accept(self, connection: Connection, number: int, made: int = 0) -> None:
+        """Answer that a request was done; *made* is the id of what it made, or is about."""
+        self.send(connection, number, headers.Accepted(number, TaskId(made)))
+
+    def living(self, connection: Connection, number: int, task_id: TaskId, refused: str) -> Task | None:
+        """The task of that id; None, and the request is ignored, if it has ended or was killed."""
+        task = self.tree.task(task_id)
+        if task is not None and not task.killed:
+            return task
+        ended = f"task {task_id} has ended" if task is None else f"{task} was killed"
+        self.ignore(connection, number, f"{ended}: {refused}")
+        return None
+
     def ignore(self, connection: Connection, number: int, text: str) -> None:
         """A request came too late to change anything: whoever asked may have known no better (TCM: a warning)."""
         self.facts.append(facts.Ignored(connection.module.name, text))
-        self.send(connection, number, headers.Accepted(number))
+        self.accept(connection, number)
 
     def block(self, connection: Connection, number: int, origin: int, *, brief: bool) -> None:
         """A connection does nothing until the answer to this request is there; a *brief* wait is no deadlock."""

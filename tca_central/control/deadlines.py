@@ -1,15 +1,15 @@
 """Deadlines: a point of a task must be reached in time, or the failure "timeout" is raised on it."""
 
-from tca_central.control.pending import check_pending, checked_moment
+from tca_central.control.pending import check_pending
 from tca_central.failing.failures import raise_failure
 from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection
+from tca_central.model.intervals import checked_moment
 from tca_central.model.task_tree import Task
 from tca_central.state import RaisedFailure, State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 from tca_wire.points import TaskId, describe_moments
 from tca_wire.vocabulary import Due
 
@@ -47,12 +47,11 @@ def on_time_out(central: State, deadline: PendingDeadline) -> None:
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:
     """A module bounds the time until a point of a task."""
     checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
-    task, moment = central.tree.task(header.point.task), checked_moment(header.point)
-    if task is None or task.killed:
-        ended = f"task {header.point.task} has ended" if task is None else f"{task} was killed"
-        central.ignore(connection, header.number, f"{ended}: no deadline can be set")
+    moment = checked_moment(header.point)
+    task = central.living(connection, header.number, header.point.task, "no deadline can be set")
+    if task is None:
         return
     if not task.reached & moment:
         check_pending(task)
         set_deadline(central, task, moment, header.seconds)
-    central.send(connection, header.number, Accepted(header.number, header.point.task))
+    central.accept(connection, header.number, header.point.task)

@@ -12,7 +12,6 @@ from tca_central.model.task_tree import KeptTask, Task
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 
@@ -33,7 +32,7 @@ def on_keep(central: State, connection: Connection, header: headers.Keep, _: byt
         raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: ask that it be kept before it does")
     else:
         keep(central, task or record, connection.module)
-    central.send(connection, header.number, Accepted(header.number, header.task))
+    central.accept(connection, header.number, header.task)
 
 
 def check_room(central: State) -> None:

@@ -2,10 +2,11 @@
 
 import msgspec
 
-from tca_central.control.pending import check_pending, checked_moment
+from tca_central.control.pending import check_pending
 from tca_central.failing.failures import kill
 from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection
+from tca_central.model.intervals import checked_moment
 from tca_central.model.task_tree import Task, Verdict
 from tca_central.state import State
 from tca_wire.journal import facts
@@ -57,7 +58,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     if header.request:
         header = msgspec.structs.replace(header, task=_sent_with(connection, header.request))
         if not header.task:  # it has not come, and never will: it would have come before this
-            central.send(connection, header.number, Accepted(header.number))
+            central.accept(connection, header.number)
             return
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
     is_all = header.task == ROOT and header.scope is Scope.DESCENDANTS
@@ -79,7 +80,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
             check_pending(task)
             central.facts.append(_planned(pending, None))
         pending.on_reached(central, task)
-    central.send(connection, header.number, Accepted(header.number, header.task))
+    central.accept(connection, header.number, header.task)
 
 
 def _planned(pending: PendingKill, after: Point | None) -> facts.KillPlanned:

@@ -19,7 +19,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
 from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted, Answer
+from tca_wire.packets.headers import Answer
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import Point, TaskId
 from tca_wire.rules import DELIVERED
@@ -185,7 +185,7 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
         central.ignore(connection, header.number, f"monitor {header.monitor} {state}: it can't be fired")
         return
     _fire(central, watch, body)
-    central.send(connection, header.number, Accepted(header.number, header.monitor))
+    central.accept(connection, header.number, header.monitor)
 
 
 def _check_fire(watch: Watch, wanted: str) -> None:
@@ -216,7 +216,7 @@ def on_end_monitor(central: State, connection: Connection, header: headers.EndMo
         central.ignore(connection, header.number, f"monitor {header.monitor} has ended already")
         return
     end_monitor(central, watch, f"by module '{connection.module.name}'")
-    central.send(connection, header.number, Accepted(header.number, header.monitor))
+    central.accept(connection, header.number, header.monitor)
 
 
 def on_watched(central: State, watch: Watch) -> None:

@@ -1,10 +1,8 @@
 """What lies ahead of tasks: kills, deadlines and delays, bounded in number and forgotten when the task ends."""
 
 from tca_central.errors import RequestError
-from tca_central.model.intervals import SINGLE_MOMENTS
 from tca_central.model.task_tree import Task
 from tca_central.state import State
-from tca_wire.points import Point
 from tca_wire.vocabulary import Refusal
 
 MOST_PENDING = 1000
@@ -15,13 +13,6 @@ def check_pending(task: Task) -> None:
     """Raises RequestError if no more may lie ahead of a task."""
     if task.rare is not None and len(task.rare.pending) >= MOST_PENDING:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already")
-
-
-def checked_moment(point: Point) -> int:
-    """The moment of a point. Raises RequestError if it is none."""
-    if int(point.moment) not in SINGLE_MOMENTS:
-        raise RequestError(Refusal.PROTOCOL, f"{int(point.moment)} is no moment: one bit of 1 to 32 is")
-    return int(point.moment)
 
 
 def forget_pending(central: State, task: Task) -> None:

@@ -13,7 +13,6 @@ from tca_central.model.task_tree import Task
 from tca_central.state import RaisedFailure, State
 from tca_wire.messages.failures import LOCK_LOST
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 
 
 def on_unlock(central: State, connection: Connection, header: headers.Unlock, _: bytes) -> None:
@@ -22,7 +21,7 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
     if claim is not None:
         by = f"by module '{connection.module.name}'"
         revoke_and_warn(central, claim, by, LOCK_LOST, f"unlocked {by}")
-    central.send(connection, header.number, Accepted(header.number, claim.id if claim is not None else 0))
+    central.accept(connection, header.number, claim.id if claim is not None else 0)
 
 
 def revoke_and_warn(central: State, claim: Claim[Connection], why: str, failure: str, text: str) -> None:

@@ -4,7 +4,6 @@ from tca_central.model.deliveries import Connection
 from tca_central.outgoing.central_messages import suspend
 from tca_central.state import State
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 
 
 def on_suspend(central: State, connection: Connection, header: headers.Suspend, _: bytes) -> None:
@@ -14,4 +13,4 @@ def on_suspend(central: State, connection: Connection, header: headers.Suspend, 
         central.ignore(connection, header.number, f"task {header.task} has ended: it can't be suspended or resumed")
         return
     suspend(central, task, resume=header.resume, by=connection.module.name)
-    central.send(connection, header.number, Accepted(header.number, task.id))
+    central.accept(connection, header.number, task.id)

@@ -8,7 +8,6 @@ from tca_central.watching.taps import remove as remove_tap
 from tca_central.watching.watches import end_monitor
 from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import Refusal
@@ -27,7 +26,7 @@ def on_attach(central: State, connection: Connection, header: headers.Attach, _:
         text = f"task {header.task} has ended: no exception handler can be attached to it"
         raise RequestError(Refusal.TOO_LATE, text)
     attached = attach(central, header.attachment, message or task, connection.module.called)
-    central.send(connection, header.number, Accepted(header.number, attached.id))
+    central.accept(connection, header.number, attached.id)
 
 
 def _task_message(central: State, name: str) -> MessageType:
@@ -87,7 +86,7 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
         raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
     elif not (header.for_all and _end_monitor_by_id(central, header.id, module.name)):
         gone = 0
-    central.send(connection, header.number, Accepted(header.number, gone))
+    central.accept(connection, header.number, gone)
 
 
 def _end_monitor_by_id(central: State, number: int, by: str) -> bool:

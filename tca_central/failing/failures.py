@@ -22,7 +22,6 @@ from tca_central.watching.watches import stop_watching
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING, TaskId
 from tca_wire.rules import KILLED
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
@@ -60,13 +59,10 @@ def _shortened(text: str, longest: int = LONGEST_TEXT) -> str:
 
 def on_raise(central: State, connection: Connection, header: headers.Raise, body: bytes) -> None:
     """A module raises a failure on a task that another one handles."""
-    task = central.tree.task(header.task)
-    if task is None or task.killed:
-        ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
-        central.ignore(connection, header.number, f"{ended}: no failure can be raised on it")
-        return
-    raise_failure(central, task, failure_of(header, body), connection.module.name)
-    central.send(connection, header.number, Accepted(header.number, header.task))
+    task = central.living(connection, header.number, header.task, "no failure can be raised on it")
+    if task is not None:
+        raise_failure(central, task, failure_of(header, body), connection.module.name)
+        central.accept(connection, header.number, header.task)
 
 
 def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
@@ -347,10 +343,8 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     """A task is to be handled again, when all under it, and the exception handler that asks for it, has ended. Monitors
     that others have put under it go on.
     """
-    task = central.tree.task(header.task)
-    if task is None or task.killed:
-        ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
-        central.ignore(connection, header.number, f"{ended}: it can't be retried")
+    task = central.living(connection, header.number, header.task, "it can't be retried")
+    if task is None:
         return
     asking = _asking_handler(central, task)
     _check_order(central, task, asking)
@@ -375,4 +369,4 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         central.agenda.retry(task)
     else:
         central.agenda.begin_anew(task)
-    central.send(connection, header.number, Accepted(header.number, task.id))
+    central.accept(connection, header.number, task.id)

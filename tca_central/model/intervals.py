@@ -1,10 +1,19 @@
 """The moments of a task as places in the graph of constraints: some are reached together, and one stands for both."""
 
-from tca_wire.points import MOMENTS, START_ACHIEVING, START_HANDLING, START_PLANNING
+from tca_central.errors import RequestError
+from tca_wire.points import MOMENTS, START_ACHIEVING, START_HANDLING, START_PLANNING, Point
 from tca_wire.rules import ORDER
+from tca_wire.vocabulary import Refusal
 
 STARTS = START_HANDLING | START_PLANNING | START_ACHIEVING
 SINGLE_MOMENTS = frozenset(int(moment) for moment in MOMENTS)
+
+
+def checked_moment(point: Point) -> int:
+    """The moment of a point. Raises RequestError if it is not one moment."""
+    if int(point.moment) not in SINGLE_MOMENTS:
+        raise RequestError(Refusal.PROTOCOL, f"{int(point.moment)} is no moment: one bit of 1 to 32 is")
+    return int(point.moment)
 
 
 def delivered_at(is_goal: bool) -> int:

@@ -357,23 +357,17 @@ class TaskTree:
         """A module is gone; its next namesake starts a sequence of its own."""
         self.last_of_module.pop(sender, None)
 
-    def subtree(self, task: Task) -> Iterator[Task]:
-        """*task* and all below it, parents first. The tree must not change meanwhile."""
+    @staticmethod
+    def subtree(task: Task, *, doomed: bool = False) -> Iterator[Task]:
+        """*task* and all below it, or only what is *doomed* if it is killed, parents first. The tree must not change
+        meanwhile.
+        """
         stack = [task]
         while stack:
             node = stack.pop()
             yield node
             if node.children:
-                stack.extend(reversed(node.children.values()))
-
-    def doomed(self, task: Task) -> Iterator[Task]:
-        """*task* and all below it that dies with it. The tree must not change meanwhile."""
-        stack = [task]
-        while stack:
-            node = stack.pop()
-            yield node
-            if node.children:
-                stack.extend(child for child in reversed(node.children.values()) if not child.survives)
+                stack.extend(one for one in reversed(node.children.values()) if not (doomed and one.survives))
 
 
 def taps_of(delivery: Delivery) -> list[Wiretap]:

@@ -159,7 +159,7 @@ class Agenda:
         """End a task and all below it but what survives; those that were not killed before, parents first. What waits
         for them is released: at once, or when the running handlers below have returned.
         """
-        killed = [doomed for doomed in self.tree.doomed(task) if not doomed.killed]
+        killed = [doomed for doomed in self.tree.subtree(task, doomed=True) if not doomed.killed]
         reason = kill_reason(verdict.why, verdict.by)
         for doomed in killed:
             doomed.killed = reason

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock, checked_seconds
-from tca_central.model.intervals import SINGLE_MOMENTS, STARTS, unified
+from tca_central.model.intervals import STARTS, checked_moment, unified
 from tca_central.model.task_tree import Task, TaskTree
 from tca_central.order.cycles import Place, find_path
 from tca_wire.constraints import (
@@ -284,10 +284,8 @@ class Holds:
 
     def place(self, point: Point) -> Place | None:
         """The live task and moment of a point; None if the task has ended."""
-        if int(point.moment) not in SINGLE_MOMENTS:
-            raise RequestError(Refusal.PROTOCOL, f"{int(point.moment)} is no moment: one bit of 1 to 32 is")
-        task = self.tree.task(point.task)
-        return None if task is None else Place(task, unified(task.is_goal, int(point.moment)))
+        moment, task = checked_moment(point), self.tree.task(point.task)
+        return None if task is None else Place(task, unified(task.is_goal, moment))
 
 
 class _Ways(NamedTuple):

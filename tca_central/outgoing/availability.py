@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection
-from tca_central.outgoing import notices
+from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.state import PresenceWait, State
 from tca_wire.messages.notices import HANDLERS_CHANGED, HandlerCount
 from tca_wire.packets import headers
@@ -92,4 +92,4 @@ def tell_changes(central: State) -> None:
         _answer_if_over(central, wait)
     for message, _ in changed:
         if not message.is_notice:
-            notices.broadcast_notice(central, HANDLERS_CHANGED, HandlerCount(message.name, message.serving))
+            broadcast_notice(central, HANDLERS_CHANGED, HandlerCount(message.name, message.serving))

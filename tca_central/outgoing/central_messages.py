@@ -8,7 +8,9 @@ from tca_central.outgoing.fan_out import route_statement
 from tca_central.state import State
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
+from tca_wire.messages.declarations import D
 from tca_wire.messages.formats import NIL, NO_DATA
+from tca_wire.messages.notices import Notice
 from tca_wire.packets.headers import Suspended
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import AT_BIRTH
@@ -59,6 +61,13 @@ def make_statement(
     made = make_delivery(central, message, body, role, about=about, context=context)
     route_statement(central, made)
     return made
+
+
+def broadcast_notice(central: State, notice: Notice[D], data: D) -> None:
+    """Send a notice to all who handle it; where nobody does it is not even recorded."""
+    message = central.registry.messages.get(notice.name)
+    if message is not None and message.serving:
+        make_statement(central, message, notice.encode_data(data), Role.NONE, about=None)
 
 
 def make(

@@ -6,7 +6,6 @@ from tca_central.state import State
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 from tca_wire.vocabulary import Refusal
 
 MOST_CONSTRAINTS = 1000
@@ -26,4 +25,4 @@ def on_constrain(central: State, connection: Connection, header: headers.Constra
     added = central.agenda.constrain(header.constraints)
     if added:
         central.facts.append(facts.Constrained(added))
-    central.send(connection, header.number, Accepted(header.number))
+    central.accept(connection, header.number)

@@ -7,7 +7,6 @@ from tca_central.needs.texts import end_of_wait
 from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_fact
 from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 from tca_wire.text.facts_in_words import GAVE_UP
 
 
@@ -38,7 +37,7 @@ def on_release(central: State, connection: Connection, header: headers.Release, 
     claim = central.claims.get((connection, header.request))
     had = claim.id if claim is not None and claim.is_granted else 0
     give_up(central, connection, header.request)
-    central.send(connection, header.number, Accepted(header.number, had))
+    central.accept(connection, header.number, had)
 
 
 def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP, where: str = "") -> None:

@@ -8,7 +8,7 @@ from tca_central.locks import claims
 from tca_central.model.deliveries import Connection, Delivery, Handler, Module
 from tca_central.model.task_tree import Task, to_be_fired
 from tca_central.outgoing import direct_routes as direct
-from tca_central.outgoing import notices
+from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.requests.giving_up import give_up
 from tca_central.requests.replying import fail_delivery
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
@@ -19,7 +19,7 @@ from tca_wire.messages.declarations import D
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.messages.notices import COMMANDS, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, Notice
 from tca_wire.packets import headers
-from tca_wire.packets.headers import PROTOCOL_VERSION, Accepted, Cancelled
+from tca_wire.packets.headers import PROTOCOL_VERSION, Cancelled
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import START_HANDLING
 from tca_wire.rules import FAILURE, RETURNED
@@ -177,7 +177,7 @@ def _announce(central: State, module: Module, notice: Notice[D], data: D) -> Non
     these.
     """
     if not module.name.startswith(COMMANDS):
-        notices.broadcast_notice(central, notice, data)
+        broadcast_notice(central, notice, data)
 
 
 def _fail_or_drop(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
@@ -229,7 +229,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
     listeners_come(central, [handled.message for handled in header.handlers])
     for handled in header.handlers:
         _add_handler(central, module, handled)
-    central.send(connection, header.number, Accepted(header.number))
+    central.accept(connection, header.number)
 
 
 def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None:
@@ -253,7 +253,7 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
     remove_handlers(central, [handlers[name] for name in names if name in handlers])
     if not header.messages and connection.module.has_slots:
         _begin_leaving(central)
-    central.send(connection, header.number, Accepted(header.number))
+    central.accept(connection, header.number)
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:

@@ -23,7 +23,6 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import END_ACHIEVING, ROOT, Moment, TaskId
 from tca_wire.rules import SENT
@@ -46,7 +45,7 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
         check_farewell(message, header.parent)
     if header.if_handled and not message.serving:
         if header.number:
-            central.send(connection, header.number, Accepted(header.number))
+            central.accept(connection, header.number)
         return
     if message.route:
         tell_sender(central, connection, message)
@@ -78,7 +77,7 @@ def _route_statement(
     delivery = _make(central, connection, header, message, body)
     route_statement(central, delivery)
     if header.number:
-        central.send(connection, header.number, Accepted(header.number, delivery.id))
+        central.accept(connection, header.number, delivery.id)
 
 
 def _route_query(
@@ -118,18 +117,15 @@ def _route_multi_query(
 def _route_task(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
-    check_number(header.constraints)
-    check_attachments(central, header.attachments)
-    checked_seconds(header.deadline, f"a deadline of '{message.name}'")
-    if header.keep:
-        check_room(central)
+    if header.constraints or header.attachments or header.deadline or header.keep:
+        _check_extras(central, header)
     parent = central.tree.root if header.parent == ROOT else central.tree.task(header.parent)
     if parent is None:
         text = f"task {header.parent} has ended: nothing can be added under it"
         raise RequestError(Refusal.TOO_LATE, text)
     if header.when_killed:
         keep_for_termination(central, parent, message, body)
-        central.send(connection, header.number, Accepted(header.number))
+        central.accept(connection, header.number)
         return
     task = Task(TaskId(central.new_id()), message, body, connection)
     task.priority, task.since = header.priority, central.clock.now
@@ -147,7 +143,16 @@ def _route_task(
     if header.deadline:
         set_deadline(central, task, END_ACHIEVING, header.deadline)
     if header.number:
-        central.send(connection, header.number, Accepted(header.number, task.id))
+        central.accept(connection, header.number, task.id)
+
+
+def _check_extras(central: State, header: headers.Send) -> None:
+    """Raises RequestError if what a task is sent with is too much, or can't be."""
+    check_number(header.constraints)
+    check_attachments(central, header.attachments)
+    checked_seconds(header.deadline, f"a deadline of '{header.message}'")
+    if header.keep:
+        check_room(central)
 
 
 def _make_monitor(central: State, task: Task, parent: Task, header: headers.Send) -> None:

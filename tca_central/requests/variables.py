@@ -12,7 +12,7 @@ from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.formats import first_difference
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted, Answer
+from tca_wire.packets.headers import Answer
 from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal
 
@@ -64,7 +64,7 @@ def on_set_variable(central: State, connection: Connection, header: headers.SetV
     if header.swap:
         central.send(connection, header.number, Answer(header.number), before)
     elif header.number:
-        central.send(connection, header.number, Accepted(header.number, made.id))
+        central.accept(connection, header.number, made.id)
 
 
 def tell_new_watcher(central: State, handler: Handler) -> None:

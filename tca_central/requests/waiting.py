@@ -2,7 +2,7 @@
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Delivery
-from tca_central.model.intervals import SINGLE_MOMENTS
+from tca_central.model.intervals import checked_moment
 from tca_central.state import State, TaskWait
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -11,9 +11,7 @@ from tca_wire.vocabulary import Outcome, Refusal
 
 def on_wait_for(central: State, connection: Connection, header: headers.WaitFor, _: bytes) -> None:
     """A module waits for a moment of a task."""
-    moment = int(header.point.moment)
-    if moment not in SINGLE_MOMENTS:
-        raise RequestError(Refusal.PROTOCOL, f"{moment} is no moment: one bit of 1 to 32 is")
+    moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)
     known = central.outcome(task) if task is not None else _outcome_of_ended(central, header.point.task)
     if known is None:

@@ -120,42 +120,23 @@ def _kept_under(task: Task | KeptTask) -> Iterable[KeptTask]:
 
 def describe(task: Task | KeptTask) -> dict[str, Any]:
     """A task in plain values."""
-    return _describe_living(task) if isinstance(task, Task) else _describe_kept(task)
-
-
-def _describe_kept(task: KeptTask) -> dict[str, Any]:
-    outcome, failure, text, _ = task.outcome
-    return {
+    described = {
         "task": int(task.id),
         "parent": int(task.parent.id) if task.parent else 0,
         "message": task.message.name,
         "class": str(task.message.message_class),
         "role": str(task.role),
-        "reached": describe_moments(ALL_MOMENTS),
-        "held": {},
-        "module": "",
-        "suspended": False,
-        "killed": text if outcome is Outcome.KILLED else "",
-        "failure": failure,
-        "outcome": str(outcome),
     }
-
-
-def _describe_living(task: Task) -> dict[str, Any]:
-    return {
-        "task": int(task.id),
-        "parent": int(task.parent.id) if task.parent else 0,
-        "message": task.message.name,
-        "class": str(task.message.message_class),
-        "role": str(task.role),
-        "reached": describe_moments(task.reached),
-        "held": {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()},
-        "module": task.slot.module.name if task.slot else "",
-        "suspended": task.suspended,
-        "killed": task.killed,
-        "failure": task.failure[0] if task.failure else "",
-        "outcome": "",
-    }
+    state: tuple[Any, ...]
+    if isinstance(task, KeptTask):
+        outcome, failure, text, _ = task.outcome
+        state = describe_moments(ALL_MOMENTS), {}, "", False, text * (outcome is Outcome.KILLED), failure, str(outcome)
+    else:
+        held = {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()}
+        module, failure = task.slot.module.name if task.slot else "", task.failure[0] if task.failure else ""
+        state = describe_moments(task.reached), held, module, task.suspended, task.killed, failure, ""
+    names = "reached", "held", "module", "suspended", "killed", "failure", "outcome"
+    return described | dict(zip(names, state, strict=True))
 
 
 def relatives(central: State, task: Task | KeptTask | None, relation: str, message: str) -> list[dict[str, Any]]:

@@ -21,7 +21,6 @@ from tca_central.watching.watches import become_monitor, check_options, end_moni
 from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, first_difference
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
 from tca_wire.packets.parts import Tapped, WatchOptions
 from tca_wire.points import (
     ALL_MOMENTS,
@@ -86,7 +85,7 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
         if is_said_anew and connection.module.name in other.holders:
             remove(central, other, connection.module)  # its monitor is to watch as is said now
     _ask_waiting(central, tap)
-    central.send(connection, header.number, Accepted(header.number, tap.id))
+    central.accept(connection, header.number, tap.id)
 
 
 def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
