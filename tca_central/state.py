@@ -25,19 +25,8 @@ from tca_wire.vocabulary import MessageClass, Outcome
 class Collector:
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
-    __slots__ = (
-        "answered",
-        "connection",
-        "end",
-        "failures",
-        "id",
-        "message",
-        "module_of",
-        "number",
-        "origin",
-        "pending",
-        "wanted",
-    )  # fmt: skip
+    __slots__ = ("answered", "connection", "end", "failures", "id", "message", "module_of", "number",
+                 "origin", "pending", "wanted")  # fmt: skip
 
     def __init__(self, connection: Connection, number: int, original: Delivery, wanted: int) -> None:
         self.connection, self.number, self.wanted = connection, number, wanted

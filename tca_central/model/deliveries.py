@@ -48,27 +48,9 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = (
-        "answers",
-        "entrance",
-        "handling",
-        "id",
-        "last_number",
-        "late",
-        "lost_claims",
-        "module",
-        "number",
-        "orphans",
-        "outstanding",
-        "pauses",
-        "pulse",
-        "resource",
-        "routes",
-        "session",
-        "waits",
-        "watchers",
-        "watches",
-    )  # fmt: skip
+    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "lost_claims", "module",
+                 "number", "orphans", "outstanding", "pauses", "pulse", "resource", "routes", "session",
+                 "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
@@ -214,8 +196,9 @@ class Wiretap:
 class Delivery:
     """One message on its way to one handler."""
 
-    __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested", "number",
-                 "origin", "priority", "queues", "role", "sender", "sent_by", "since", "slot", "ticket")  # fmt: skip
+    __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested",
+                 "number", "origin", "priority", "queues", "role", "sender", "sent_by", "since", "slot",
+                 "ticket")  # fmt: skip
 
     def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         self.id = delivery_id

@@ -93,8 +93,8 @@ class Queue(Generic[Q]):
 class Claim(Generic[S]):
     """That somebody wants a resource for himself, or has it: a lock, or a reservation."""
 
-    __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource", "since", "slot",
-                 "ticket", "timer")  # fmt: skip
+    __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource",
+                 "since", "slot", "ticket", "timer")  # fmt: skip
 
     def __init__(self, resource: "Resource[S, Any]", slot: S, owner: object, *, admits_owner: bool) -> None:
         self.resource = resource

@@ -18,28 +18,9 @@ from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
 class Rare:
     """What only few tasks have: most tasks do without this object."""
 
-    __slots__ = (
-        "attached",
-        "attempts",
-        "farewells",
-        "fired",
-        "guests",
-        "invocations",
-        "is_guest",
-        "is_tapped",
-        "is_void",
-        "kept",
-        "kept_by",
-        "listeners",
-        "offspring",
-        "pending",
-        "recovering",
-        "retry_askers",
-        "retry_targets",
-        "taps",
-        "void_followers",
-        "watch",
-    )  # fmt: skip
+    __slots__ = ("attached", "attempts", "farewells", "fired", "guests", "invocations", "is_guest",
+                 "is_tapped", "is_void", "kept", "kept_by", "listeners", "offspring", "pending",
+                 "recovering", "retry_askers", "retry_targets", "taps", "void_followers", "watch")  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[AttachedHandler] = []  #: its exception handlers, newest last
@@ -72,36 +53,10 @@ class Task(Delivery):
     What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
     """
 
-    __slots__ = (
-        "children",
-        "delayed",
-        "failure",
-        "followers",
-        "guard",
-        "had_others",
-        "held",
-        "ignores_parent",
-        "is_dealt_with",
-        "is_goal",
-        "is_watcher",
-        "killed",
-        "last_child",
-        "leaders",
-        "parent",
-        "rare",
-        "reached",
-        "recovery",
-        "requested",
-        "result",
-        "retrying",
-        "returned",
-        "survives",
-        "suspended",
-        "top",
-        "unplanned",
-        "waiters",
-        "watchers",
-    )  # fmt: skip
+    __slots__ = ("children", "delayed", "failure", "followers", "guard", "had_others", "held",
+                 "ignores_parent", "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
+                 "leaders", "parent", "rare", "reached", "recovery", "requested", "result", "retrying",
+                 "returned", "survives", "suspended", "top", "unplanned", "waiters", "watchers")  # fmt: skip
 
     def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
         super().__init__(task_id, message, body, sender)

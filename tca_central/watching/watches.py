@@ -22,8 +22,8 @@ _CANCEL = 2  # of a demon monitor
 class Watch:
     """A monitor from its birth to its end."""
 
-    __slots__ = ("began", "condition", "count", "fires", "holds", "is_over", "options", "parts", "task", "timers",
-                 "waits_for")  # fmt: skip
+    __slots__ = ("began", "condition", "count", "fires", "holds", "is_over", "options", "parts", "task",
+                 "timers", "waits_for")  # fmt: skip
 
     def __init__(self, task: Task, options: WatchOptions, parts: list[MessageType | None]) -> None:
         self.task = task
