@@ -48,7 +48,7 @@ REMEMBERED_BYTES = 64 << 20
 
 
 class Central(State):
-    """The state of everything. ``handle`` is the only way it changes; all else that is public are questions."""
+    """The whole state. ``handle`` is the only way to change it; everything else that is public only reads."""
 
     def __init__(self, epoch: str = "test") -> None:
         super().__init__(epoch)
@@ -138,7 +138,7 @@ class Central(State):
         return origin if is_its else 0
 
     def _effects(self, time: float, cause: causes.Cause) -> list[Effect]:
-        """What is to be done about what has just happened."""
+        """The journal entry and the messages of the event that has just been handled."""
         effects, self.messages = self.messages, []
         if not self.facts:
             return effects
@@ -200,8 +200,8 @@ class Central(State):
             agenda.settle()
 
     def _start_all(self) -> None:
-        """Everything has settled but these tasks, which may start. First come exception handlers that nobody handles,
-        which ends others, then monitors, which take no slot from anyone; each with all that follows from that.
+        """Start what may start: first exception handlers without a module, which ends others, then monitors, then the
+        rest.
         """
         waiting = self.agenda.startable
         startable = [task for task in waiting if task.requested and not task.killed]
@@ -310,7 +310,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
 
 
 class _Kind(NamedTuple):
-    """What is known of a message of the protocol."""
+    """A message of the protocol, as far as the core needs to know it."""
 
     name: str
     has_number: bool

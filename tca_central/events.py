@@ -1,4 +1,4 @@
-"""What can happen to central, and the effects it asks for. The core sees nothing else of the world."""
+"""Events that reach central, and the effects that it asks for. The core sees nothing else of the world."""
 
 from typing import NewType
 

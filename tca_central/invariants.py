@@ -1,4 +1,4 @@
-"""What is true of central between two events: the Z schemas of the TCA paper and our own bookkeeping.
+"""Invariants of central between two events: the Z schemas of the TCA paper and our own bookkeeping.
 
 Costs a walk over everything; for tests. The schemas are those of the paper's section "Design and Analysis Tools"; where
 the scan contradicts itself (a child's constraints inside its parent's) we take what TCA did: children inherit.
@@ -123,7 +123,7 @@ def _check_guard(central: State, task: Task) -> None:
 
 
 def _check_family(task: Task) -> None:
-    """A child starts planning (achieving) after its parent; a parent ends after its children. Killed ones just end."""
+    """Starts and ends are nested: a child starts after its parent and ends before it. Killed ones just end."""
     parent = task.parent
     assert parent is not None
     assert task.reached != ALL_MOMENTS, f"{task}: has ended and is still here"

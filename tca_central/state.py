@@ -1,4 +1,4 @@
-"""All that central knows, and how anything leaves it. Holds no rule: those are in the parts and in requests.py."""
+"""The state of central, and the ways in which anything leaves it. Holds no rule: those are in the rooms beside it."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -20,6 +20,9 @@ from tca_wire.packets.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
 from tca_wire.vocabulary import MessageClass, Outcome
+
+Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
+"""A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
 
 
 class Collector:
@@ -82,7 +85,7 @@ class PresenceWait:
 
 
 class RaisedFailure(NamedTuple):
-    """What was raised on a task."""
+    """A failure as it was raised on a task."""
 
     name: str
     text: str = ""
@@ -91,7 +94,7 @@ class RaisedFailure(NamedTuple):
 
 
 class Recovery:
-    """What an exception handler's task handles: the failure of a task, found at that task or above."""
+    """The trouble an exception handler's task deals with: a task's failure, caught there or above."""
 
     __slots__ = ("at", "attached", "failing", "failure", "passed")
 
@@ -132,13 +135,13 @@ def is_own(delivery: Delivery) -> bool:
 
 
 def cancelled_header(delivery: Delivery) -> headers.Cancelled:
-    """What tells the handler of a task that was killed, or is to be handled again, to end."""
+    """The message that tells a handler to end, because its task was killed or is retried."""
     killed = delivery.killed if isinstance(delivery, Task) else ""
     return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
 
 
 def dropped_fact(delivery: Delivery, why: str, where: str = "") -> facts.Dropped:
-    """That a message, or a copy of it for one receiver, comes to nothing."""
+    """The fact that a message, or a copy of it for one receiver, is dropped."""
     return facts.Dropped(delivery.id, delivery.message.name, why, _copy_of(delivery), where)
 
 
@@ -171,9 +174,7 @@ class State:
         self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
         self.watches: dict[int, Any] = {}  #: the monitors that watch or are still to, by their tasks' ids
         self.watch_of_condition: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
-        self.suspects: deque[Delivery | Claim[Connection] | tuple[Connection, int]] = (
-            deque()
-        )  #: what may have begun to wait for itself
+        self.suspects: deque[Suspect] = deque()  #: these may have begun to wait for themselves
         self.blocked: dict[Connection, None] = {}  #: connections that do nothing until they are answered
         self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
         self.next_look: Timer | None = None
@@ -214,9 +215,7 @@ class State:
         self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
 
     def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
-        """How a task ended, or stands: outcome, failure's name, text, and result or failure data. A failure that was
-        dealt with is none; but its name is told, for there is no result.
-        """
+        """A task's outcome, failure's name, text, and data or result. A failure that was dealt with is only named."""
         if task.failure is not None:
             failure, text, body = task.failure
             if task.is_dealt_with and not task.killed:
@@ -281,7 +280,7 @@ class State:
         self.suspects.append((connection, numbers[0]))  # if that will be there, the handler goes on
 
     def unblock(self, connection: Connection, number: int) -> None:
-        """That answer is there, or nobody waits for it any more."""
+        """End a wait: the answer is there, or nobody waits for it any more."""
         if connection.pauses.pop(number, None) is not None:
             return
         if (wait := connection.waits.pop(number, None)) is not None:

@@ -1,1 +1,1 @@
-"""What steers running tasks: kills, suspension, deadlines, monitors, keeping, revoked locks."""
+"""Control of running tasks: kills, suspension, deadlines, monitors, keeping, revoked locks."""

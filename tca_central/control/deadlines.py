@@ -15,7 +15,7 @@ from tca_wire.vocabulary import Due
 
 
 class PendingDeadline:
-    """That a task's point must be reached in time."""
+    """A task's point that must be reached in time."""
 
     __slots__ = ("moment", "seconds", "task")
 

@@ -1,4 +1,4 @@
-"""What is remembered of ended tasks because a module asked for it: data, outcome and place in the tree.
+"""Records of ended tasks that modules keep: data, outcome and place in the tree.
 
 A task that a module keeps leaves a record when it ends, under its parent: the living task, the root, or that one's
 record. A record goes when nobody keeps it any more (each module keeps for itself, and a module that leaves keeps

@@ -17,7 +17,7 @@ from tca_wire.vocabulary import Due, Scope
 
 
 class PendingKill:
-    """That a task shall end when a point is reached, or some time after."""
+    """A kill that is carried out when a point is reached, or some time after."""
 
     __slots__ = ("delay", "scope", "task", "verdict")
 

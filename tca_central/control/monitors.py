@@ -57,7 +57,7 @@ def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageC
 
 
 def start(central: State, task: Task) -> None:
-    """The turn of a monitor has come."""
+    """Begin to watch: the monitor's turn has come."""
     watch = _watch(task)
     if task.returned:  # it was ended before it began
         central.agenda.mark_started(task)
@@ -139,9 +139,7 @@ def _test(central: State, watch: Watch) -> None:
 
 
 def on_condition_answered(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]) -> None:
-    """The condition was answered: None and False say that it does not hold. What it failed with, of these *kinds*, is
-    the monitor's failure.
-    """
+    """Act on a condition's answer; None and False mean that it does not hold. Its failure is the monitor's."""
     watch.condition = None
     task = watch.task
     is_point = not task.message.is_aside
@@ -199,7 +197,7 @@ def _check_fire(watch: Watch, wanted: str) -> None:
 
 
 def _of_request(central: State, task_id: TaskId) -> Watch | None:
-    """What the monitor of that number is doing; None if it has ended."""
+    """The watch of the monitor of that number; None if it has ended."""
     task = central.tree.task(task_id)
     if task is not None and not task.message.message_class.is_monitor:
         raise RequestError(Refusal.PROTOCOL, f"{task} is no monitor")

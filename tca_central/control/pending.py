@@ -1,4 +1,4 @@
-"""What lies ahead of tasks: kills, deadlines and delays, bounded in number and forgotten when the task ends."""
+"""Kills, deadlines and delays ahead of tasks: bounded in number, and forgotten when the task ends."""
 
 from tca_central.errors import RequestError
 from tca_central.model.task_tree import Task

@@ -1,4 +1,4 @@
-"""Locks and reservations are taken away: by an operator, or because of a deadlock. Whoever counts on one is told.
+"""Locks and reservations are revoked: by an operator, or because of a deadlock. Whoever relies on one is told.
 
 A handler that runs is told by its module, where it made the lock (claims.take). It fails there with "lock lost" unless
 it sees to that itself. What is *kept*, because the handler has returned, has nobody to be told: so the failure is
@@ -25,8 +25,8 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
 
 
 def revoke_and_warn(central: State, claim: Claim[Connection], why: str, failure: str, text: str) -> None:
-    """Take a resource from whoever has it. A task whose handler has returned gets *failure*, so that it does not go on
-    unwarned; not if it has failed already, or is about to be handled again and will begin without it.
+    """Take a resource away. If its task's handler has returned, the task gets *failure* so that it does not go on
+    unwarned.
     """
     revoke(central, claim, why, text)
     if is_kept(claim):

@@ -24,9 +24,7 @@ def check_farewell(message: MessageType, task_id: int) -> None:
 
 
 def keep_for_termination(central: State, task: Task, message: MessageType, body: bytes) -> None:
-    """Keep a message that is to be sent when the task is killed after it was started (TDL: ON TERMINATE). Of a killed
-    task whose handler goes on, which may not know of it yet, it is sent now: what it is to leave safe may be under way.
-    """
+    """Keep a message to be sent when the task is killed. If it was killed already and its handler runs, send it now."""
     if task.killed and task.slot is None:
         text = f"{task} was killed and its handler is done: '{message.name}' is not sent on its termination any more"
         raise RequestError(Refusal.TOO_LATE, text)

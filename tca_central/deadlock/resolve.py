@@ -26,7 +26,7 @@ from tca_central.needs.graph import Freeing, Granting, Node, Releasing, Returnin
 from tca_central.needs.waits import wait_for_group, waits_of
 from tca_central.order.cycles import Place
 from tca_central.requests.giving_up import give_up
-from tca_central.state import RaisedFailure, State
+from tca_central.state import RaisedFailure, State, Suspect
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets.headers import Refused
@@ -72,8 +72,8 @@ def check_suspects(central: State) -> None:
         schedule_look(central)
 
 
-def _may_close(central: State, suspect: Delivery | Claim[Connection] | tuple[Connection, int]) -> Node | None:
-    """What may have closed a circle; None if it is plain that it has not."""
+def _may_close(central: State, suspect: Suspect) -> Node | None:
+    """The node at which a suspect may have closed a circle; None if it plainly has not."""
     if isinstance(suspect, Claim):
         return Releasing(suspect)
     if isinstance(suspect, Delivery):
@@ -219,9 +219,7 @@ def _is_being_handled(task: Task, search: Search) -> bool:
 
 
 def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
-    """What of a circle belongs to an exception handler or to what leaves things safe: such tasks and all under them,
-    their waits, and the waits of whoever answers their questions.
-    """
+    """The nodes of a circle that belong to recovery or safe ends: their tasks, what is under these, and their waits."""
     found: set[Node] = set()
     known: dict[Task, bool] = {}
     before = circle[-1]
@@ -278,7 +276,7 @@ def describe(central: State, circle: list[Node]) -> str:
 
 
 def _waiter(central: State, node: Node, following: Node) -> Waiter | None:
-    """Who waits at a node of a circle, and for what; None where its neighbours say it."""
+    """The waiter at a node of a circle, with its waits; None where the neighbours say it."""
     who: Delivery | None = None
     module, waits = "", tuple[WaitFor, ...]()
     match node, following:

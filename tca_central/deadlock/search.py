@@ -1,4 +1,4 @@
-"""What can never come about: a search through the graph of needs that can be interrupted, and goes on later.
+"""A search through the graph of needs for nodes that can never come about. It can be interrupted, and goes on later.
 
 Theory of operation. A node is *live* if of each group that it needs one node is live; the least fixpoint, found
 forwards from the node that is asked about. Each node that was met stands at one of its groups, the first of which no
@@ -23,10 +23,7 @@ class TooLongError(Exception):
 
 
 class Search:
-    """Which nodes are stuck. *edges* is how many it may look at before it stops: what a node needs, or might.
-
-    As long as nothing changes *each* may be ``iter``; a search that is to go on after events gives ``list``.
-    """
+    """A search for stuck nodes over at most *edges* edges; with ``list`` for *each* it may go on after events."""
 
     def __init__(self, central: State, edges: int, each: Each = iter) -> None:
         self.edges = edges  #: that it may still look at
@@ -146,7 +143,7 @@ class Search:
 
 
 def _key(node: Node) -> Node | int:
-    """What stands for a node that is live: of points, of which there may be millions, only a number."""
+    """The key of a live node: a number for points, of which there may be millions."""
     return node.task.id << 6 | node.moment if isinstance(node, Place) else node
 
 

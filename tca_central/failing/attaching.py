@@ -74,9 +74,7 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: st
 
 
 def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """A module takes an exception handler or a wiretap away, or an operator for all who want it; he ends monitors, too.
-    One that is gone already is no error.
-    """
+    """A module removes an exception handler or wiretap of its own; an operator anyone's, and ends monitors."""
     module, gone = connection.module, header.id
     if (attached := central.attached.get(header.id)) is not None:
         _remove(central, attached, module.name)

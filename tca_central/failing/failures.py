@@ -87,9 +87,7 @@ def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = 
 
 
 def _search(central: State, task: Task, failure: RaisedFailure) -> Task | None:
-    """Let the nearest exception handler take care of a failure; its task. None if there is none: then whoever waits
-    is told.
-    """
+    """Call the nearest exception handler for a failure; its task. Without one the sender is told, and None returned."""
     handler = _call_handler(central, task, failure)
     if handler is None and (undecided := _unhandled(central, task, failure)) is not None:
         _continue_search(central, undecided)
@@ -97,9 +95,7 @@ def _search(central: State, task: Task, failure: RaisedFailure) -> Task | None:
 
 
 def _continue_search(central: State, handler: Task | None) -> None:
-    """The search for the failure that an exception handler was called for goes on after it: and so on, where that one
-    was called for the failure of another that now cannot decide, either.
-    """
+    """Continue a search above an exception handler that could not decide, and so on for the failures around it."""
     while handler is not None:
         trouble: Recovery = handler.context
         failing = trouble.failing
@@ -139,9 +135,7 @@ def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
 def _find(
     central: State, task: Task, failure: RaisedFailure, below: Recovery | None, passed: dict[tuple[int, str], None]
 ) -> Recovery | None:
-    """The nearest exception handler that may be called, and the task that it holds for. One that nobody handles is
-    passed over, and one that could not decide about a failure of that name before.
-    """
+    """The nearest exception handler that may be called: one that is handled, and was not undecided before."""
     names = ("", failure.name, *failure.kinds)
     nested = _nested(task)
     for at, attached in _candidates(central, task, below):
@@ -186,9 +180,7 @@ def _nested(task: Task) -> dict[int, int]:
 
 
 def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
-    """Nobody takes care of a failure. One that was not raised by choice keeps the exception handler around it from
-    deciding, which is killed: that handler, if somebody else is to be asked now. Any other ends the top-level task.
-    """
+    """End the top-level task, or kill the exception handler around a failure not raised by choice, and return it."""
     undecided = None if NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) else next(task.recoveries(), None)
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=task.id)
@@ -229,9 +221,7 @@ def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: 
 
 
 def kill(central: State, task: Task, verdict: Verdict) -> None:
-    """End a task and all under it. A handler that runs is never interrupted: it is told, and its task ends when it has
-    returned. What was to be done on termination is done now; a killed exception handler has decided nothing.
-    """
+    """Kill a task and all under it. A running handler is told, and its task ends when it returns."""
     killed = central.agenda.kill(task, verdict)
     new = {one.id for one in killed}
     for one in killed:
@@ -254,7 +244,7 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
 
 
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
-    """What else the kill of a task brings about."""
+    """Send what was kept for termination, end the watch, and kill the listeners of a killed task."""
     assert task.rare is not None
     if task.reached & START_HANDLING:
         for message, body in task.rare.farewells:
@@ -289,9 +279,7 @@ def reissue(central: State, handler: Task) -> None:
 
 
 def handler_ended(central: State, handler: Task) -> None:
-    """An exception handler, with all that it made, has ended: if it decided nothing else the failure has been dealt
-    with.
-    """
+    """An exception handler's task has ended. Unless it decided otherwise, the failure has been dealt with."""
     failing: Task = handler.context.failing
     for asked in handler.more.retry_targets:
         central.agenda.end_retry_asker(asked, handler)
@@ -309,8 +297,8 @@ def handler_ended(central: State, handler: Task) -> None:
 
 
 def _asking_handler(central: State, task: Task) -> Task | None:
-    """The exception handler that asks for a retry; None if somebody else does. Raises RequestError if it wants to retry
-    what is not on the way from the failing task up: one that retried itself would go on for ever.
+    """The exception handler that asks for a retry, if one does. Raises RequestError unless it is above the failing
+    task.
     """
     asking = central.dispatcher.running.get(central.origin)
     if not isinstance(asking, Task) or not isinstance(asking.context, Recovery):
@@ -323,9 +311,7 @@ def _asking_handler(central: State, task: Task) -> Task | None:
 
 
 def _check_order(central: State, task: Task, asking: Task | None) -> None:
-    """Raises RequestError if the retry would wait for something that outlives it and waits until the task has been
-    handled.
-    """
+    """Raises RequestError if the retry would wait for something that outlives it and waits for the task."""
     moment = END_PLANNING if task.reached & END_HANDLING else END_HANDLING
     if task.reached & moment:
         return
@@ -340,9 +326,7 @@ def _check_order(central: State, task: Task, asking: Task | None) -> None:
 
 
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
-    """A task is to be handled again, when all under it, and the exception handler that asks for it, has ended. Monitors
-    that others have put under it go on.
-    """
+    """A task is to be handled again once all under it, and the exception handler that asks, has ended."""
     task = central.living(connection, header.number, header.task, "it can't be retried")
     if task is None:
         return

@@ -1,4 +1,4 @@
-"""Locks and reservations: a module has a resource for itself for a while (TCA 8.5: LockResource, ReserveResource).
+"""Locks and reservations: a module has a resource to itself for a while (TCA 8.5: LockResource, ReserveResource).
 
 A claim waits in the resource's queue like a message, until nobody is in; resources.py has the order. It ends when it is
 given up, when the task it was made for has ended (a message that is no task: when its handler has returned), when that
@@ -113,7 +113,7 @@ def _fail(central: State, claim: Claim[Connection], why: str, answer: ToModule) 
 
 
 def give_up_claim(central: State, connection: Connection, number: int, why: str) -> None:
-    """Who has or wants a resource gives it up."""
+    """A module gives up what it has or wants."""
     if (claim := central.claims.get((connection, number))) is not None:
         _end(central, claim, "released" if claim.is_granted else why)
 
@@ -128,9 +128,7 @@ def end_claims_of(central: State, delivery: Delivery, how: str) -> None:
 
 
 def end_claims_of_killed(central: State, task: Delivery) -> None:
-    """A task was killed: it gets nothing more, and what it has it keeps only as long as its handler runs. What leaves
-    the robot safe must get in.
-    """
+    """End a killed task's claims, but for those held by a running handler: what leaves things safe must get in."""
     for claim in list(central.claimed_for.get(task, ())):
         if not claim.is_granted:
             refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for was killed")
@@ -139,9 +137,7 @@ def end_claims_of_killed(central: State, task: Delivery) -> None:
 
 
 def revoke(central: State, claim: Claim[Connection], why: str, text: str) -> None:
-    """Somebody has it no longer. If a handler that runs, or a client, counts on it, that is told; again when it comes
-    back, as long as it does not know.
-    """
+    """Take a resource away, and tell the handler or client that counts on it, again when it reconnects."""
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
         _note_loss(claim.slot, claim, text)
@@ -156,7 +152,7 @@ def _note_loss(slot: Connection, claim: Claim[Connection], text: str) -> None:
 
 
 def pop_losses(slot: Connection, delivery: Delivery) -> str:
-    """What a handler that has ended had lost, and never learned of, in words ("": nothing)."""
+    """The claims that an ended handler lost without learning of it, in words ("": none)."""
     if not slot.lost_claims:
         return ""
     lost = [

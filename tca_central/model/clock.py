@@ -1,4 +1,4 @@
-"""Time as the core knows it: what the events said last, and what is due later. Deterministic: ties keep their order."""
+"""The clock of the core: the time of the newest event, and timers. Deterministic: ties keep their order."""
 
 import heapq
 import math
@@ -21,7 +21,7 @@ class Timer:
 
 
 class Clock:
-    """What is due, earliest first; what is due at the same time, in the order in which it was asked for."""
+    """Timers, earliest first; those due at the same time in the order in which they were set."""
 
     def __init__(self) -> None:
         self.now = 0.0  #: seconds since the epoch began, as the newest event said
@@ -37,7 +37,7 @@ class Clock:
         return timer
 
     def cancel(self, timer: Timer | None) -> None:
-        """That is not due any more."""
+        """Cancel a timer."""
         if timer is None or timer.is_cancelled:
             return
         timer.is_cancelled, timer.subject = True, None

@@ -1,4 +1,4 @@
-"""Messages on their way: which there are, who is connected, who handles what, and what is attached to it.
+"""Messages on their way: modules and their connections, message types, their handlers, and what is attached to them.
 
 Knows nothing of tasks, time or sockets.
 """
@@ -29,7 +29,7 @@ class ModuleResource(Resource["Connection", "Delivery"]):
 
 
 class LostClaim(NamedTuple):
-    """That a lock or reservation was taken away."""
+    """A lock or reservation that was taken away."""
 
     delivery: int  #: whose handler had it (0: no handler's)
     resource: str
@@ -37,7 +37,7 @@ class LostClaim(NamedTuple):
 
 
 class Blocking(NamedTuple):
-    """That a connection, or the coroutine of one of its handlers, does nothing until its request is answered."""
+    """A wait: a connection, or the coroutine of a handler, does nothing until its request is answered."""
 
     origin: int  #: the delivery whose handler waits (0: none)
     since: int  #: the event in which that began
@@ -101,7 +101,7 @@ class Module:
 
 
 class Handler:
-    """That a module handles a message, in one of its resources."""
+    """A module's handler of a message, in one of its resources."""
 
     __slots__ = ("direct", "message", "module", "pending", "pool", "resource")
 
@@ -175,9 +175,7 @@ class AttachedHandler:
 
 
 class Wiretap:
-    """A wiretap on a message or a task. *before* are the moments that it is fired before and holds; *at* what it is
-    fired after.
-    """
+    """A wiretap: the listener is sent *before* some moments, which it holds back, or *at* others."""
 
     __slots__ = ("at", "before", "condition", "holders", "id", "listener", "place", "watch")
 

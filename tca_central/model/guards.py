@@ -1,4 +1,4 @@
-"""Which tasks have exception handlers, so that a failing task knows the nearest one above it without a search.
+"""Guards: the tasks with exception handlers, so that a failing task knows the nearest one above it without a search.
 
 Theory of operation. Each task refers to a guard: the nearest task at or above it that has exception handlers, its own
 or those of its message; the root always is one. A new task takes over its parent's guard, or becomes one itself. A task
@@ -64,7 +64,7 @@ class Guards:
             self._become_guard(task)
 
     def begin_age(self) -> None:
-        """What the guards are has to be found out anew."""
+        """Make all guards void."""
         self.age += 1
         self._root.guard = Guard(self._root, None, self.age)
 

@@ -1,4 +1,4 @@
-"""Who is connected, and which messages are declared. Knows nothing of tasks, time or sockets."""
+"""The registry of connections, modules and declared messages. Knows nothing of tasks, time or sockets."""
 
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
@@ -37,9 +37,7 @@ class Registry:
         return self.modules[incarnation], True
 
     def resource(self, module: Module, name: str) -> ModuleResource:
-        """The resource of that name of a module, made when first named; who has that of one copy of a program for
-        himself has those of all.
-        """
+        """A module's resource, made when first named. A lock of it in one copy of a program holds in all."""
         if name not in module.resources:
             module.resources[name] = made = ModuleResource(module.name, name)
             copies = (one for one in self.modules.values() if one.called == module.called and one is not module)
@@ -60,9 +58,7 @@ class Registry:
             del self.lost[next(iter(self.lost))]
 
     def forget_module(self, module: Module) -> None:
-        """The last connection of a module is gone. The messages that it declared stay: tasks may still be held, for
-        whoever handles them next.
-        """
+        """Forget a module. The messages that it declared stay, for tasks may still wait for them."""
         del self.modules[module.incarnation]
         self._names.discard(module.name)
         for message in self.messages.values():

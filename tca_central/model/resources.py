@@ -1,4 +1,4 @@
-"""Resources: how many messages a part of a module takes at a time, who is next, and who has it for himself.
+"""Resources: how many messages a part of a module takes at a time, who is next, and who has it to itself.
 
 Knows capacity and order; knows nothing of constraints, messages' meaning or sockets (TCA 8.5: res.c; capacity is the
 number of messages delivered and not yet completed, not the length of a queue).
@@ -17,7 +17,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 
 class Queueable(Protocol):
-    """What can wait for a resource. Its entry in a queue is void as soon as *ticket* differs from what it was then."""
+    """A message or claim that waits. Its queue entry is void once *ticket* has changed."""
 
     ticket: int
     priority: int
@@ -56,7 +56,7 @@ class PendingLimit(Generic[Q]):
 
 
 class Queue(Generic[Q]):
-    """What waits, in its order: higher priority first, then arrival."""
+    """Waiting messages and claims: higher priority first, then arrival."""
 
     def __init__(self) -> None:
         self.waiting = 0  #: number of valid entries
@@ -77,7 +77,7 @@ class Queue(Generic[Q]):
             heapq.heapify(self._heap)
 
     def first(self) -> Q | None:
-        """Whose turn it is; it stays until it is withdrawn."""
+        """The next in line; it stays until it is withdrawn."""
         while self._heap:
             _, _, ticket, one = self._heap[0]
             if one.ticket == ticket:
@@ -91,7 +91,7 @@ class Queue(Generic[Q]):
 
 
 class Claim(Generic[S]):
-    """That somebody wants a resource for himself, or has it: a lock, or a reservation."""
+    """A lock or reservation that is wanted or held."""
 
     __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource",
                  "since", "slot", "ticket", "timer")  # fmt: skip
@@ -234,14 +234,14 @@ class Resource(Generic[S, Q]):
         return sorted(self._queue, key=lambda one: (-one.priority, one.arrival))
 
     def next_queued(self) -> Q | Claim[S] | None:
-        """Who may have what is free, if anybody may: a message, or a claim that is to be granted now."""
+        """The next that may be let in: a message, or a claim that is to be granted now."""
         first = self._first_in_line()
         if isinstance(first, Claim) and not self._may_have(first):
             return None
         return first
 
     def _first_in_line(self) -> Q | Claim[S] | None:
-        """Whose turn is next of those that the lock or reservation in force, if any, does not keep out."""
+        """The next in line among those that the lock or reservation in force admits."""
         if self.held_by is None:
             return self._queue.first()
         if not self.held_by.admits_owner:

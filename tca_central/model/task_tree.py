@@ -16,7 +16,7 @@ from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
 
 
 class Rare:
-    """What only few tasks have: most tasks do without this object."""
+    """Attributes that few tasks need: most tasks do without this object."""
 
     __slots__ = ("attached", "attempts", "farewells", "fired", "guests", "invocations", "is_guest",
                  "is_tapped", "is_void", "kept", "kept_by", "listeners", "offspring", "pending",
@@ -28,9 +28,7 @@ class Rare:
         self.attempts = 1  #: how often it is being or has been handled
         self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
         self.taps: list[Wiretap] = []  #: its own wiretaps, oldest first
-        self.fired: dict[
-            int, bool
-        ] = {}  #: wiretaps fired before a moment of it -> whether anybody handled the listener
+        self.fired: dict[int, bool] = {}  #: wiretaps fired before a moment of it -> whether the listener was handled
         self.is_tapped = False  #: wiretaps are about to be fired: it does not go on meanwhile
         self.listeners: list[Task] = []  #: that are killed with it
         self.watch: Any = None  #: of a monitor: what it is doing
@@ -48,10 +46,7 @@ class Rare:
 
 
 class Task(Delivery):
-    """One node of the task tree, from its arrival until it is achieved or killed.
-
-    What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
-    """
+    """A node of the task tree, from arrival to end. Its state follows from ``reached``, ``returned`` and ``killed``."""
 
     __slots__ = ("children", "delayed", "failure", "followers", "guard", "had_others", "held",
                  "ignores_parent", "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
@@ -94,7 +89,7 @@ class Task(Delivery):
 
     @property
     def more(self) -> Rare:
-        """What only few tasks have; made when first asked for."""
+        """The rarely needed attributes; made when first asked for."""
         if self.rare is None:
             self.rare = Rare()
         return self.rare
@@ -113,9 +108,7 @@ class Task(Delivery):
 
     @property
     def watches_alone(self) -> bool:
-        """Whether nothing is left under it but watchers, and it is not there for their sake: it has had other children,
-        or others put them there.
-        """
+        """Whether only watchers are left under it, and there was something to watch, or others put them there."""
         if not self.watchers or not self.returned or len(self.children or ()) != self.watchers:
             return False
         return self.had_others or (self.rare is not None and self.rare.guests == self.watchers)
@@ -153,9 +146,7 @@ class Task(Delivery):
 
 
 class Siblings:
-    """Living siblings in the order in which they came. The newest is found at constant cost, however many have ended
-    since, or stand aside.
-    """
+    """Living siblings in order of arrival. Finding the newest costs the same however many have ended."""
 
     __slots__ = ("_order", "living")
 
@@ -240,9 +231,7 @@ class TaskTree:
         return task
 
     def last_sibling(self, parent: Task, sender: str) -> Task | None:
-        """The task that flags of a new child refer to. Under the root each module has its own, so that top-level
-        tasks of different modules are not put in sequence.
-        """
+        """The task that flags of a new child refer to. Under the root each module has its own sequence."""
         last = self.last_of_module.get(sender) if parent is self.root else parent.last_child
         return last if last is not None and last.reached != ALL_MOMENTS else None
 
@@ -314,9 +303,7 @@ class TaskTree:
 
     @staticmethod
     def subtree(task: Task, *, doomed: bool = False) -> Iterator[Task]:
-        """*task* and all below it, or only what is *doomed* if it is killed, parents first. The tree must not change
-        meanwhile.
-        """
+        """*task* and all below it, or only what dies with it if *doomed*, parents first. The tree must not change."""
         stack = [task]
         while stack:
             node = stack.pop()
@@ -326,9 +313,7 @@ class TaskTree:
 
 
 def taps_of(delivery: Delivery) -> list[Wiretap]:
-    """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped, nor what is
-    sent for a monitor that was.
-    """
+    """The wiretaps of a task and of its message; none for what was itself sent for a wiretap."""
     taps = delivery.message.taps
     if isinstance(delivery, Task) and delivery.rare is not None and delivery.rare.taps:
         taps = delivery.rare.taps + taps
@@ -346,9 +331,7 @@ def first_moments(task: Task) -> int:
 
 
 def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
-    """The wiretaps to be fired before a task reaches *moments*: those that have not been, or whose listener nobody
-    handled then and somebody does now.
-    """
+    """The wiretaps still to be fired before *moments*; again those whose listener had no handler and now has."""
     fired = task.rare.fired if task.rare else {}
     return [
         tap

@@ -10,7 +10,7 @@ VARIABLE_BYTES = 64 << 20
 
 
 class Value(NamedTuple):
-    """What a variable was set to, and by whom."""
+    """A variable's value, and the module that set it."""
 
     body: bytes
     format: str  #: of the variable then
@@ -40,6 +40,6 @@ class Variables:
         self.bytes += len(value.body)
 
     def forget(self, name: str) -> None:
-        """The variable has no value any more."""
+        """Forget a variable's value."""
         if (known := self.values.pop(name, None)) is not None:
             self.bytes -= len(known.body)

@@ -1,1 +1,1 @@
-"""What waits for what: one graph over handlers, messages, resources, claims and points of tasks."""
+"""The graph of waits over handlers, messages, resources, claims and points of tasks."""

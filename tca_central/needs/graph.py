@@ -1,4 +1,4 @@
-"""Who waits for what, as one graph over handlers, messages, resources, claims and points of tasks.
+"""The graph of needs: handlers, messages, resources, claims and points of tasks, and what each waits for.
 
 ``needs`` says of a node what it waits for: groups of nodes, of each of which one is enough. No group at all: it will
 come about by itself, as far as central knows: a handler that runs may return, somebody may come to handle a message,
@@ -21,47 +21,47 @@ from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACH
 
 
 class Waiting(NamedTuple):
-    """That a connection gets the answer to its blocking request."""
+    """The answer to a blocking request of a connection."""
 
     connection: Connection
     number: int
 
 
 class Returning(NamedTuple):
-    """That the handler of a delivery returns."""
+    """The return of a delivery's handler."""
 
     delivery: Delivery
 
 
 class Turn(NamedTuple):
-    """That a delivery in a queue is given to a handler."""
+    """The turn of a delivery in a queue."""
 
     delivery: Delivery
     kind: str = "turn"  #: as a key it is not the Returning of that delivery later
 
 
 class TurnAt(NamedTuple):
-    """That a delivery in a queue is given to a handler of this resource."""
+    """The turn of a delivery in the queue of one resource."""
 
     delivery: Delivery
     resource: ModuleResource
 
 
 class Freeing(NamedTuple):
-    """That a slot of a resource all of whose slots are taken is free again."""
+    """The freeing of a slot where all are taken."""
 
     resource: ModuleResource
 
 
 class Granting(NamedTuple):
-    """That a claim gets its resource."""
+    """The granting of a claim."""
 
     claim: Claim[Connection]
     kind: str = "granting"  #: as a key it is not the Releasing of that claim later
 
 
 class Releasing(NamedTuple):
-    """That the lock or reservation in force ends."""
+    """The end of the lock or reservation in force."""
 
     claim: Claim[Connection]
 
@@ -72,7 +72,7 @@ Groups = Iterator[Group | None]
 
 
 def needs(central: State, node: Node, each: Each = iter) -> Groups:
-    """What a node waits for. Who lets central change while he still walks that gives ``list`` for *each*."""
+    """The needs of a node, as groups. Give ``list`` for *each* if central may change during the walk."""
     return _OF[type(node)](central, node, each)
 
 
@@ -100,9 +100,7 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
 
 
 def _of_handler(_: State, node: Returning, each: Each) -> Groups:
-    """A handler returns after it has got all that it, or whatever is handled within its waits, waits for. A coroutine
-    goes on when it has got any of what it awaits.
-    """
+    """A handler needs all that it, or anything nested in it, blocks for; a coroutine any of what it awaits."""
     slot = node.delivery.slot
     if slot is not None:
         given = slot.handling[node.delivery]
@@ -202,9 +200,7 @@ def is_only_queued(task: Task) -> bool:
 
 
 def _of_test(monitor: Task) -> Groups:
-    """A monitor asks its condition no more until it is answered. One that ends when it has been tested, or has acted so
-    many times, waits for that, or for the point until which it watches; others end by time, events or somebody's will.
-    """
+    """A monitor that ends after a test or action needs its condition's answer; others end by time or by request."""
     watch = monitor.more.watch
     if watch is None or (condition := watch.condition) is None or watch.options.duration:
         return
@@ -228,9 +224,7 @@ def _of_its_handler(task: Task, moment: int) -> Groups:
 
 
 def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
-    """Constraints, and the order within the task and with its relatives; two starts of which each waits for the other
-    (DELAY_PLANNING) are one.
-    """
+    """Constraints, the order within the task and with its relatives; starts that wait for each other are one."""
     together = (START_PLANNING, START_ACHIEVING) if task.delayed and moment & STARTS else (moment,)
     for one in together:
         for before in predecessors(central.tree, Place(task, one), each):

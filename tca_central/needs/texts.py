@@ -1,4 +1,4 @@
-"""What those are told who wait no longer, or can't even begin to: made of waits, in words."""
+"""Answers for those that stop waiting, or cannot begin to: waits in words."""
 
 from msgspec.structs import replace
 
@@ -20,9 +20,7 @@ _FAILURES = 20
 
 
 def end_of_wait(central: State, connection: Connection, number: int, answer_to: int) -> tuple[Answer, bytes]:
-    """The answer to whoever waits no longer: as text why there was none yet ("" if there is nothing to say), and of a
-    multi-query to which nobody has replied also with what others have failed.
-    """
+    """The answer for a waiter that gives up: why there was none yet and, of a multi-query, the failures so far."""
     match connection.outstanding.get(number):
         case Collector() as collector:
             return end_of_multi_query(central, collector, answer_to)
@@ -36,9 +34,7 @@ def end_of_wait(central: State, connection: Connection, number: int, answer_to: 
 
 
 def end_of_multi_query(central: State, collector: Collector, number: int) -> tuple[Answer, bytes]:
-    """With what a multi-query ends now: done, or where nobody has replied the first failure, and in its text all others
-    and who had not answered.
-    """
+    """The end of a multi-query: done, or the first failure if nobody replied; the text names all others."""
     answer, body = collector.end or (Answer(number), b"")
     text = _why_not_replied(central, collector)
     if answer.outcome is Outcome.DONE:
@@ -48,7 +44,7 @@ def end_of_multi_query(central: State, collector: Collector, number: int) -> tup
 
 
 def _why_not_replied(central: State, collector: Collector) -> str:
-    """Who was asked by a multi-query and has not replied, and why; "" if all have."""
+    """The modules asked by a multi-query that have not replied, and why; "" if all have."""
     failures = collector.failures
     told = failures[:_FAILURES]
     told += [f"and {len(failures) - _FAILURES} more"] if len(failures) > _FAILURES else []
@@ -58,14 +54,12 @@ def _why_not_replied(central: State, collector: Collector) -> str:
 
 
 def why_not_granted(central: State, claim: Claim[Connection]) -> str:
-    """What keeps somebody from a resource who wants it for himself."""
+    """The reason why a claim is not granted yet."""
     return f"it waits {in_words(kept_from(central, claim))}"
 
 
 def why_full(central: State, message: MessageType, *targets: ModuleResource) -> str:
-    """Why no more messages of a type (for these *targets* only) are let into a queue; for queries, informs and
-    broadcasts that are refused or dropped.
-    """
+    """The reason why no more messages of a type (for *targets* only) are let into a queue."""
     if not targets and not message.handlers:
         number, first, who = len(message.waiting), next(iter(message.waiting.values()), None), "no more"
         wait = WaitFor(WaitKind.HANDLER, name=message.name)

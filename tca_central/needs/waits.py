@@ -1,4 +1,4 @@
-"""What is waited for as people are told of it: ``WaitFor`` data, made from the graph. Changes nothing.
+"""Waits as data for people: ``WaitFor``, made from the graph. Changes nothing.
 
 Of very many things only so many are looked at, and the first few told one by one.
 """
@@ -56,7 +56,7 @@ def next_of(task: Task) -> Place:
 
 
 def waits_of(central: State, node: Node) -> list[WaitFor]:
-    """What a node waits for; nothing if it comes about by itself."""
+    """The waits of a node; none if it comes about by itself."""
     return _compact(_of_node(central, node))
 
 
@@ -98,7 +98,7 @@ def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
 
 
 def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
-    """What keeps a task from a point, and from those of its own that come before."""
+    """The waits before a point of a task, and before its earlier points."""
     task = place.task
     if task.slot is not None or task.queues is not None:
         yield _whereabouts(central, task)
@@ -125,7 +125,7 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
 
 
 def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
-    """What the graph has no node for: time, somebody's will, a monitor's condition."""
+    """Waits that are no nodes of the graph: time, a person's decision, a monitor's condition."""
     task, moment = place
     if task.killed or task.reached & moment:
         return
@@ -141,7 +141,7 @@ def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
 
 
 def _resume(central: State, task: Task) -> WaitFor:
-    """What was suspended may be far above."""
+    """The wait until somebody resumes a task, which may be suspended far above."""
     for above in task.lineage():
         if (how := central.tree.suspended.get(above.id)) is not None:
             return WaitFor(WaitKind.RESUME, above.id, above.message.name, module=how[1])
@@ -149,7 +149,7 @@ def _resume(central: State, task: Task) -> WaitFor:
 
 
 def condition_of(monitor: Task) -> WaitFor:
-    """What a monitor watches for."""
+    """The wait of a monitor for its condition."""
     watch = monitor.more.watch
     if watch.condition is not None:
         return WaitFor(WaitKind.CONDITION, watch.condition.id, watch.condition.message.name, holds=watch.holds)
@@ -158,7 +158,7 @@ def condition_of(monitor: Task) -> WaitFor:
 
 
 def wait_for_group(central: State, node: Place | Releasing, group: Group) -> WaitFor:
-    """That a node waits for one of a group of the graph."""
+    """The wait of a node for one group of the graph."""
     match group[0]:
         case Place(other, moment):
             kind = _kind(node, other, moment)
@@ -192,7 +192,7 @@ def _kind(node: Place | Releasing, other: Task, moment: int) -> WaitKind:
 
 
 def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
-    """What the handler of a delivery, or whatever is handled within its waits, blocks for."""
+    """The waits for which the handler of a delivery, or anything nested in it, blocks."""
     slot = delivery.slot
     if slot is None:
         return
@@ -203,7 +203,7 @@ def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
 
 
 def _of_request(central: State, connection: Connection, number: int, *, is_first: bool = True) -> Iterator[WaitFor]:
-    """What is due to a connection; where that is in turn is told of the *first* request only."""
+    """The wait for an answer; only for the *first* request with the waits behind it."""
     due = connection.outstanding.get(number)
     match due:
         case Delivery():
@@ -221,7 +221,7 @@ def _of_request(central: State, connection: Connection, number: int, *, is_first
 
 
 def replies_to(central: State, collector: Collector) -> WaitFor:
-    """What a multi-query waits for: those who have not answered."""
+    """The wait of a multi-query: for those that have not answered."""
     because = tuple(_whereabouts(central, copy, is_first=False) for copy in collector.pending.values())
     return WaitFor(WaitKind.REPLY, collector.id, collector.message.name, answered=collector.answered, because=because)
 
@@ -246,7 +246,7 @@ def _of_resource(central: State, resource: ModuleResource, node: Node, more: int
 
 
 def _of_claim(central: State, claim: Claim[Connection]) -> WaitFor:
-    """What somebody waits for who wants a resource for himself."""
+    """The wait of a claim for its resource."""
     resource = claim.resource
     because = tuple(_blockers(central, Granting(claim)))
     return WaitFor(
@@ -255,14 +255,14 @@ def _of_claim(central: State, claim: Claim[Connection]) -> WaitFor:
 
 
 def kept_from(central: State, claim: Claim[Connection]) -> WaitFor:
-    """The same, as the wait of a message for the resource."""
+    """The wait for a claim's resource, as for that of a message."""
     resource = claim.resource
     because = tuple(_blockers(central, Granting(claim)))
     return WaitFor(WaitKind.RESOURCE, module=resource.module, resource=resource.name, because=because)
 
 
 def _blockers(central: State, node: Node) -> list[WaitFor]:
-    """Who is in a resource, has it or wants it first."""
+    """The waits of those that are in a resource, have it or want it first."""
     found = []
     for one in chain.from_iterable(group for group in islice(needs(central, node), _LOOKED_AT) if group is not None):
         match one:
@@ -300,7 +300,7 @@ def _called(claim: Claim[Connection]) -> str:
 
 
 class Ends:
-    """What waits for nothing else, found from wait to wait; all together look at so many *edges*."""
+    """Final waits, found by following the first wait of each; all searches together look at *edges* edges."""
 
     def __init__(self, central: State, edges: int) -> None:
         self.edges = edges
@@ -308,7 +308,7 @@ class Ends:
         self._known: dict[Node, WaitFor] = {}
 
     def end_of(self, node: Node) -> WaitFor | None:
-        """What a node waits for in the end, by the first wait of each; None if that was too far to look."""
+        """The final wait of a node; None if that was too far to look."""
         if self.edges <= 0:
             return None
         trail: dict[Node, None] = {}

@@ -1,1 +1,1 @@
-"""What may happen next: constraints, the agenda of tasks to look at, and who gets which slot."""
+"""The order of events: constraints, the agenda of tasks to look at, and the giving of slots."""

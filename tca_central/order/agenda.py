@@ -1,4 +1,4 @@
-"""Which moment of which task may be reached when. Knows points and constraints; nothing of modules or sockets.
+"""The agenda: which moment of which task may be reached when. Knows nothing of modules or sockets.
 
 Theory of operation. Whoever's constraints are met (holds.py counts them) is looked at again; parents and children are
 looked at by the parent/child rules: a child starts planning (achieving) only after its parent has, a parent ends
@@ -113,9 +113,7 @@ class Agenda:
         self._look_at.append(task)
 
     def retry(self, task: Task) -> None:
-        """Let a task that has been started be handled once more, as soon as no handler has it and all under it but
-        guests has ended. The moments that it has reached stay reached.
-        """
+        """Let a started task be handled again, when it has no handler and all under it but guests has ended."""
         task.retrying, task.returned = True, False
         if task.rare:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
@@ -156,9 +154,7 @@ class Agenda:
         self._look_at.append(release.task)
 
     def kill(self, task: Task, verdict: Verdict) -> list[Task]:
-        """End a task and all below it but what survives; those that were not killed before, parents first. What waits
-        for them is released: at once, or when the running handlers below have returned.
-        """
+        """Mark a task and what dies with it as killed; those for which that is new, parents first."""
         killed = [doomed for doomed in self.tree.subtree(task, doomed=True) if not doomed.killed]
         reason = kill_reason(verdict.why, verdict.by)
         for doomed in killed:

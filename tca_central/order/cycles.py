@@ -1,4 +1,4 @@
-"""Whether one point must already come before another: the search that refuses circular constraints.
+"""The search that refuses circular constraints: whether one point must already come before another.
 
 It looks from both ends at once, one point at a time, and stops when either side is exhausted, so that its cost is
 that of the smaller side; points already reached hold nothing back and are left out. Edges are the constraints, the
@@ -93,9 +93,7 @@ class PathSearch:
 
 
 class Borders:
-    """Below which tasks a search has to look: where it may find its other end, or leave again along an edge that
-    crosses the border. All ways through what is below any other task end where that task's own points lead.
-    """
+    """The tasks below which a search must look: an edge crosses the border there, or its other end is inside."""
 
     def __init__(self, start: Place, goal: Place) -> None:
         self._start, self._goal = start, goal
@@ -126,9 +124,7 @@ class Borders:
                 yield from self._cross(task, asked)
 
     def _cross(self, task: Task, follower: Task) -> Iterator[None]:
-        """An edge leads from one to the other: it leaves all that is above only the one, and enters what is above only
-        the other.
-        """
+        """Note an edge: it leaves all that is above only *task*, and enters all that is above only *follower*."""
         left: dict[Task, None] = {}
         entered: dict[Task, None] = {}
         one, other = task.parent, follower.parent
@@ -150,9 +146,7 @@ class Borders:
                 borders.add(ancestor)
 
     def is_open_ahead(self, place: Place, met: Container[Place]) -> bool:
-        """Whether the search from the start has to look below a task, of which it has *met* some points. What is below
-        may, where achieving comes before planning, lead from the start of achieving to the end of planning.
-        """
+        """Whether the search from the start must look below a task, of which it has *met* some points."""
         task, moment = place
         if task in self._ahead:
             return True
@@ -162,7 +156,7 @@ class Borders:
         return bool(to_come) and Place(task, to_come) not in met
 
     def is_open_behind(self, place: Place, met: Container[Place]) -> bool:
-        """The same of the search from the goal."""
+        """Whether the search from the goal must look below a task."""
         task, moment = place
         if task in self._behind:
             return True
@@ -285,7 +279,5 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
 
 
 def _decides(child: Task, task: Task) -> bool:
-    """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is. Where
-    it was handled before, and reached that point, it is its planning that does not end before.
-    """
+    """Whether *task* is not handled (or, handled before, not planned) before *child* has ended."""
     return (task.retrying and not child.is_guest) or (task.rare is not None and task.rare.recovering is child)

@@ -1,4 +1,4 @@
-"""Brings deliveries to handlers: chooses the resource, queues, and hands on a slot that became free.
+"""The dispatcher brings deliveries to handlers: it chooses the resource, queues, and gives freed slots on.
 
 Knows messages' handlers and resources' order; knows nothing of points and constraints. What it delivers and drops it
 reports through the two functions it is given.
@@ -22,26 +22,16 @@ class Dispatcher:
     """Every delivery between its start and its handler's return."""
 
     def __init__(
-        self,
-        facts: list[object],
-        deliver: Callable[[Delivery, Connection], None],
-        suspects: deque[Any],
-        clock: Clock,
+        self, facts: list[object], deliver: Callable[[Delivery, Connection], None], suspects: deque[Any], clock: Clock
     ) -> None:
-        self._clock = clock
-        self._facts = facts
-        self._deliver = deliver
-        self._suspects = suspects
+        self._facts, self._deliver, self._suspects, self._clock = facts, deliver, suspects, clock
         self._arrivals = 0
         self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
-        self.freed: deque[tuple[Resource[Connection, Delivery], Connection | None]] = (
-            deque()
-        )  #: slots whose handlers have returned, to be given to the next; resources that may let in others than before
+        self.freed: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
+        """Slots whose handlers have returned, to be given on; resources that may let in others than before."""
         self.granted: deque[Claim[Connection]] = deque()  #: claims that have just got their resource
-        self.displaced: deque[tuple[Delivery, str]] = (
-            deque()
-        )  #: gave way to newer ones (why): to be told who waits for them
+        self.displaced: deque[tuple[Delivery, str]] = deque()  #: gave way to newer ones, and why
         self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
@@ -89,9 +79,7 @@ class Dispatcher:
                 self._keep_within(limit, delivery, resource)
 
     def route_all(self, deliveries: Sequence[Delivery]) -> None:
-        """Deliver or queue several that may start at the same time: free slots go by priority, then arrival; the others
-        queue in the order in which they came, for that is what pending limits go by.
-        """
+        """Deliver or queue several: slots go by priority, then arrival; the rest queue in order of arrival."""
         if len(deliveries) > 1:
             for delivery in deliveries:
                 self._arrive(delivery)
@@ -114,7 +102,7 @@ class Dispatcher:
         return False
 
     def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
-        """What has waited longest gives way where more wait than may."""
+        """Take out what has waited longest where more wait than may."""
         if (oldest := limit.add(newest)) is not None:
             self.withdraw(oldest)
             why = (
@@ -128,9 +116,7 @@ class Dispatcher:
         self._deliver(delivery, slot)
 
     def complete(self, delivery: Delivery) -> None:
-        """The handler returned. Its slot is given on when all that follows from that has happened: what is killed or
-        held again because of it must not be delivered first.
-        """
+        """Note that a handler has returned. Its slot is given on last, for what follows may kill or hold the next."""
         del self.running[delivery.given_as]
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
@@ -240,7 +226,7 @@ class Dispatcher:
         message.serving += change
 
     def add_handler(self, handler: Handler) -> None:
-        """The newest handler takes over what waits for its message."""
+        """Add a handler: it takes over what waits for its message."""
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
         message.handlers.append(handler)
@@ -252,9 +238,7 @@ class Dispatcher:
         self.route_all(queued)
 
     def remove_handlers(self, handlers: list[Handler]) -> list[Delivery]:
-        """What waited for those handlers, out of its queues: to be routed to the ones before them, or to wait; but for
-        what was meant for them alone (copies of a broadcast or multi-query).
-        """
+        """Remove handlers; what waited for them, out of its queues."""
         return [delivery for handler in handlers for delivery in self._remove_handler(handler)]
 
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
@@ -269,7 +253,7 @@ class Dispatcher:
         return queued
 
     def strand_all(self, messages: Iterable[MessageType]) -> None:
-        """A module is gone, with all that it handled: look at each exception handler that waits for a handler."""
+        """List each exception handler that waits for a handler, now that a module is gone."""
         waiting = (one for message in messages for one in message.waiting.values() if one.is_stranded)
         self.stranded.clear()
         self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
@@ -306,9 +290,7 @@ def _goes_on(resource: ModuleResource) -> bool:
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
-    """The sender's own slot, if it blocks for this answer there: such a message ignores capacity and reservations, or
-    it would wait for itself (TCA 8.5: self-queries). As long as a lock is held it waits: that keeps out its owner, too.
-    """
+    """The sender's own slot, if it blocks for this answer there. Its question ignores capacity and reservations."""
     sender = delivery.sender
     if (
         not delivery.message.message_class.has_reply

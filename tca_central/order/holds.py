@@ -1,4 +1,4 @@
-"""What holds which moment back: constraints put in force, undone, and handed on by killed tasks.
+"""Holds on moments: constraints put in force, undone, and handed on by killed tasks.
 
 Theory of operation. Every point counts the constraints that still hold it (``Task.held``, six counters packed into
 one integer); every task lists the points that wait for its own (``Task.followers``). A constraint with a delay lets its
@@ -127,9 +127,7 @@ class Holds:
         return leader is not None and not leader.reached & leading[2]
 
     def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
-        """Planning starts no earlier than achieving, which starts no earlier than planning: they start together. So
-        this is no count on a point; whatever holds back either holds back both. Whether it is so only from now on.
-        """
+        """Let planning and achieving start together: a hold on either holds both. Whether that is new."""
         if task.delayed:
             return False
         if task.children or task.followers:
@@ -206,9 +204,7 @@ class Holds:
             release.task.leaders = None
 
     def forget(self, task: Task) -> None:
-        """A killed task has ended while it was held: whoever would have let it go need not know it any more. They are
-        looked through when half of what they know is void, so that this costs the same for each.
-        """
+        """Clear what a killed task waited for. Its leaders' lists are cleaned when half of them is void."""
         for entry in task.leaders or ():
             leader = self.tree.tasks.get(entry[1])
             if leader is None or leader.reached & entry[2] or not leader.followers:
@@ -223,10 +219,7 @@ class Holds:
     # --- killed tasks ----------------------------------------------------------------------------------------------
 
     def bequeath(self, killed: list[Task]) -> None:
-        """What waits for killed tasks goes on waiting for what those waited for: the end of a sequence does not
-        overtake its beginning because its middle was killed. Only what goes on inherits, and from what goes on: so the
-        kill of a sequence costs its length.
-        """
+        """Let the followers of killed tasks wait for what those waited for, so that a sequence keeps its order."""
         self.ending.update(_ending(killed))
         ways = _Ways(set(killed), {})
         for task in killed:
@@ -247,10 +240,7 @@ class Holds:
         return [_constraint(leader, its_moment, follower, held) for (_, its_moment), leader in holding.items()]
 
     def _what_holds(self, killed: Task, at: int, ways: "_Ways") -> "dict[tuple[int, int], Task]":
-        """What a moment of a killed task waits for and is not past, also by way of others that were killed with it:
-        leaders and their moments. Of killed ones those that go on, because handlers of them run or something is left to
-        do. From those that were killed before it has inherited already.
-        """
+        """The leaders that a killed task's moment waits for, also by way of others killed with it."""
         origin, known = (int(killed.id), at), ways.known
         if origin in known:
             return known[origin]
@@ -275,7 +265,7 @@ class Holds:
     # --- points ----------------------------------------------------------------------------------------------------
 
     def before(self, constraint: Constraint) -> Place | None:
-        """What a constraint waits for; None if that is past."""
+        """The point that a constraint waits for; None if that is past."""
         if constraint.before.task != ROOT:
             return self.place(constraint.before)
         if constraint.before.moment & STARTS:
@@ -289,16 +279,14 @@ class Holds:
 
 
 class _Ways(NamedTuple):
-    """What is looked through while tasks are killed together; *known* by task and moment: leaders by theirs."""
+    """A cache for tasks that are killed together; *known*: leaders by task and moment."""
 
     killed: set[Task]
     known: dict[tuple[int, int], dict[tuple[int, int], Task]]
 
 
 def _ending(killed: list[Task]) -> set[Task]:
-    """Those of tasks that have just been killed, parents first, that end at once: of which no handler runs, which leave
-    nothing to be done, and under which all do.
-    """
+    """The tasks among those just killed that end at once: nothing of them, or under them, still runs or watches."""
     staying: set[Task] = set()
     doomed = set(killed)
     for task in reversed(killed):

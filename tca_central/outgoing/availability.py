@@ -1,4 +1,4 @@
-"""Which messages are handled: who waits until they are, and who is told when that changes.
+"""Waits until messages are handled, and notices when that changes.
 
 A message is handled as long as a handler of it has a slot to be called in; ``MessageType.serving`` counts those.
 """
@@ -38,9 +38,7 @@ def on_wait_until_handled(central: State, connection: Connection, header: header
 
 
 def _warn_of_circle(central: State, newest: PresenceWait) -> None:
-    """Tell all who now wait for each other, and who waits for them, what they wait for. Another module may still come
-    and handle it, so that nothing is refused. Looks through all such waits: there are some at the start, hardly later.
-    """
+    """Warn modules that wait for each other. Nothing is refused: another module may still come."""
     left = {wait: None for message in central.registry.messages.values() for wait in message.awaited_by}
     promisers: dict[str, list[PresenceWait]] = {}
     for wait in left:

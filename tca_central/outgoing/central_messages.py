@@ -1,4 +1,4 @@
-"""Messages that central makes itself, and the telling of those who handle a task that it is suspended."""
+"""Messages that central makes itself, notices among them, and the suspension of running handlers."""
 
 from typing import Any
 
@@ -21,9 +21,7 @@ def make_task(
     central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: Delivery | None = None,
     context: Any = None,
 ) -> Task:  # fmt: skip
-    """A new task under *parent*, made for *about* (None: for *parent*), which waits for nothing above it, and which
-    outlives the kill of *parent* where it handles a failure or leaves things safe.
-    """
+    """A new task under *parent*, sent for *about* (None: *parent*), which waits for nothing above it."""
     about = about or parent
     task = Task(TaskId(central.new_id()), message, body, None)
     task.role, task.ignores_parent, task.since = role, True, central.clock.now
@@ -80,12 +78,12 @@ def make(
 
 
 def data_for(message: MessageType, body: bytes) -> bytes:
-    """What a message gets of data that it may not want: none if it is declared without."""
+    """The data for a message: none if it is declared without."""
     return NIL if message.format.data == NO_DATA else body
 
 
 def at_birth(task: Task) -> list[facts.Fact]:
-    """What is reached as soon as there is such a task."""
+    """The facts of moments that a new task has reached already."""
     return [] if task.is_goal else [facts.Reached(TaskId(task.id), AT_BIRTH[False])]
 
 

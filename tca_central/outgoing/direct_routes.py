@@ -1,4 +1,4 @@
-"""Which messages go from module to module directly, and who is told so (TCA 8.5: direct connections).
+"""Routes for messages that go from module to module directly (TCA 8.5: direct connections).
 
 Central gives a *route*, the entrances of the slots that may be sent a message, to whoever sends such a message through
 central; as long as that is so, it tells them of every change. A message has a route if its newest handler wants it

@@ -1,1 +1,1 @@
-"""What modules ask for: a function for each message."""
+"""Requests of modules: a function for each message."""

@@ -1,4 +1,4 @@
-"""Who asked and went on waits after all; who waited gives up, and is told why there was no answer yet."""
+"""Waits that begin after the request, and waits that end without an answer."""
 
 from tca_central.locks.claims import give_up_claim
 from tca_central.model.deliveries import Connection, Delivery
@@ -11,9 +11,7 @@ from tca_wire.text.facts_in_words import GAVE_UP
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
-    """Who sent a query or multi-query now waits for its answer. Whether that is a deadlock nobody looks: what a module
-    asks its own resource may have been given to it before it waits, and is handled within the wait.
-    """
+    """A sender now waits for its answer. That is no suspect: its own resource may answer within the wait."""
     due = connection.outstanding.get(header.request)
     if not isinstance(due, Delivery | Collector):
         return

@@ -146,9 +146,7 @@ def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
 
 
 def _begin_leaving(central: State) -> None:
-    """A module handles nothing any more, and is not gone: what its slots have at work ends first. Only when they are
-    gone exception handlers that wait for it are passed over (decision 59).
-    """
+    """A module handles nothing any more; its exception handlers are passed over only when its slots are gone."""
     central.dispatcher.stranded.clear()
 
 
@@ -173,15 +171,13 @@ def _forget(central: State, module: Module, why: str) -> None:
 
 
 def _announce(central: State, module: Module, notice: Notice[D], data: D) -> None:
-    """Who comes and goes, but for commands that people type: who suspends the robot when a program leaves does not mean
-    these.
-    """
+    """Broadcast that a module came or went, but for commands that people type."""
     if not module.name.startswith(COMMANDS):
         broadcast_notice(central, notice, data)
 
 
 def _fail_or_drop(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
-    """What only that handler could have finished."""
+    """End a delivery that only that handler could have finished."""
     if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
         central.facts.append(dropped_fact(delivery, f"module '{module.name}' left before it began with it"))
         return
@@ -192,7 +188,7 @@ def _fail_or_drop(central: State, delivery: Delivery, module: Module, why: str, 
 
 
 def _give_to_another(central: State, delivery: Delivery) -> None:
-    """Who left had not begun with it: somebody else may."""
+    """Give a delivery that its module had not begun to another handler."""
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
         return
@@ -272,9 +268,7 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
 
 
 def _route_again(central: State, queued: list[Delivery]) -> None:
-    """What waited goes to the handlers before those that are gone, or waits. Where exception handlers are passed over
-    instead that may end other tasks, which must not be delivered first.
-    """
+    """Route again what waited for handlers that are gone: exception handlers first, for that may end other tasks."""
     stranded = [delivery for delivery in queued if delivery.is_stranded]
     others = [delivery for delivery in queued if not delivery.is_stranded]
     central.dispatcher.route_all(stranded)

@@ -1,4 +1,4 @@
-"""Handlers return or fail: their tasks go on, and whoever asked is answered."""
+"""Handlers return or fail: their tasks go on, and the sender is answered."""
 
 from tca_central.control.monitors import on_condition_answered
 from tca_central.control.revoking import warn_of_losses
@@ -24,7 +24,7 @@ NIL = b"\xc0"  # None as MessagePack
 
 
 def _running_delivery(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
-    """What a handler answers; None if that is too late, and it has been told so."""
+    """The delivery that a handler answers; None if that is too late, and the handler has been told."""
     delivery = central.dispatcher.running.get(delivery_id)
     if delivery is None or delivery.slot is not connection:
         if late := connection.late.pop(delivery_id, ""):

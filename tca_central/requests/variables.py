@@ -68,7 +68,7 @@ def on_set_variable(central: State, connection: Connection, header: headers.SetV
 
 
 def tell_new_watcher(central: State, handler: Handler) -> None:
-    """Who begins to watch a variable is given its value at once."""
+    """Send a new watcher of a variable its value."""
     message = handler.message
     if message.message_class.keeps_value and (value := central.variables.values.get(message.name)):
         copy = Delivery(central.new_id(), message, value.body, None)

@@ -1,1 +1,1 @@
-"""What touches the world: the socket, the journal's files, the pulses of processes."""
+"""The outside of central: the socket, the journal's files, the pulses of processes."""

@@ -1,4 +1,4 @@
-"""Which processes still go on: each has a pulse, a connection on which it sends back central's beats.
+"""Pulses: connections on which processes send back central's beats, and so show that they still run.
 
 A client that names none is not watched. Silence is counted in beats, not in seconds: a central that stood still has
 sent none meanwhile, so it blames nobody for its own lateness.
@@ -50,9 +50,7 @@ class Pulses:
         self._unanswered[pulse] = max(self._unanswered.get(pulse, 0), 0)
 
     def gone(self, pulse: bytes) -> None:
-        """Its line is not there. Where it was, that is no reason to blame the process, whose other connections tell
-        when they close. Where it never was, the process may have been stopped before it could connect it.
-        """
+        """Note that a pulse's line is gone. The process is suspect only if the line was never there."""
         if pulse in self._met:
             self._unanswered.pop(pulse, None)
         else:

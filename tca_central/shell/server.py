@@ -69,7 +69,7 @@ PACKET_BYTES = 64 << 10  # a packet is closed when it holds this much
 
 
 class Outbox:
-    """What has still to be sent to one connection."""
+    """Packets that wait for one connection."""
 
     __slots__ = ("bytes", "packets", "turn")
 
@@ -125,8 +125,8 @@ class Server:
             self._flush()
 
     def _handle(self, event: Event) -> list[Effect]:
-        """What an event brings about. An error of central's own ends it: nobody knows what it has changed already
-        (docs/decisions/0052-an-error-of-centrals-own-ends-it.md).
+        """The effects of an event. An error of central's own ends it (docs/decisions/0052-an-error-of-centrals-own-
+        ends-it.md).
         """
         try:
             return self.central.handle(event)
@@ -142,7 +142,7 @@ class Server:
             raise CentralError(msg) from error
 
     def _events(self) -> Iterator[Event]:
-        """What has happened since the last turn; waits for something to happen, at most until the next beat."""
+        """The events since the last turn; waits for one, at most until the next beat."""
         ready = dict(self._poller.poll(self._patience()))
         if self.socket in ready:
             yield from self._received()
@@ -274,7 +274,7 @@ class Server:
                 pulses.sent(pulse)
 
     def _last_words(self) -> Iterator[Event]:
-        """What has arrived by now: a connection that is gone may have said goodbye before it went."""
+        """Events that have arrived by now: a connection may have said goodbye before it went."""
         for _ in range(TURNS_OF_LAST_WORDS):
             if not self._has_arrived():
                 return

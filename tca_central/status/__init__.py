@@ -1,1 +1,1 @@
-"""What central tells about itself. Changes nothing."""
+"""Central's answers about itself. Changes nothing."""

@@ -1,4 +1,4 @@
-"""How busy everything is, and who waits longest: what ``tca status`` and ``tca top`` show. Changes nothing.
+"""The load, and the longest waits: what ``tca status`` and ``tca top`` show. Changes nothing.
 
 Numbers go up from the beginning of the run (a resource's, of its module's): who asks twice learns the rates. Times are
 seconds of central's clock.
@@ -31,10 +31,7 @@ _Since = tuple[float, Callable[[], Waiter]]
 
 
 def load(central: State) -> dict[str, Any]:
-    """Numbers of everything, and the longest waits, the longest first: at most SHOWN_WAITS of each kind, with how many
-    there are ("totals"; of held tasks, among the oldest "looked_at"). "ends" is what most held tasks wait for in the
-    end, as far as central looks; "presence" are the modules that wait until messages are handled.
-    """
+    """Counts of everything and the longest waits, SHOWN_WAITS of a kind; "ends": what most held tasks wait for."""
     registry = central.registry
     waits, held, suspended = list(_waits(central)), _held(central), _suspended(central)
     ends = Ends(central, _EDGES)

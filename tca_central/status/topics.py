@@ -1,4 +1,4 @@
-"""What central tells people about itself: one function a topic, plain values out. Changes nothing."""
+"""Central's answers about itself: one function a topic, plain values out. Changes nothing."""
 
 import itertools
 from collections.abc import Iterable
@@ -64,7 +64,7 @@ def modules(central: State) -> list[dict[str, Any]]:
 
 
 def _claims(resource: ModuleResource) -> dict[str, Any]:
-    """Who has or wants a resource for himself."""
+    """The module that has a resource for itself, and how many want it."""
     held_by = resource.held_by
     owner = held_by.slot.module.name if held_by is not None else ""
     is_reserved = held_by is not None and held_by.admits_owner
@@ -140,9 +140,7 @@ def describe(task: Task | KeptTask) -> dict[str, Any]:
 
 
 def relatives(central: State, task: Task | KeptTask | None, relation: str, message: str) -> list[dict[str, Any]]:
-    """Tasks around *task* (of one message, where named), with their data; nearest or oldest first. Living ones, but for
-    the relation "kept", and the task itself.
-    """
+    """Relatives of *task* (only those of a message, if named) with their data; nearest or oldest first."""
     if task is None:
         return []
     living = task if isinstance(task, Task) else None

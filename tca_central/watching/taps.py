@@ -22,14 +22,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, first_difference
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Tapped, WatchOptions
-from tca_wire.points import (
-    ALL_MOMENTS,
-    ROOT,
-    START_HANDLING,
-    Moment,
-    Point,
-    TaskId,
-)
+from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, Moment, Point, TaskId
 from tca_wire.rules import CONDITIONS, DELIVERED, LISTENERS
 from tca_wire.vocabulary import Condition, Refusal, Role
 
@@ -45,7 +38,7 @@ _PLANNED_BY = {
 
 
 class Listening:
-    """What a listener was sent for."""
+    """The tap and message that a listener was sent for."""
 
     __slots__ = ("tap", "tapped")
 
@@ -54,7 +47,7 @@ class Listening:
 
     @property
     def header(self) -> Tapped:
-        """What the listener's handler is told."""
+        """The message to the listener's handler."""
         return Tapped(self.tap.condition, self.tapped)
 
 
@@ -118,9 +111,7 @@ def _check_in_time(condition: Condition, task: Task) -> None:
 
 
 def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, listener: MessageType) -> None:
-    """Raises RequestError if a monitor can't listen so: it must come to an end. One that listens *while* something is
-    done to a task does when that is over.
-    """
+    """Raises RequestError if a monitor that listens so would never end."""
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
     is_bounded = ends_by_itself(listener, options) or options.for_ever
@@ -130,16 +121,10 @@ def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, lis
 
 
 def _add(
-    central: State,
-    by: Module,
-    header: headers.Tap,
-    listener: MessageType,
-    tapped: MessageType,
+    central: State, by: Module, header: headers.Tap, listener: MessageType, tapped: MessageType,
     place: Task | MessageType,
-) -> Wiretap:
-    """A new tap; the same one added before, by whomever, is that one: it fires once. Monitors that are to watch in
-    different ways are different listeners.
-    """
+) -> Wiretap:  # fmt: skip
+    """Add a tap, or find the same one added before: it fires once. Other watch options make another listener."""
     condition = header.condition
     others = place.more.taps if isinstance(place, Task) else place.taps
     for other in others:
@@ -161,9 +146,7 @@ def _add(
 
 
 def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -> None:
-    """A module wants a tap no longer: it is taken away if nobody else added it, too, but for copies of the same program
-    that have left; or (*for_all*) in any case. What it has sent stays.
-    """
+    """Remove a module's share in a tap; the tap goes with the last living program that added it, or *for_all*."""
     tap.holders.pop(by.name, None)
     others = () if for_all else tap.holders.items()
     if any(called != by.called or central.registry.is_connected(name) for name, called in others):
@@ -196,9 +179,7 @@ def _ask_waiting(central: State, tap: Wiretap) -> None:
 
 
 def listeners_come(central: State, names: Iterable[str]) -> None:
-    """Messages will be handled that may be nobody's now: what waits and passed a wiretap because nobody handled its
-    listener has to pass it once more.
-    """
+    """Fire again for waiting tasks the taps whose listeners had no handler, and get one now."""
     coming = [central.registry.messages[name] for name in names]
     new = {message for message in coming if not message.handlers}
     for tap in central.taps.values() if new else ():

@@ -1,4 +1,4 @@
-"""How a task becomes a monitor, what that is doing, and how it stops. The rules are in monitors.py."""
+"""Watches: the state of monitors, how they begin, and how they stop. The rules are in monitors.py."""
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Timer, checked_seconds
@@ -144,9 +144,7 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
 
 
 def end_monitor(central: State, watch: Watch, why: str) -> None:
-    """A monitor is done: its task is handled, and achieved when what it has sent is. One that has not begun never will
-    watch, and the journal says why.
-    """
+    """Complete a monitor; one that has not begun never will watch, and the journal says why."""
     if not watch.is_over:
         if watch.began is None:
             central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
