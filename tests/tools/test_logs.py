@@ -25,14 +25,14 @@ def numbers(log: Log) -> list[int]:
 
 def test_a_directory_continues_from_segment_to_segment(tmp_path: Path) -> None:
     story = walking()
-    assert numbers(open_log(story.write(tmp_path / "run", segments=3))) == [entry.number for entry in story.entries]
+    assert numbers(open_log(story.write(tmp_path / "run", segments=3))) == [entry.number for entry in story.caused()]
 
 
 def test_a_segment_is_a_log_of_its_own(tmp_path: Path) -> None:
     story = walking()
     folder = story.write(tmp_path / "run", segments=2)
     second = numbers(open_log(folder / "00000002.tcaj"))
-    assert second == [entry.number for entry in story.entries][-len(second) :]
+    assert second == [entry.number for entry in story.caused()][-len(second) :]
     assert open_log(folder).name == "run"
 
 
@@ -179,9 +179,9 @@ def test_of_a_journal_of_a_later_version_what_is_known_is_shown_and_it_is_said(t
 def test_where_the_beginning_is_missing_the_rest_is_shown(tmp_path: Path) -> None:
     story = walking()
     path = tmp_path / "00000001.tcaj"
-    path.write_bytes(b"".join(map(record, story.entries[2:])))
+    path.write_bytes(b"".join(map(record, story.caused()[2:])))
     log = open_log(path)
-    assert numbers(log) == [entry.number for entry in story.entries[2:]]
+    assert numbers(log) == [entry.number for entry in story.caused()[2:]]
     with pytest.raises(DamagedLog, match=r"byte 0, after 0.000 s: at least one entry, damaged or missing, is left out"):
         log.check()
 
@@ -197,7 +197,7 @@ def test_entries_that_are_damaged_are_left_out_and_it_is_said(tmp_path: Path, da
     story = walking()
     folder = story.write(tmp_path / "run")
     content = bytearray((folder / "00000001.tcaj").read_bytes())
-    starts = [sum(len(record(entry)) for entry in story.entries[:place]) for place in range(len(story.entries))]
+    starts = [sum(len(record(entry)) for entry in story.caused()[:place]) for place in range(len(story.entries))]
     for place in damaged:
         content[starts[place] + 15] ^= 0xFF
     (folder / "00000001.tcaj").write_bytes(content)
