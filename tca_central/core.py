@@ -71,7 +71,7 @@ class Central(State):
         """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
         self.clock.now = max(self.clock.now, event.time)
         effects: list[Effect] = []
-        while (timer := self.clock.take()) is not None:
+        while (timer := self.clock.pop_due()) is not None:
             effects += self._let_fire(timer, event.time)
         if not isinstance(event, Tick):
             self.events += 1

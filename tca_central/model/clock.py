@@ -55,9 +55,9 @@ class Clock:
             self._cancelled -= 1
         return self._queue[0][0] if self._queue else None
 
-    def take(self) -> Timer | None:
-        """The next timer that is due by now."""
-        if self.next is None or self._queue[0][0] > self.now:
+    def pop_due(self) -> Timer | None:
+        """Take out the next timer that is due by now."""
+        if not self._queue or self.next is None or self._queue[0][0] > self.now:
             return None
         timer = heapq.heappop(self._queue)[2]
         timer.is_cancelled = True  # so that nobody counts it as cancelled later

@@ -11,9 +11,10 @@ SINGLE_MOMENTS = frozenset(int(moment) for moment in MOMENTS)
 
 def checked_moment(point: Point) -> int:
     """The moment of a point. Raises RequestError if it is not one moment."""
-    if int(point.moment) not in SINGLE_MOMENTS:
-        raise RequestError(Refusal.PROTOCOL, f"{int(point.moment)} is no moment: one bit of 1 to 32 is")
-    return int(point.moment)
+    moment = int(point.moment)
+    if moment not in SINGLE_MOMENTS:
+        raise RequestError(Refusal.PROTOCOL, f"{moment} is no moment: one bit of 1 to 32 is")
+    return moment
 
 
 def delivered_at(is_goal: bool) -> int:
