@@ -190,7 +190,7 @@ def _check_fire(watch: Watch, wanted: str) -> None:
     """Raises RequestError if a monitor can't be fired from outside, or has another action than who fires it thinks."""
     task, action = watch.task, watch.parts[_ACTION]
     if task.message.message_class.has_condition:
-        raise RequestError(Refusal.PROTOCOL, f"{task} is no demon monitor: it is not fired from outside")
+        raise RequestError(Refusal.PROTOCOL, f"{task} is not a demon monitor: only those can be fired")
     if wanted and (action is None or wanted != action.name):
         has = f"its action is '{action.name}'" if action is not None else "it has no action: fire it without"
         raise RequestError(Refusal.PROTOCOL, f"{task} can't be fired with '{wanted}': {has}")
@@ -200,7 +200,7 @@ def _of_request(central: State, task_id: TaskId) -> Watch | None:
     """The watch of the monitor of that number; None if it has ended."""
     task = central.tree.task(task_id)
     if task is not None and not task.message.message_class.is_monitor:
-        raise RequestError(Refusal.PROTOCOL, f"{task} is no monitor")
+        raise RequestError(Refusal.PROTOCOL, f"{task} is not a monitor")
     return _watch(task) if task is not None else None
 
 

@@ -46,7 +46,7 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
         handler = central.registry.messages.get(attachment.handler)
         if handler is None or not handler.message_class.handles_failures:
             what = f"a {handler.message_class}" if handler else "not declared"
-            raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, and no exception handler")
+            raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, not an exception handler")
 
 
 def attach(central: State, wanted: Attachment, place: Task | MessageType, by: str) -> AttachedHandler:

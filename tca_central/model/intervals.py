@@ -13,7 +13,7 @@ def checked_moment(point: Point) -> int:
     """The moment of a point. Raises RequestError if it is not one moment."""
     moment = int(point.moment)
     if moment not in SINGLE_MOMENTS:
-        raise RequestError(Refusal.PROTOCOL, f"{moment} is no moment: one bit of 1 to 32 is")
+        raise RequestError(Refusal.PROTOCOL, f"{moment} is not a moment: give one bit of 1 to 32")
     return moment
 
 

@@ -68,7 +68,7 @@ class Registry:
         """Raises RequestError if others know a message of that name with another format or class."""
         known = self.messages.get(declared.name)
         if not declared.name.isprintable() or not 0 < len(declared.name) <= Limit.NAME:
-            raise RequestError(Refusal.PROTOCOL, f"{declared.name!r:.40} is no message name")
+            raise RequestError(Refusal.PROTOCOL, f"{declared.name!r:.40} is not a message name")
         if known is None and len(self.messages) >= MESSAGES:
             raise RequestError(
                 Refusal.OVERLOAD, f"{MESSAGES} messages have been declared: '{declared.name}' is too many"

@@ -24,7 +24,7 @@ def check_entrance(entrance: Entrance) -> None:
     is_address = entrance.endpoint.startswith(("ipc://", "tcp://")) and entrance.endpoint.isprintable()
     if not is_address or max(len(entrance.endpoint), len(entrance.key)) > 2 * Limit.NAME:
         raise RequestError(
-            Refusal.PROTOCOL, f"{entrance.endpoint!r:.60} is no entrance: an ipc:// or tcp:// address is"
+            Refusal.PROTOCOL, f"{entrance.endpoint!r:.60} is not an entrance: give an ipc:// or tcp:// address"
         )
 
 
@@ -140,11 +140,11 @@ def on_noted(central: State, connection: Connection, header: Noted, _: bytes) ->
     module, resource = connection.module.name, connection.resource.name if connection.resource else ""
     for note in header.notes:
         if not _is_time(note.ago) or not _is_time(note.seconds):
-            raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message:.60}' has times that are none")
+            raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message:.60}' has times below 0 or too long")
     names = [name for note in header.notes for name in (note.message, note.sender, note.failure)]
     for name in (*names, *(loss.message for loss in header.losses)):
         if not name.isprintable() or len(name) > Limit.NAME:
-            raise RequestError(Refusal.PROTOCOL, f"a note says {name!r:.60}, which is no name")
+            raise RequestError(Refusal.PROTOCOL, f"a note says {name!r:.60}, which is not a name")
     for note in header.notes:
         ended = max(0.0, central.clock.now - note.ago)
         fact = facts.HandledDirectly(

@@ -74,7 +74,7 @@ def _check(header: headers.Hello) -> None:
     if not all(
         name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource, header.process)
     ):
-        raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is no module name")
+        raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is not a module name")
     if len(header.pulse) > Limit.NAME:
         raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
     if header.entrance is not None:
@@ -212,7 +212,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
         if handled.message not in new and handled.message not in registry.messages:
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
         if handled.pending < 0:
-            text = f"{handled.pending} of '{handled.message}' can't wait: the limit is 1 or more, or 0 for none"
+            text = f"pending={handled.pending} of '{handled.message}': give 1 or more, or 0 for no limit"
             raise RequestError(Refusal.PROTOCOL, text)
         direct.check_handler(handled, new.get(handled.message) or registry.messages[handled.message].message_class)
     for declared in header.messages:

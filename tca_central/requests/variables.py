@@ -25,7 +25,7 @@ def _variable(central: State, name: str) -> MessageType:
     if message is None:
         raise RequestError(Refusal.UNKNOWN, f"nobody has declared variable '{name}': register it first")
     if not message.message_class.keeps_value:
-        raise RequestError(Refusal.PROTOCOL, f"'{name}' is no variable but a message of class {message.message_class}")
+        raise RequestError(Refusal.PROTOCOL, f"'{name}' is of class {message.message_class}, not a variable")
     return message
 
 

@@ -25,7 +25,7 @@ NOTHING: Any = None
 
 def _checked_name(name: str) -> str:
     if not isinstance(name, str) or not name.strip() or len(name) > Limit.NAME or not name.isprintable():
-        msg = f"{name!r:.40} is no message name: 1 to {Limit.NAME:d} printable characters are"
+        msg = f"{name!r:.40} is not a message name: give 1 to {Limit.NAME:d} printable characters"
         raise BadFormat(msg)
     return name
 

@@ -197,7 +197,7 @@ def test_a_pending_limit_is_no_negative_number() -> None:
     player.declare("user", "query where")
     handler = HandlerFormat("where", "user", "", -1)
     (answer,) = player.receive("user", headers.Register(player.number("user"), [], [handler]))
-    assert answer.text == "-1 of 'where' can't wait: the limit is 1 or more, or 0 for none"
+    assert answer.text == "pending=-1 of 'where': give 1 or more, or 0 for no limit"
     assert player.facts_of("handler") == []
 
 

@@ -199,7 +199,7 @@ def test_messages_name_themselves_in_their_errors() -> None:
 
 @pytest.mark.parametrize("name", ["", " ", "x" * 200, "bell\a", 7])
 def test_messages_need_a_sensible_name(name: Any) -> None:
-    with pytest.raises(BadFormat, match="is no message name"):
+    with pytest.raises(BadFormat, match="is not a message name"):
         Goal(name)
 
 
