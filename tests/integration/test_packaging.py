@@ -42,7 +42,7 @@ with robot.running():
 def run(*command: object, cwd: Path, **environment: str) -> str:
     result = subprocess.run(
         [str(part) for part in command], cwd=cwd, capture_output=True, text=True, check=False, timeout=300,
-        env={**os.environ, **environment},
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | environment,
     )  # fmt: skip
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
