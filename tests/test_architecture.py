@@ -138,7 +138,6 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "errors": set(),
         "spans": set(),
         "terminal": set(),
-        "garbage": set(),
         "output": {"errors"},
         "options": {"output"},
         "command_line": {"errors"},

@@ -38,7 +38,7 @@ class Rare:
         self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go
         self.retry_askers: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
         self.retry_targets: list[Task] = []  #: of an exception handler: the tasks that it wants retried
-        self.is_guest = False  #: of a monitor: others have put it under its parent (watching.py)
+        self.is_guest = False  #: of a monitor: others have put it under its parent (watching/watches.py)
         self.guests = 0  #: number of such children
         self.offspring: Siblings | None = None  #: its children but those aside, once the newest has been killed
         self.kept_by: dict[Module, None] = {}  #: the modules that want it remembered

@@ -67,9 +67,8 @@ class DirectRoutes:
         return path is not None and path.tell(header, body)
 
     def _path(self, message: str) -> DirectPath | None:
-        paths = self._routes.get(message)
-        for _ in paths or ():
-            assert paths is not None
+        paths = self._routes.get(message) or deque()
+        for _ in range(len(paths)):
             path = paths[0]
             paths.rotate(-1)
             if path.is_usable:

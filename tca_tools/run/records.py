@@ -1,4 +1,4 @@
-"""What a history remembers: messages, tasks, and what each handler did when. Plain records; history.py fills them."""
+"""What a history remembers: messages, tasks, and what each handler did when. Plain records; the fold fills them."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum

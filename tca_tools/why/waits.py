@@ -12,7 +12,7 @@ How to use it:
   run. What is planned ahead is kept from being planned by one thing and from being achieved by another, so each wait
   says which moments it ``holds``.
 - ``further(at, wait)``: the nodes that have to come about first; ``steps(at, node)`` does both. So walks go from node
-  to node (ends.py, paths.py).
+  to node (ends.py).
 
 A wait in a queue (RESOURCE) or for a lock (LOCK) leads to whatever keeps the resource busy: keepers.py has that at a
 moment, and over time. What has no further nodes is a leaf: HANDLER, DELAY, CONDITION, RUNNING, and RESUME of what was

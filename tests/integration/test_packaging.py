@@ -15,7 +15,7 @@ import pytest
 from integration.programs import central
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = sorted(path.name for path in ROOT.glob("tca_*"))
+PACKAGES = sorted(path.parent.name for path in ROOT.glob("tca_*/__init__.py"))
 
 EVERY_MODULE = f"""
 import importlib, pathlib

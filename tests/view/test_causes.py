@@ -132,4 +132,4 @@ def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
     expect(page.locator("#task table")).to_contain_text(
         ["", "start achieving not before 3 s after ring bell {1} end achieving"]
     )
-    expect(page.locator(".row[data-task='1'] .kind")).to_have_text("SEQ + 3.00 s")
+    expect(page.locator(".row[data-task='1'] .kind")).to_have_text("SEQ + 3 s")
