@@ -132,7 +132,8 @@ def test_tasks_are_named_by_number_or_name(tca: Tca, run: Path) -> None:
     all_steps = tca("log", "show", run, "--task", "take steps").stdout.splitlines()
     each = [tca("log", "show", run, "--task", number).stdout.splitlines() for number in (2, 3, 4)]
     # a cause stands at the first line of its entry that is shown
-    without_causes = [{line.partition("  (")[0] for line in lines} for lines in (all_steps, sum(each, []))]
+    each_line = [line for lines in each for line in lines]
+    without_causes = [{line.partition("  (")[0] for line in lines} for lines in (all_steps, each_line)]
     assert without_causes[0] == without_causes[1]
     maps = tca("log", "show", run, "--task", "elevation map", "--kind", "returned").stdout  # queries have names, too
     assert [line.split()[2:4] for line in maps.splitlines()] == [["elevation", "map"]] * 2
