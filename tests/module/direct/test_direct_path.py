@@ -1,6 +1,8 @@
 """The line between a sender and an entrance, without sockets: whatever breaks, nothing is handled twice or forgotten."""
 
+from collections import deque
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +14,7 @@ from tca_module.direct import path as direct_path
 from tca_module.direct.inbox import MOST_SENDERS
 from tca_module.direct.note_batch import FAR
 from tca_module.direct.path import MOST_UNDER_WAY
+from tca_module.direct.routes import DirectRoutes
 from tca_module.session.request import Request
 from tca_wire.packets.codec import pack_item
 from tca_wire.packets.direct import Direct, Greet, unpack_from_entrance
@@ -288,3 +291,13 @@ def test_whatever_breaks_nothing_is_handled_twice_or_forgotten(steps: list[str])
     poses = [body for body in life.handled if body in life.told]
     assert poses == sorted(poses, key=int)
     assert len(poses) + len(life.lost) == len(life.told)
+
+
+@pytest.mark.parametrize("usable", [(False, True), (True, False), (False, False), (True, True)])
+def test_slots_take_turns_past_those_that_cannot_be_used(usable: tuple[bool, bool]) -> None:
+    routes = DirectRoutes.__new__(DirectRoutes)
+    paths: list[Any] = [SimpleNamespace(is_usable=one) for one in usable]
+    routes._routes = {"height": deque(paths)}
+    chosen = [routes._path("height") for _ in range(4)]
+    assert {id(one) for one in chosen if one is not None} == {id(one) for one in paths if one.is_usable}
+    assert routes._path("unknown") is None
