@@ -147,7 +147,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "analysis": {"run", "spans", "why"},
         "log": {"options", "run", "terminal"},
         "check": {"run", "terminal", "why"},
-        "stats": {"analysis", "options", "run", "spans", "terminal"},
+        "stats": {"analysis", "options", "run", "spans", "terminal", "why"},
         "export": {"errors", "log", "options", "output", "run", "spans", "why"},
         "gantt": {"drawing", "options", "output", "run", "spans", "terminal", "why"},
         "tasktree_viz": {"drawing", "errors", "gantt", "options", "output", "run", "terminal", "why"},

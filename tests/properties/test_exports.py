@@ -85,5 +85,6 @@ def check_stats(history: History) -> None:
     assert sum(stats.sent for stats in measured.messages) == len(history.messages)
     assert sum(stats.handled for stats in measured.messages) == sum(one.end is not None for one in history.handlings)
     for resource in measured.resources:
-        assert 0 <= resource.busy.waiting <= resource.busy.seconds + 1e-9
-        assert resource.busy.seconds <= measured.seconds * max(resource.capacity, 1) + 1e-9
+        if use := resource.use:
+            assert 0 <= use.waiting <= use.busy + 1e-9
+            assert use.busy <= (measured.end - measured.start) * max(resource.capacity, 1) + 1e-9

@@ -11,7 +11,7 @@ import pytest
 from tools.story import GOAL, QUERY, Story, locking, stumbling, walking
 from tools.trace_reader import Read, Slice, read_trace
 
-from tca_tools.export.trace.lanes import Span, in_lanes, nested
+from tca_tools.export.trace.events import Span, in_lanes, nested
 from tca_tools.export.trace.packets import write_trace
 from tca_tools.run.fold import History
 from tca_wire.journal import facts

@@ -6,6 +6,7 @@ of one name as one track. A flow is an arrow from slice to slice, in the order o
 """
 
 import heapq
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -14,11 +15,26 @@ from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
 from tca_tools.export.nanoseconds import Nanoseconds
-from tca_tools.export.trace.lanes import Span
 from tca_tools.run.whole_run import Run
-from tca_tools.spans import levels
+from tca_tools.spans import lanes, levels
 
 T = TypeVar("T")
+Details = dict[str, Any]
+
+_MOST_WITHIN = 100
+"""So many spans may lie within each other; Perfetto draws no more than 512."""
+
+
+class Span(NamedTuple):
+    """From when until when (None: it goes on); in nanoseconds."""
+
+    start: int
+    end: int | None
+
+    @property
+    def last(self) -> float:
+        """Its end, however late."""
+        return inf if self.end is None else self.end
 
 
 class Kind(IntEnum):
@@ -41,7 +57,7 @@ class Event(NamedTuple):
     kind: Kind
     name: str = ""
     category: str = ""
-    details: dict[str, Any] | None = None
+    details: Details | None = None
     """What the page shows of it when it is clicked; None values are left out."""
     flows: Sequence[int] = ()
     value: int = 0
@@ -90,31 +106,34 @@ class Trace:
         return heapq.merge(*(track.events for track in self.tracks))
 
 
-def add_now(trace: Trace) -> None:
-    """Of a run that goes on, a track that says so at the present: what has not ended lasts until the trace ends."""
-    run = trace.run
-    if run.is_live and run.times:
-        track = trace.add("run", rank=1)
-        details = {"last entry": run.times[-1]}
-        time = max(trace.nanoseconds(run.time), trace.nanoseconds(run.times[-1]))
-        track.events = iter([Event(time, False, track.uuid, Kind.INSTANT, "still running", "run", details)])
+def begin(
+    track: Track, span: Span, name: str, category: str, details: Details | None = None, flow: int | None = None
+) -> Event:
+    """The begin of a slice; *flow* is the arrow that leads to it."""
+    flows = [flow] if flow else []
+    return Event(span.start, flow is not None, track.uuid, Kind.BEGIN, name, category, details, flows)
+
+
+def instant(track: Track, time: int, name: str, category: str, details: Details, flows: Sequence[int] = ()) -> Event:
+    """Something that takes no time; *flows* are the arrows that begin here."""
+    return Event(time, False, track.uuid, Kind.INSTANT, name, category, details, flows)
 
 
 def slices(track: Track, spans: Iterable[tuple[Span, Event]]) -> Iterator[Event]:
     """Slices from their begins; the spans lie within each other or apart, and are sorted, outermost first."""
     around: list[Span] = []
-    for span, begin in spans:
+    for span, event in spans:
         while around and around[-1].last <= span.start:
             yield from _end(track, around.pop())
-        yield begin
+        yield event
         around.append(span)
     while around:
         yield from _end(track, around.pop())
 
 
-def within(track: Track, span: Span, begin: Event, *inside: Iterable[Event]) -> Iterator[Event]:
+def within(track: Track, span: Span, outer: Event, *inside: Iterable[Event]) -> Iterator[Event]:
     """A slice with what is inside it; of events of one time, those of the first come first."""
-    yield begin
+    yield outer
     yield from in_order(*inside)
     yield from _end(track, span)
 
@@ -134,3 +153,29 @@ def counter(track: Track, spans: Iterable[Span]) -> Iterator[Event]:
 def _end(track: Track, span: Span) -> Iterator[Event]:
     if span.end is not None:
         yield Event(span.end, False, track.uuid, Kind.END)
+
+
+def in_lanes(spans: Iterable[tuple[Span, T]]) -> list[list[tuple[Span, T]]]:
+    """Each span, with what belongs to it, in the first lane that is free when it starts. In a lane none overlap."""
+    found: dict[int, list[tuple[Span, T]]] = defaultdict(list)
+    ordered = sorted(spans, key=lambda pair: pair[0].start)
+    for pair, lane in zip(ordered, lanes((span.start, span.last) for span, _ in ordered), strict=True):
+        found[lane].append(pair)
+    return list(found.values())
+
+
+def nested(spans: Iterable[tuple[Span, T]]) -> tuple[list[tuple[Span, T]], list[tuple[Span, T]]]:
+    """Those that lie within each other or apart, outermost first; and the others, which overlap one of them, or are
+    within too many.
+    """
+    fitting: list[tuple[Span, T]] = []
+    others: list[tuple[Span, T]] = []
+    around: list[Span] = []
+    for span, thing in sorted(spans, key=lambda pair: (pair[0].start, -pair[0].last)):
+        while around and around[-1].last <= span.start:
+            around.pop()
+        fits = not around or (span.last <= around[-1].last and len(around) < _MOST_WITHIN)
+        (fitting if fits else others).append((span, thing))
+        if fits:
+            around.append(span)
+    return fitting, others

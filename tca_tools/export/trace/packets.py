@@ -10,7 +10,7 @@ from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import TracePacket
 from perfetto.trace_builder.proto_builder import StreamingTraceProtoBuilder
 
 from tca_tools.export.nanoseconds import since_1970
-from tca_tools.export.trace.events import Event, Kind, Trace, Track, add_now
+from tca_tools.export.trace.events import Event, Kind, Trace, Track, instant
 from tca_tools.export.trace.modules import add_modules
 from tca_tools.export.trace.tasks import add_task_tree
 from tca_tools.run.whole_run import Run
@@ -21,10 +21,9 @@ _NAMELESS = "?"
 _REALTIME, _BOOTTIME = 1, 6
 _STARTS_ANEW, _NEEDS_NAMES = 1, 2
 _BY_RANK = 3
-_MOST_LEAVES = 200
-_DEEPEST = 16
-"""More data than that is shown as text, as it is in JSON."""
 _LONGEST_TEXT = 2000
+_MOST_PARTS = 50
+"""Data with more text or more parts are shown as text, as it is in JSON, and cut."""
 _LARGEST, _SMALLEST = (1 << 63) - 1, -(1 << 63)
 
 
@@ -33,7 +32,10 @@ def write_trace(run: Run, stream: BinaryIO) -> None:
     trace = Trace(run)
     add_task_tree(trace)
     add_modules(trace)
-    add_now(trace)
+    if run.is_live and run.times:  # what has not ended lasts until the trace ends
+        track = trace.add("run", rank=1)
+        now = max(trace.nanoseconds(run.time), trace.nanoseconds(run.times[-1]))
+        track.events = iter([instant(track, now, "still running", "run", {"last entry": run.times[-1]})])
     writer = _Writer(stream)
     if run.began is not None:
         writer.clocks(since_1970(run))
@@ -90,7 +92,7 @@ class _Writer:
                 if value is not None:
                     told = written.debug_annotations.add()
                     told.name_iid = _number(self._keys, key, known.debug_annotation_names)
-                    _tell(told, value)
+                    _put(told, _shortened(value))
         self._builder.write_packet(packet)
 
     def _packet(self) -> Any:
@@ -109,27 +111,21 @@ def _number(known: dict[str, int], name: str, written: Any) -> int:
     return known[name]
 
 
-def _tell(annotation: Any, value: Any) -> None:
-    """Write plain data: parts as parts, unless there are too many of them."""
-    if isinstance(value, dict | list) and not _is_small(value):
-        value = json.dumps(value, ensure_ascii=False)[:_LONGEST_TEXT]
-    _put(annotation, value)
+def _shortened(value: Any) -> Any:
+    """Plain data, as text if they are too long or have too many parts."""
+    text = json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list) else ""
+    return text if len(text) > _LONGEST_TEXT or text.count("{") + text.count("[") > _MOST_PARTS else value
 
 
 def _put(annotation: Any, value: Any) -> None:
+    """Write plain data, parts as parts."""
     if isinstance(value, dict):
         for key, item in value.items():
-            part = annotation.dict_entries.add(name=key)
-            _put(part, item)
+            _put(annotation.dict_entries.add(name=key), item)
     elif isinstance(value, list):
         for item in value:
             _put(annotation.array_values.add(), item)
-    else:
-        _put_leaf(annotation, value)
-
-
-def _put_leaf(annotation: Any, value: Any) -> None:
-    if isinstance(value, bool):
+    elif isinstance(value, bool):
         annotation.bool_value = value
     elif isinstance(value, int) and _SMALLEST <= value <= _LARGEST:
         annotation.int_value = value
@@ -137,16 +133,3 @@ def _put_leaf(annotation: Any, value: Any) -> None:
         annotation.double_value = value
     else:
         annotation.string_value = ("none" if value is None else str(value))[:_LONGEST_TEXT]
-
-
-def _is_small(value: Any) -> bool:
-    leaves, level = 0, [value]
-    for _ in range(_DEEPEST):
-        parts = [part for part in level if isinstance(part, dict | list)]
-        leaves += len(level) - len(parts)
-        if leaves + len(parts) > _MOST_LEAVES:
-            return False
-        if not parts:
-            return True
-        level = [item for part in parts for item in (part.values() if isinstance(part, dict) else part)]
-    return False

@@ -2,12 +2,13 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
-from itertools import pairwise
+from functools import partial
+from itertools import chain, pairwise, starmap
 from math import inf
+from operator import itemgetter
 
-from tca_tools.export.trace.details import Details, of_task
-from tca_tools.export.trace.events import Event, Kind, Trace, Track, slices, within
-from tca_tools.export.trace.lanes import Span, in_lanes
+from tca_tools.export.trace.details import of_task
+from tca_tools.export.trace.events import Details, Event, Span, Trace, Track, begin, in_lanes, instant, slices, within
 from tca_tools.run.fates import went_on
 from tca_tools.run.records import Task
 from tca_wire.points import Moment
@@ -17,35 +18,24 @@ _DEEPEST = 12
 
 
 def add_task_tree(trace: Trace) -> None:
-    """Tracks for all tasks, those at the top first."""
-    levels = _levels(trace)
-    group = trace.add("task tree") if levels else None
-    for depth in sorted(levels):
-        name = f"depth {depth}" + (" and deeper" if depth == _DEEPEST else "")
-        for lane in in_lanes(levels[depth]):
-            track = trace.add(name, group, depth)
-            track.events = _lane(trace, track, lane)
-
-
-def _levels(trace: Trace) -> dict[int, list[tuple[Span, Task]]]:
-    """The tasks of each depth, with their spans: from their birth to their end."""
+    """Tracks for all tasks, those at the top first; each lasts from its birth to its end."""
     depths: dict[int, int] = {}
     levels = defaultdict(list)
     for task in trace.run.tasks.values():
         depth = depths[task.id] = depths.get(task.parent, 0) + 1
         span = trace.span(task.received, task.reached.get(Moment.END_ACHIEVING))
         levels[min(depth, _DEEPEST)].append((span, task))
-    return levels
-
-
-def _lane(trace: Trace, track: Track, lane: list[tuple[Span, Task]]) -> Iterator[Event]:
-    for span, task in lane:
-        yield from _task(trace, track, span, task)
+    group = trace.add("task tree") if levels else None
+    for depth in sorted(levels):
+        name = f"depth {depth}" + (" and deeper" if depth == _DEEPEST else "")
+        for lane in in_lanes(levels[depth]):
+            track = trace.add(name, group, depth)
+            track.events = chain.from_iterable(starmap(partial(_task, trace, track), lane))
 
 
 def _task(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Event]:
-    begin = Event(span.start, False, track.uuid, Kind.BEGIN, task.name, "task", of_task(trace.run, task))
-    return within(track, span, begin, _failures_and_kills(trace, track, span, task), _states(trace, track, span, task))
+    outer = begin(track, span, task.name, "task", of_task(trace.run, task))
+    return within(track, span, outer, _failures_and_kills(trace, track, span, task), _states(trace, track, span, task))
 
 
 def _states(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Event]:
@@ -56,19 +46,22 @@ def _states(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Even
         end = min(after, span.last)
         if start < end:
             stage = Span(int(start), None if end == inf else int(end))
-            found.append((stage, Event(stage.start, False, track.uuid, Kind.BEGIN, state, "state")))
+            found.append((stage, begin(track, stage, state, "state")))
     return slices(track, found)
 
 
 def _failures_and_kills(trace: Trace, track: Track, span: Span, task: Task) -> list[Event]:
-    raised = [(time, text) for time, text in task.became("failure") if text]
     news: list[tuple[float, str, Details]] = [
-        (time, "failed", {"failure": text, "handled": went_on(trace.run, task, time)}) for time, text in raised
+        (time, "failed", {"failure": text, "handled": went_on(trace.run, task, time)})
+        for time, text in task.became("failure")
+        if text
     ]
-    kills = [(time, why) for time, why in task.became("killed") if why is not None]
-    news += [(time, "killed", {"why": why, "by": task.was("killed_by", time) or None}) for time, why in kills]
-    found = []
-    for time, name, details in news:
-        place = int(min(trace.nanoseconds(time), span.last))
-        found.append(Event(place, False, track.uuid, Kind.INSTANT, name, "failure", details))
-    return sorted(found, key=lambda event: event.time)
+    news += [
+        (time, "killed", {"why": why, "by": task.was("killed_by", time) or None})
+        for time, why in task.became("killed")
+        if why is not None
+    ]
+    return [
+        instant(track, int(min(trace.nanoseconds(time), span.last)), name, "failure", details)
+        for time, name, details in sorted(news, key=itemgetter(0))
+    ]
