@@ -20,7 +20,7 @@ ROOMS_OF_WORDS = {
     "tca_tools/why": {"story.py": 1},  # the first line of a failure
     "tca_tools/tasktree_viz": {"text.py": 1},  # guides
     "tca_tools/replay": {"app.py": 1, "tree.py": 1},  # what is typed, guides
-    "tca_tools/analysis": {"failures.py": 3},
+    "tca_tools/analysis": {},
     "tca_tools/report": {},
     "tca_tools/gantt": {},
     "tca_tools/view": {"runs.py": 2},  # addresses

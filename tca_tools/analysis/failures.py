@@ -4,25 +4,23 @@ A failure of a task is one *case*, from the moment it was raised until the task 
 killed, or the journal ended. Pure.
 """
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from operator import attrgetter
 
-from tca_tools.analysis.summary import values
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.failures import Failed, all_failures
 from tca_tools.run.fates import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover
-from tca_tools.why.story import awaited, exhausted
-from tca_wire.messages.failures import BAD_DATA, DEADLOCK, HANDLER_ERROR, NOT_BY_CHOICE
+from tca_tools.why.deciding import calls
+from tca_tools.why.story import awaited
+from tca_wire.messages.failures import DEADLOCK
 from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.vocabulary import Outcome
-
-_RECEIVED, _START = attrgetter("received"), attrgetter("start")
-_OF_CENTRAL = NOT_BY_CHOICE - {HANDLER_ERROR, BAD_DATA}
-"""Failures that central itself raises, where no handler has failed with them."""
 
 
 @dataclass(slots=True)
@@ -32,13 +30,12 @@ class Case:
     message_id: int
     of: str
     """The message, with its id."""
-    failure: str
-    """Its name."""
     text: str
+    """What was said of it."""
     time: float
     raised_by: str
-    chain: list[str]
-    """The exception handlers that were called, in order, each with where it ran."""
+    called: list[str]
+    """The exception handlers that were called, in order, and what came of that."""
     fate: Fate
     why: str
     """Of a task that was killed: why, or what came of the one above it that was retried; of a query: who was told."""
@@ -93,39 +90,30 @@ def failures(run: Run) -> list[Kind]:
     nobody was told of nothing else failed: it comes after those.
     """
     kinds: dict[tuple[str, str], Kind] = {}
-    for message in run.messages.values():
-        if not message.failure and not message.changes:
-            continue
-        for case in _cases(run, message):
-            key = (case.failure, message.name)
-            kinds.setdefault(key, Kind(*key)).cases.append(case)
-    for name, case in _refused(run):
-        kinds.setdefault((DEADLOCK, name), Kind(DEADLOCK, name)).cases.append(case)
+    found = [((one.failure.name, one.message.name), _case(run, one)) for one in all_failures(run)]
+    for key, case in [*found, *_refused(run)]:
+        kinds.setdefault(key, Kind(*key)).cases.append(case)
     return sorted(kinds.values(), key=lambda kind: (kind.untold - kind.bad, -kind.bad, -kind.cost))
 
 
-def _cases(run: Run, message: Message) -> Iterator[Case]:
-    """The failures of one message, in order."""
-    had = values(message, "failure")
-    in_vain = {handling.end: handling for handling in message.handlings if handling.outcome is Outcome.FAILED}
-    called = [run.tasks[one] for one in message.caught_by if one in run.tasks] if isinstance(message, Task) else []
-    for number, (time, failure) in enumerate(had):
-        if not failure:
-            continue
-        name = failure.name
-        failed = in_vain.get(time)
-        by = "central" if name in _OF_CENTRAL and not failed else _raised_by(run, message, failed, time)
-        why = told_to(run, message, time)
-        case = Case(
-            message.id, str(message), name, failure.words, time, by, [], fate(run, message, time), why, 0.0, 0.0
-        )
-        case.lost = _lost(message, case, failed)
-        if isinstance(message, Task):
-            _follow(run, message, case, called, had[number + 1] if number + 1 < len(had) else None)
-        yield case
+def _case(run: Run, one: Failed) -> Case:
+    message, time = one.message, one.time
+    became, why = fate(run, message, time), told_to(run, message, time)
+    recovery, called = 0.0, list[str]()
+    if isinstance(message, Task):
+        recovery = _recovered(run, message, one) - time
+        called = [call.text for call in calls(RunAt(run), message) if time <= call.time < one.until]
+        if (above := begun_again_with(run, message, time)) is not None:
+            why = f"{above} was handled again: {above.state}"
+        if became in ENDED_TASKS:
+            why = message.why_killed or ""
+    return Case(
+        message.id, str(message), one.failure.words, time, _raised_by(one), called, became, why,
+        _lost(one, became), recovery,
+    )  # fmt: skip
 
 
-def _refused(run: Run) -> Iterator[tuple[str, Case]]:
+def _refused(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
     """Those that were refused to wait, since that would have been a deadlock, and did not fail with that."""
     if not run.deadlocks:
         return
@@ -137,9 +125,9 @@ def _refused(run: Run) -> Iterator[tuple[str, Case]]:
             continue
         handling = wait.by if isinstance(wait.by, Handling) else None
         message, name = (handling.message_id, handling.name) if handling else (0, run.name(wait.awaited))
-        of, text = run.describe(message) if handling else str(wait.by), circle.removeprefix(f"{DEADLOCK}: ")
-        why = f"it was to wait {awaited(run, wait)}"
-        yield name, Case(message, of, DEADLOCK, text, wait.end, "central", [], became, why, 0.0, 0.0)
+        of, why = run.describe(message) if handling else str(wait.by), f"it was to wait {awaited(run, wait)}"
+        case = Case(message, of, circle.words, wait.end, "raised by central", [], became, why, 0.0, 0.0)
+        yield (circle.name, name), case
 
 
 def _became(run: Run, wait: HandlerWait) -> Fate | None:
@@ -149,58 +137,39 @@ def _became(run: Run, wait: HandlerWait) -> Fate | None:
     handling, failed = wait.by, failing(run, wait.by)
     if handling.outcome is not Outcome.FAILED or handling.end is None:
         return Fate.COPED
-    if isinstance(failed, Message) and failed.was("failure", handling.end).startswith(DEADLOCK):
+    if isinstance(failed, Message) and failed.was("failure", handling.end).name == DEADLOCK:
         return None
     return Fate.COPED if went_on(run, failed, handling.end) else Fate.ANSWERED
 
 
-def _lost(message: Message, case: Case, failed: Handling | None) -> float:
+def _lost(one: Failed, became: Fate) -> float:
     """How long was worked in vain: by the handler that failed; or, where the failure was raised beside it (a deadline)
     and ended the task or began it anew, for the task since it was last begun.
     """
-    if failed:
-        return case.time - failed.start
-    if case.fate not in (*ENDED_TASKS, Fate.RETRIED):
+    if one.handling:
+        return one.time - one.handling.start
+    if became not in (*ENDED_TASKS, Fate.RETRIED):
         return 0.0
-    begun = (run.start for run in reversed(message.handlings) if run.start <= case.time)
-    return case.time - next(begun, case.time)
+    begun = (run.start for run in reversed(one.message.handlings) if run.start <= one.time)
+    return one.time - next(begun, one.time)
 
 
-def _raised_by(run: Run, message: Message, failed: Handling | None, time: float) -> str:
-    if failed:
-        return f"its handler in {place(failed.module, failed.resource)}"
-    where = message.handlings[-1] if message.handlings else None
-    by = next((one.by for one in run.raised.get(message.id, ()) if one.time == time), "")
-    return (by_whom(by).removeprefix(" by ") or "another module or central") + (
-        f", beside its handler in {place(where.module, where.resource)}" if where else ""
+def _raised_by(one: Failed) -> str:
+    if one.handling:
+        return f"raised by its handler in {place(one.handling.module, one.handling.resource)}"
+    if not (whom := by_whom(one.by)):
+        return "raised by central"
+    beside = (f", beside its handler in {place(run.module, run.resource)}" for run in one.message.handlings[-1:])
+    return f"raised{whom}{''.join(beside)}"
+
+
+def _recovered(run: Run, task: Task, one: Failed) -> float:
+    """When a task that had failed was handled again; or else when the exception handlers were done."""
+    if one.is_begun_anew:
+        again = bisect_right(task.handlings, one.time, key=attrgetter("start"))
+        return task.handlings[again].start if again < len(task.handlings) else one.until
+    called = (run.tasks[number] for number in task.caught_by if number in run.tasks)
+    ends = (
+        each.reached.get(Moment.END_ACHIEVING, run.time) for each in called if one.time <= each.received < one.until
     )
-
-
-def _follow(run: Run, task: Task, case: Case, called: list[Task], after: tuple[float, str] | None) -> None:
-    """What was done about a failure of a task: until *after*, when it had another failure, or ("") was retried."""
-    first = bisect_left(called, case.time, key=_RECEIVED)
-    mine = called[first : bisect_left(called, after[0], key=_RECEIVED) if after else None]
-    case.chain = [_described(run, one) for one in mine]
-    if after and not after[1]:
-        again = bisect_right(task.handlings, case.time, key=_START)
-        case.recovery = (task.handlings[again].start if again < len(task.handlings) else after[0]) - case.time
-        return
-    ends = [one.reached.get(Moment.END_ACHIEVING, run.time) for one in mine]
-    case.recovery = max(ends, default=case.time) - case.time
-    if (above := begun_again_with(run, task, case.time)) is not None:
-        case.why = f"{above} was handled again: {above.state}"
-    if case.fate in ENDED_TASKS:
-        case.why = task.why_killed or ""
-        case.chain += [exhausted(one) for one in run.exhausted.get(task.id, ()) if one.time >= case.time]
-
-
-def _described(run: Run, handler: Task) -> str:
-    handling = handler.handlings[-1] if handler.handlings else None
-    words = str(handler) + (
-        f" in {place(handling.module, handling.resource)}" if handling else ", which nobody handled"
-    )
-    if handler.failure:
-        words += f", which failed itself ({handler.failure.name})"
-    if handler.id in run.reissued:
-        words += ", which passed the failure on"
-    return words
+    return max(ends, default=one.time)

@@ -3,10 +3,9 @@
 from collections import Counter
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
 
 from tca_tools.run.fates import STANDINGS, standing
-from tca_tools.run.records import OVER, Message, State, Task
+from tca_tools.run.records import OVER, State, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.text.measures import counted, run_time
 from tca_wire.text.printable import first_line
@@ -60,8 +59,7 @@ def summary(run: Run) -> Summary:
     counts = Counter(standing(run, task, task.state) for task in run.tasks.values())
     top = [task for task in map(run.tasks.__getitem__, run.top) if not stands_by(task)]
     top_counts = Counter(task.state for task in top)
-    failed = [message for message in run.messages.values() if message.failure or message.changes]
-    failures = sum(bool(text) for message in failed for _, text in values(message, "failure"))
+    failures = sum(len(message.failures) for message in run.messages.values())
     start, end = span_of(run)
     return Summary(
         run.began,
@@ -124,13 +122,6 @@ def stands_by(task: Task) -> bool:
 def is_over(task: Task) -> bool:
     """Whether a task has ended."""
     return task.state in OVER
-
-
-def values(message: Message, name: str) -> list[tuple[float, Any]]:
-    """The values that a field had, each with the time from which on it had it (the first: since it was sent)."""
-    changes = [(time, old) for time, field, old in message.changes if field == name]
-    since = [message.received, *(time for time, _ in changes)]
-    return list(zip(since, [*(old for _, old in changes), getattr(message, name)], strict=True))
 
 
 def _outcome(run: Run, top: list[Task], counts: Counter[State], failures: int) -> str:

@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterator
 from enum import StrEnum
 from itertools import chain, pairwise
 from math import inf
-from operator import itemgetter
 from typing import Any, NamedTuple
 
+from tca_tools.run.failures import all_failures
 from tca_tools.run.fates import fate, has_coped, went_on
-from tca_tools.run.records import Failure, HandlerWait, Handling, Message, Queueing
+from tca_tools.run.records import HandlerWait, Handling, Message, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.why.waits import Wait, of_handler_wait, waits_of
 from tca_wire.points import MOMENTS, describe_moments
 from tca_wire.text.bodies import plain_data
-from tca_wire.vocabulary import CENTRAL, Outcome
+from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitKind
 
 
@@ -64,29 +64,11 @@ def _went_on(run: Run, message: Message) -> bool | None:
 
 
 def _failures(run: Run) -> Iterator[Row]:
-    found = [
-        (time, message, failure)
-        for message in run.messages.values()
-        if message.failure or message.changes
-        for time, failure in message.became("failure")
-        if failure
-    ]
-    for time, message, failure in sorted(found, key=itemgetter(0)):
+    for one in all_failures(run):
         yield (
-            message.id, message.name, time, failure.name, failure.words or None,
-            *_raised_by(run, message, time, failure), str(fate(run, message, time)), went_on(run, message, time),
+            one.message.id, one.message.name, one.time, one.failure.name, one.failure.words or None, one.by or None,
+            _delivery(one.asker), str(fate(run, one.message, one.time)), went_on(run, one.message, one.time),
         )  # fmt: skip
-
-
-def _raised_by(run: Run, message: Message, time: float, failure: Failure) -> tuple[str | None, int | None]:
-    """The module that raised a failure, or "central", and the delivery whose handler did: the one that failed with it,
-    or whoever did it beside that. None: the journal does not tell.
-    """
-    for one in run.raised.get(message.id, ()):
-        if (one.time, one.failure) == (time, failure):
-            return one.by or None, _delivery(one.asker)
-    failed = next((run for run in message.handlings if run.end == time and run.outcome is Outcome.FAILED), None)
-    return (CENTRAL, None) if failed is None or failed.is_lost else (failed.module, _delivery(failed))
 
 
 def _delivery(handling: Handling | None) -> int | None:

@@ -74,7 +74,7 @@ class ReactionFold(RecordFold):
 
     def _refused(self, fact: facts.RequestRefused) -> None:
         if fact.refusal is Refusal.DEADLOCK:
-            self.deadlocks[self.time, fact.sender] = f"{fact.refusal}: {fact.text}"
+            self.deadlocks[self.time, fact.sender] = Failure(fact.refusal, fact.text)
 
     def _tested(self, fact: facts.MonitorTested) -> None:
         self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))

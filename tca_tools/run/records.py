@@ -331,6 +331,11 @@ class Message:
         return [(time, new) for (time, _), (_, new) in pairwise([*written, (0.0, getattr(self, name))])]
 
     @property
+    def failures(self) -> list[tuple[float, Failure]]:
+        """The failures that were raised on it, and when, oldest first."""
+        return [(time, failure) for time, failure in self.became("failure") if failure] if self.changes else []
+
+    @property
     def is_queued(self) -> bool:
         """Whether it waits for a resource or a handler now."""
         return bool(self.queueings) and self.queueings[-1].end is None

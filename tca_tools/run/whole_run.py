@@ -7,9 +7,11 @@ from math import inf
 from typing import Any
 
 from tca_tools.run.records import (
+    NO_FAILURE,
     Ahead,
     Claim,
     Exhausted,
+    Failure,
     Farewell,
     HandlerWait,
     Handling,
@@ -55,7 +57,7 @@ class Reactions:
         """Who brought each entry about: the run of a handler, or a module outside of handlers; "" if nobody asked."""
         self.raised: dict[int, list[Raised]] = {}
         """By task the failures that were raised beside its handler."""
-        self.deadlocks: dict[tuple[float, str], str] = {}
+        self.deadlocks: dict[tuple[float, str], Failure] = {}
         """When which module was refused to wait, since that would have been a deadlock: "deadlock", and the circle."""
 
 
@@ -150,11 +152,12 @@ class Run(Reactions):
         """The same of all that were asked for, as they were."""
         return self.wanted.get((called(module), resource), [])
 
-    def deadlock(self, wait: HandlerWait) -> str:
+    def deadlock(self, wait: HandlerWait) -> Failure:
         """The circle in which a handler or program would have waited for ever, if that ended its wait; else ""."""
         if wait.end is None or not self.deadlocks:
-            return ""
-        return self.deadlocks.get((wait.end, wait.by if isinstance(wait.by, str) else wait.by.module), "")
+            return NO_FAILURE
+        by = wait.by if isinstance(wait.by, str) else wait.by.module
+        return self.deadlocks.get((wait.end, by), NO_FAILURE)
 
     def describe(self, message_id: int) -> str:
         """A message's name with its id: ``take steps {7}``."""

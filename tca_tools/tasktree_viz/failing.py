@@ -1,6 +1,5 @@
 """The chain of a failure: where it began, who was called for it, and what became of it. Pure."""
 
-from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
@@ -8,11 +7,11 @@ from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
-from tca_tools.run.records import OVER, Failure, Message, State, Task
+from tca_tools.run.records import OVER, Message, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
-from tca_tools.why.deciding import called_for, decider
-from tca_tools.why.story import exhausted, retried
+from tca_tools.why.deciding import called_for, calls, decider
+from tca_tools.why.story import retried
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
@@ -38,7 +37,7 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
     waiting = [_Cause(task, (), moment, moment)]
     seen = {task.id}
     killed = _killed(task)
-    if not _raised(task) and killed <= moment:
+    if not task.failures and killed <= moment:
         found.append((killed, (_END, 0), Link(killed, 0, f"{task} was killed: {task.why_killed}")))
         waiting = [_Cause(culprit, (_CAUSES, 0), killed, moment) for culprit in _culprits(run, task)]
     while waiting and len(found) < _MOST_LINKS:
@@ -50,7 +49,7 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
         found += [(link.time, (*cause.place, *step), link) for step, link in steps if link.time <= cause.until]
         waiting += reversed(list(_causes(run, cause)))
     found = [one for one in found if one[0] <= moment]
-    return [link for _, _, link in sorted(found, key=_order)] if seen - {task.id} or _raised(task) else []
+    return [link for _, _, link in sorted(found, key=_order)] if seen - {task.id} or task.failures else []
 
 
 _Place = tuple[int, ...]
@@ -86,20 +85,16 @@ def _killed(task: Task) -> float:
     return inf if task.killed is None else task.written("killed")
 
 
-def _raised(message: Message) -> list[tuple[float, Failure]]:
-    """The failures that were raised on it: when, and which."""
-    return [(time, failure) for time, failure in message.became("failure") if failure]
-
-
 def _steps_of(run: Run, cause: _Cause) -> Iterator[tuple[_Place, Link]]:
     message, place, until, known = cause
     depth = len(place) // 2
-    for time, failure in [one for one in _raised(message) if one[0] <= until]:
+    for time, failure in [one for one in message.failures if one[0] <= until]:
         for since, is_others, led_to_it in out_of_time(run, message, time, failure):
             yield (_ITSELF, 0), Link(since, depth + is_others, led_to_it)
         yield (_ITSELF, 0), Link(time, depth, f"{message} failed: {failure}")
     if isinstance(message, Task):
-        yield from (((_CALLS, one), link) for one, link in _recoveries(RunAt(run, known), message, depth))
+        for call in calls(RunAt(run, known), message):
+            yield (_CALLS, call.place), Link(call.time, depth, f"exception handler {call.text}")
         yield from (((_AGAIN, 0), link) for link in _retries(run, message, depth))
         if end := _end(run, message, known):
             was_killed = message.was("killed", known) is not None
@@ -112,27 +107,9 @@ def _newest_state(task: Task, moment: float) -> float:
     return next((time for time, _ in reversed(task.states) if time <= moment), task.received)
 
 
-def _recoveries(at: RunAt, task: Task, depth: int) -> Iterator[tuple[int, Link]]:
-    """Each with its place: between a call and the next one stands that the exception handler failed."""
-    run = at.run
-    for one, number in enumerate(task.caught_by):
-        if (handler := at.tasks.get(number)) is not None:
-            record = run.tasks[number]
-            runs = [handling for handling in record.handlings if handling.start <= at.moment]
-            by = f", handled by {runs[-1].module}" if runs else ""
-            is_said = handler.state in (State.HANDLING, State.ACHIEVED)
-            how = "" if is_said else f": {handler.state}"
-            yield 2 * one, Link(record.received, depth, f"exception handler {handler} was called{by}{how}")
-        if number in run.reissued:
-            yield 2 * one + 1, Link(run.reissued[number], depth, f"{run.describe(number)} passed the failure on")
-    for spent in run.exhausted.get(task.id, ()):
-        later = bisect_left([run.tasks[number].received for number in task.caught_by], spent.time)
-        yield 2 * later, Link(spent.time, depth, exhausted(spent).replace(" has ", " had ", 1))
-
-
 def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
     """That it was to be handled again after it had failed."""
-    failed = min((time for time, _ in _raised(task)), default=inf)
+    failed = min((time for time, _ in task.failures), default=inf)
     for one in task.retries:
         if one[0] >= failed:
             yield Link(one[0], depth, f"{task} is {retried(run, task, one)}")
@@ -141,7 +118,7 @@ def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
 def _end(run: Run, task: Task, moment: float) -> str:
     """What had become of it at *moment*, if it had failed."""
     at = RunAt(run, moment).tasks.get(task.id)
-    if at is None or not (raised := [one for one in _raised(task) if one[0] <= moment]):
+    if at is None or not (raised := [one for one in task.failures if one[0] <= moment]):
         return ""
     became = fate(run, task, raised[-1][0], moment)
     if became is Fate.OPEN:
@@ -158,7 +135,7 @@ def _end(run: Run, task: Task, moment: float) -> str:
 
 def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link]:
     """What became by *moment* of a task above it that was handled again for its failure."""
-    failed = max((time for time, _ in _raised(task) if time <= moment), default=inf)
+    failed = max((time for time, _ in task.failures if time <= moment), default=inf)
     above = begun_again_with(run, task, failed, moment)
     if above is not None and (state := RunAt(run, moment).tasks[above.id].state) in OVER:
         yield Link(_newest_state(above, moment), depth, f"{above}, handled again: {state}")
@@ -190,7 +167,7 @@ def _causes(run: Run, failed: _Cause) -> Iterator[_Cause]:
     for one, number in enumerate(message.caught_by):
         if (handler := run.tasks.get(number)) is not None:
             until = min(moment, _decided(message, handler.received))
-            if any(time <= until for time, _ in _raised(handler)):
+            if any(time <= until for time, _ in handler.failures):
                 yield _Cause(handler, (*place, _CALLS, 2 * one + 1), until, known)
 
 
@@ -202,10 +179,10 @@ def _decided(task: Task, failed: float) -> float:
 
 def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
     """Whether the failure of one, of which its asker was told by then, is that of the other."""
-    told = [one for one in _raised(cause) if one[0] <= until]
+    told = [one for one in cause.failures if one[0] <= until]
     told = [one for one in told if isinstance(cause, Task) or is_told(run, cause, one[0])]
     names = {failure.name for _, failure in told}
-    return any(name in text for _, text in _raised(failed) for name in names)
+    return any(name in text for _, text in failed.failures for name in names)
 
 
 def _culprits(run: Run, task: Task) -> list[Task]:
@@ -214,4 +191,4 @@ def _culprits(run: Run, task: Task) -> list[Task]:
     """
     handler = decider(run, task.killer)
     failed = called_for(run, handler) if handler is not None else run.tasks.get(task.killed_for, task)
-    return [failed] if failed is not task and _raised(failed) else []
+    return [failed] if failed is not task and failed.failures else []

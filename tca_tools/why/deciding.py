@@ -1,13 +1,48 @@
-"""What exception handlers decided: whom they had handled again, or killed. Pure."""
+"""Exception handlers: which were called for a failure, and whom they had handled again, or killed. Pure."""
 
+from bisect import bisect_left
 from collections.abc import Iterator
+from typing import NamedTuple
 
-from tca_tools.run.records import Handling, Retry, Task
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.records import Exhausted, Handling, Retry, State, Task
 from tca_tools.run.selection import lineage
 from tca_tools.run.whole_run import Run
 from tca_wire.points import TaskId
+from tca_wire.text.measures import times
 from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import Role
+
+
+class Call(NamedTuple):
+    """An exception handler was called for a task; or it passed the failure on, or might not be called once more."""
+
+    time: float
+    place: int
+    """Twice which of the calls it is; one more, if it passed the failure on."""
+    text: str
+
+
+def calls(at: RunAt, task: Task) -> Iterator[Call]:
+    """The calls of exception handlers for the failures of a task, as known at a moment."""
+    run = at.run
+    for one, number in enumerate(task.caught_by):
+        if (handler := at.tasks.get(number)) is not None:
+            record = run.tasks[number]
+            runs = [handling for handling in record.handlings if handling.start <= at.moment]
+            by = f", handled by {runs[-1].module}" if runs else ""
+            how = "" if handler.state in (State.HANDLING, State.ACHIEVED) else f": {handler.state}"
+            yield Call(record.received, 2 * one, f"{handler} was called{by}{how}")
+        if number in run.reissued:
+            yield Call(run.reissued[number], 2 * one + 1, f"{run.describe(number)} passed the failure on")
+    for spent in run.exhausted.get(task.id, ()):
+        later = bisect_left([run.tasks[number].received for number in task.caught_by], spent.time)
+        yield Call(spent.time, 2 * later, exhausted(spent))
+
+
+def exhausted(one: Exhausted) -> str:
+    """``less heat had been called 3 times, as often as it may``."""
+    return f"{one.handler} had been called {times(one.calls)}, as often as it may"
 
 
 def called_for(run: Run, handler: Task) -> Task:

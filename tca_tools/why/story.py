@@ -12,7 +12,6 @@ from tca_tools.run.fates import WATCHING, told_to
 from tca_tools.run.records import (
     OVER,
     Claim,
-    Exhausted,
     HandlerWait,
     Handling,
     Message,
@@ -24,13 +23,13 @@ from tca_tools.run.records import (
 )
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
-from tca_tools.why.deciding import decisions, retried_for
+from tca_tools.why.deciding import decisions, exhausted, retried_for
 from tca_tools.why.keepers import Part, parts_in_queue, parts_of_claim
 from tca_tools.why.wait_words import NAMED, of_ahead, of_claim, of_query, of_queueing, told, wait_for
 from tca_tools.why.waits import NO_TIME, Wait, of_handler_wait, states_of, told_waits
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
-from tca_wire.text.measures import counted, listed, numbered, times
+from tca_wire.text.measures import counted, listed, numbered
 from tca_wire.text.waits_in_words import in_words, several_in_words, whereabouts
 from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitFor, WaitKind
@@ -332,12 +331,7 @@ def _kills(task: Task) -> Iterator[Sentence]:
 def _exhausted(run: Run, task: Task) -> Iterator[Sentence]:
     """Why an exception handler was not called, though it is there."""
     for one in run.exhausted.get(task.id, ()):
-        yield Sentence(one.time, exhausted(one))
-
-
-def exhausted(one: Exhausted) -> str:
-    """``exception handler less heat has been called 3 times, as often as it may``."""
-    return f"exception handler {one.handler} has been called {times(one.calls)}, as often as it may"
+        yield Sentence(one.time, f"exception handler {exhausted(one)}")
 
 
 def _tellings(run: Run, message: Message, moment: float) -> Iterator[Sentence]:

@@ -40,9 +40,9 @@ def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
     assert {name: case.fate for name, case in cases.items()} == {
         "slip": Fate.DEALT_WITH, "handler error": Fate.REPLACED, "module lost": Fate.REPLACED,
     }  # fmt: skip
-    assert cases["slip"].chain == [
-        "recover {5} in expert, which failed itself (handler error)",
-        "report {7} in office",
+    assert cases["slip"].called == [
+        "recover {5} was called, handled by expert: failed",
+        "report {7} was called, handled by office",
     ]
 
 

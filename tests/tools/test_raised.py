@@ -60,5 +60,5 @@ def test_an_older_journal_does_not_tell() -> None:
 
 
 def test_a_report_tells_who_raised_it() -> None:
-    found = {case.failure: case.raised_by for kind in failures(late().fold()) for case in kind.cases}
-    assert found == {"timeout": "central", "slip": "the command 'tca raise'"}
+    found = {kind.failure: case.raised_by for kind in failures(late().fold()) for case in kind.cases}
+    assert found == {"timeout": "raised by central", "slip": "raised by the command 'tca raise'"}
