@@ -279,7 +279,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Reply: replying.on_reply,
     headers.Fail: replying.on_fail,
     headers.Constrain: constraining.on_constrain,
-    headers.WaitFor: waits.on_wait_for,
+    headers.AwaitPoint: waits.on_wait_for,
     headers.Await: giving_up.on_await,
     headers.GiveUp: giving_up.on_give_up,
     headers.Release: giving_up.on_release,

@@ -47,7 +47,7 @@ class TaskWait:
 
     __slots__ = ("connection", "moment", "number", "origin", "task_id")
 
-    def __init__(self, connection: Connection, header: headers.WaitFor) -> None:
+    def __init__(self, connection: Connection, header: headers.AwaitPoint) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
         self.task_id, self.moment = header.point.task, int(header.point.moment)
 

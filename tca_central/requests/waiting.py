@@ -9,7 +9,7 @@ from tca_wire.packets import headers
 from tca_wire.vocabulary import Outcome, Refusal
 
 
-def on_wait_for(central: State, connection: Connection, header: headers.WaitFor, _: bytes) -> None:
+def on_wait_for(central: State, connection: Connection, header: headers.AwaitPoint, _: bytes) -> None:
     """A module waits for a moment of a task."""
     moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)

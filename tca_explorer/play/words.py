@@ -131,7 +131,7 @@ def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
     if not isinstance(step, Await):
         return _doing(play, actor, step)
     header = actor.requests[step.request].header
-    if isinstance(header, headers.WaitFor):
+    if isinstance(header, headers.AwaitPoint):
         return f"waits for {point_in_words(header.point, lambda task: _name(play, task))}"
     if isinstance(header, headers.Lock):
         return f"waits to {'reserve' if header.reserve else 'lock'} {header.resource}"

@@ -83,7 +83,7 @@ def call_of(header: Any) -> str:
 _CALLS: dict[type, str | tuple[str, str]] = {
     headers.Send: ("send", "on_termination"),
     headers.Constrain: "constrain",
-    headers.WaitFor: "wait_for",
+    headers.AwaitPoint: "wait_for",
     headers.Kill: "kill",
     headers.Attach: "on_failure",
     headers.Tap: "tap",
@@ -116,7 +116,7 @@ CALLS = tuple(call for one in _CALLS.values() for call in ((one,) if isinstance(
 
 _SAY: dict[type, Callable[[Any, Name], str]] = {
     headers.Constrain: lambda header, name: f"adds {'; '.join(_constraint(one, name) for one in header.constraints)}",
-    headers.WaitFor: lambda header, name: f"waits for {point_in_words(header.point, name)}",
+    headers.AwaitPoint: lambda header, name: f"waits for {point_in_words(header.point, name)}",
     headers.Kill: _kill,
     headers.Attach: _attach,
     headers.Tap: _tap,

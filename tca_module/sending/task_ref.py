@@ -165,7 +165,7 @@ class TaskRef(TaskIntervals):
         """Ask to be told when a point is reached: its name for people, and the request."""
         check(f"the wait for {self}", checks.POINT, point=point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        header = headers.WaitFor(0, point, self._origin, blocking, brief)
+        header = headers.AwaitPoint(0, point, self._origin, blocking, brief)
         return what, self._connection.request(header, wants_answer=True, is_awaited=is_awaited)
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:

@@ -16,14 +16,14 @@ from tca_wire.vocabulary import Outcome, Refusal
 _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
 _HARMLESS = (
-    headers.WaitFor | headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
+    headers.AwaitPoint | headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
 )
 """Requests that may be made twice: the second changes nothing."""
 
 _ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled
 """Questions of how things stand now: after a restart as before."""
 
-_WAITS_FOR_OTHERS = Send | headers.WaitFor | headers.Lock | headers.WaitUntilHandled
+_WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled
 """Requests that central answers when others have done something."""
 
 _WITHOUT_TASKS = (
@@ -96,7 +96,7 @@ class Request:
 
 def _advice(header: Any) -> str:
     """Advice for a request that was lost."""
-    if isinstance(header, headers.WaitFor):
+    if isinstance(header, headers.AwaitPoint):
         return "send the task again"
     return "begin anew" if refers_to_tasks(header) else "ask again"
 

@@ -1,66 +1,474 @@
-"""The headers that modules and central exchange: what a module says is in to_central.py, what central says in
-to_module.py, and what is about direct messages in routes.py. docs/protocol.md has the bytes.
+"""The headers that modules and central exchange, one type a message; the field order is the wire order.
 
 A header travels with a body of opaque bytes (user data as MessagePack; central never looks inside). Types named in the
-imperative are sent by a module, the others by central.
+imperative are sent by a module, the others by central; routes.py has those about direct messages, docs/protocol.md the
+bytes. ``number`` counts a connection's requests: the answer to a request carries the same number, and 0 means that no
+answer is wanted. ``origin`` is the delivery whose handler asks (0: code outside of handlers does).
 """
 
-from tca_wire.packets.to_central import (
-    Ask,
-    Attach,
-    Await,
-    AwaitAny,
-    Bye,
-    Constrain,
-    Deadline,
-    EndMonitor,
-    Fail,
-    Fire,
-    GetVariable,
-    GiveUp,
-    Hello,
-    Inspect,
-    Keep,
-    Kill,
-    Lock,
-    Raise,
-    Register,
-    Release,
-    Remove,
-    Reply,
-    Retry,
-    Send,
-    SetVariable,
-    Suspend,
-    Tap,
-    ToCentral,
-    Unlock,
-    Unregister,
-    WaitFor,
-    WaitUntilHandled,
-)  # fmt: skip
-from tca_wire.packets.to_module import (
-    Accepted,
-    Answer,
-    Beat,
-    Cancelled,
-    Closing,
-    Deliver,
-    Refused,
-    Suspended,
-    Taken,
-    ToModule,
-    Unknown,
-    Welcome,
-)  # fmt: skip
+from typing import Literal
+
+import msgspec
+
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, Tapped, Trouble, Watching, WatchOptions
+from tca_wire.packets.routes import Entrance, EntranceGone, Noted, Route, WatchEntrance
+from tca_wire.points import Point, TaskId
+from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
 PROTOCOL_VERSION = 3
 """Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
-__all__ = [
-    "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Await", "AwaitAny", "Beat", "Bye", "Cancelled",
-    "Closing", "Constrain", "Deadline", "Deliver", "EndMonitor", "Fail", "Fire", "GetVariable", "GiveUp", "Hello",
-    "Inspect", "Keep", "Kill", "Lock", "Raise", "Refused", "Register", "Release", "Remove", "Reply", "Retry",
-    "Send", "SetVariable", "Suspend", "Suspended", "Taken", "Tap", "ToCentral", "ToModule", "Unknown", "Unlock",
-    "Unregister", "WaitFor", "WaitUntilHandled", "Welcome",
-]  # fmt: skip
+
+class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """What all headers share: an array on the wire, whose first element is the kind."""
+
+
+# --- what a module says ----------------------------------------------------------------------------------------------
+
+
+class Hello(_Header, frozen=True, forbid_unknown_fields=False, tag=1):
+    """First message of a connection, and again after a reconnect. Answered by Welcome or Refused. A later version's
+    may have more fields: so it can be read, and refused for its version.
+    """
+
+    number: int
+    version: int
+    module: str
+    incarnation: str
+    """The same for all connections of one run of a module, and no other."""
+    connection: int = 0
+    """Which of that module's connections this is: 0 is its own, the others handle messages."""
+    resource: str = ""
+    """The resource whose messages this connection handles, if any: one at a time."""
+    process: str = ""
+    """Where the module runs, for people: "host:pid"."""
+    entrance: Entrance | None = None
+    """Where this slot takes messages directly, if it does."""
+    pulse: bytes = b""
+    """Routing id of the socket on which this process sends back central's beats, if it has one."""
+
+
+class Register(_Header, frozen=True, tag=2):
+    """Declare messages, and say which of them this module handles."""
+
+    number: int
+    messages: list[MessageFormat]
+    handlers: list[HandlerFormat] = []
+
+
+class Unregister(_Header, frozen=True, tag=3):
+    """This module handles these messages no longer (all of its handlers when the list is empty)."""
+
+    number: int
+    messages: list[str]
+
+
+class Send(_Header, frozen=True, tag=4):
+    """Send a message of any class; the body is its data. Answered by Accepted or Refused, then by Answer where due."""
+
+    number: int
+    message: str
+    parent: TaskId = TaskId(0)
+    """The task that a goal or command becomes a child of (0: the root)."""
+    origin: int = 0
+    flags: Flags = Flags.SEQ_ACH
+    constraints: list[Constraint] = []
+    priority: int = 0
+    blocking: bool = False
+    """The sender's connection does nothing else until the answer is there."""
+    maximum: int = 0
+    """Of a multi-query: how many replies are wanted (0: from every handler)."""
+    attachments: list[Attachment] = []
+    """Exception handlers of the new task, each newer than the one before it."""
+    deadline: float = 0
+    """Seconds within which the task must be achieved, or the failure "timeout" is raised on it (0: no such bound)."""
+    watch: WatchOptions | None = None
+    """How a monitor watches."""
+    when_killed: bool = False
+    """Not now, but when *parent* is killed after it has been started and before it is achieved."""
+    if_handled: bool = False
+    """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5: MaybeExecute)."""
+    keep: bool = False
+    """Of a task: the sender's module keeps it, as with Keep (TDL: PERSISTENT)."""
+    brief: bool = False
+    """Where *blocking*: it waits for so short a time that nobody need look whether it would wait for ever."""
+
+
+class Reply(_Header, frozen=True, tag=5):
+    """The handler of a delivery returned; the body is its reply or result."""
+
+    delivery: int
+
+
+class Fail(_Header, frozen=True, tag=6):
+    """The handler of a delivery failed; the body is the failure's data."""
+
+    delivery: int
+    failure: str
+    text: str = ""
+    kinds: list[str] = []
+    """The more general failures that this one is a kind of, nearest first."""
+    reissue: bool = False
+    """The handler of a failure cannot deal with it: search on, above it."""
+
+
+class Constrain(_Header, frozen=True, tag=7):
+    """Add constraints between points of existing tasks."""
+
+    number: int
+    constraints: list[Constraint]
+    origin: int = 0
+
+
+class AwaitPoint(_Header, frozen=True, tag=8):
+    """Answer when this point has been reached."""
+
+    number: int
+    point: Point
+    origin: int = 0
+    blocking: bool = False
+    """The sender's connection does nothing else until the answer is there."""
+    brief: bool = False
+    """As in Send."""
+
+
+class GiveUp(_Header, frozen=True, tag=9):
+    """The sender no longer waits for the answer to request *request*; if that was a Lock, what it got is released."""
+
+    request: int
+    number: int = 0
+    """With a number it is answered: the text of the Answer says why that answer is not there ("": it is, or was). Of a
+    multi-query to which nobody has replied it is the first failure, if there was one."""
+    origin: int = 0
+
+
+class Await(_Header, frozen=True, tag=26):
+    """The sender of query or multi-query *request*, who went on, now waits for its answer. Nothing answers this."""
+
+    request: int
+    blocking: bool = True
+    """The sender's connection does nothing else meanwhile; a coroutine lets it do other things."""
+    origin: int = 0
+
+
+class Kill(_Header, frozen=True, tag=10):
+    """End a task and everything under it: now, *delay* seconds from now, or *delay* seconds after a point."""
+
+    number: int
+    task: TaskId
+    why: str = ""
+    scope: Scope = Scope.TASK
+    after: Point | None = None
+    delay: float = 0
+    request: int = 0
+    """Instead of *task*: the one that this connection has sent with that request, if it has come (0: no)."""
+    origin: int = 0
+
+
+class Ask(_Header, frozen=True, tag=11):
+    """What central knows of a topic; answered with a MessagePack map as body."""
+
+    number: int
+    topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
+
+
+class Bye(_Header, frozen=True, tag=12):
+    """This connection closes: of its own will, nothing failed."""
+
+
+class Attach(_Header, frozen=True, tag=13):
+    """Let an exception handler take care of a failure ("": any) of one task, or of every task of a message. Answered by
+    Accepted with the id by which it can be removed.
+    """
+
+    number: int
+    attachment: Attachment
+    task: TaskId = TaskId(0)
+    """The task that it is attached to, where *message* is "" (0: the root, above all tasks)."""
+    message: str = ""
+    origin: int = 0
+
+
+class Remove(_Header, frozen=True, tag=14):
+    """Take away an exception handler, wiretap or (*for all*) a monitor, whoever wants it. Accepted: 0 if it is gone."""
+
+    number: int
+    id: int
+    for_all: bool = False
+    origin: int = 0
+
+
+class Raise(_Header, frozen=True, tag=15):
+    """Raise a failure on a task; the body is the failure's data."""
+
+    number: int
+    task: TaskId
+    failure: str
+    text: str = ""
+    kinds: list[str] = []
+    origin: int = 0
+
+
+class Retry(_Header, frozen=True, tag=16):
+    """Kill what is under a task and let it be handled again, with the body as its data where *new_data*."""
+
+    number: int
+    task: TaskId
+    new_data: bool = False
+    origin: int = 0
+
+
+class Suspend(_Header, frozen=True, tag=17):
+    """From now on nothing under a task, and not the task itself, is started; or, with *resume*, may be again."""
+
+    number: int
+    task: TaskId
+    resume: bool = False
+    origin: int = 0
+
+
+class Deadline(_Header, frozen=True, tag=18):
+    """Raise the failure "timeout" on a task if its point is not reached within *seconds* from now."""
+
+    number: int
+    point: Point
+    seconds: float
+    origin: int = 0
+
+
+class Inspect(_Header, frozen=True, tag=19):
+    """What central knows of a task and its relatives; answered with a MessagePack list of maps."""
+
+    number: int
+    task: TaskId
+    relation: Literal["self", "parent", "children", "ancestors", "descendants", "kept"]
+    message: str = ""
+    """Only tasks of this message ("": of any)."""
+
+
+class Lock(_Header, frozen=True, tag=23):
+    """Let nobody into a resource, or (*reserve*) only what this module sends. Answered when that is so.
+
+    It ends when this request is given up, when the task or message *origin* has ended, or with the connection.
+    """
+
+    number: int
+    resource: str
+    module: str = ""
+    """Whose resource it is; "" if only one module has a resource of that name."""
+    reserve: bool = False
+    origin: int = 0
+    timeout: float = -1
+    """After so many seconds of waiting the answer is the failure "timeout" (negative: never)."""
+    priority: int = 0
+    blocking: bool = False
+    """The sender's connection does nothing else until the answer is there."""
+    brief: bool = False
+    """As in Send."""
+
+
+class Unlock(_Header, frozen=True, tag=24):
+    """Take a lock or reservation from whoever has it. Answered by Accepted; its id is 0 if nobody had it."""
+
+    number: int
+    resource: str
+    module: str = ""
+    origin: int = 0
+
+
+class Tap(_Header, frozen=True, tag=64):
+    """Send *listener* whenever the condition comes true of a message, or of one task; it gets the tapped data.
+
+    Answered by Accepted with the id by which the wiretap can be removed.
+    """
+
+    number: int
+    condition: Condition
+    listener: str
+    message: str = ""
+    task: TaskId = TaskId(0)
+    """The task that is tapped, where *message* is ""."""
+    watch: WatchOptions | None = None
+    """How a listener that is a monitor watches."""
+    origin: int = 0
+
+
+class Fire(_Header, frozen=True, tag=65):
+    """What a demon monitor watches for has happened; the body is the data of its action.
+
+    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done.
+    """
+
+    number: int
+    monitor: TaskId
+    action: str = ""
+    """The message that the data are for; refused if that is not the monitor's action ("": it is not asked)."""
+    origin: int = 0
+
+
+class EndMonitor(_Header, frozen=True, tag=66):
+    """A monitor shall watch no longer; what it has sent comes to its own end."""
+
+    number: int
+    monitor: TaskId
+    origin: int = 0
+
+
+class Keep(_Header, frozen=True, tag=25):
+    """Remember a task after its end: data, outcome and place in the tree; or, with *release*, no longer."""
+
+    number: int
+    task: TaskId
+    release: bool = False
+    origin: int = 0
+
+
+class AwaitAny(_Header, frozen=True, tag=27):
+    """The handler of a delivery, a coroutine, does nothing until one of these requests is answered; it was said before
+    what it awaited, and that is no longer so. With no requests: it may go on.
+    """
+
+    delivery: int
+    requests: list[int]
+
+
+class Release(_Header, frozen=True, tag=28):
+    """The sender no longer needs what Lock *request* has got. The id that Accepted names is 0 if it had lost that."""
+
+    number: int
+    request: int
+    origin: int = 0
+
+
+class GetVariable(_Header, frozen=True, tag=20):
+    """What is the value of a variable? The body of the Answer is; it is empty if the variable was never set."""
+
+    number: int
+    variable: str
+
+
+class SetVariable(_Header, frozen=True, tag=21):
+    """Set a variable to the value in the body. Answered by Accepted or, with *swap*, as GetVariable was just before."""
+
+    number: int
+    variable: str
+    origin: int = 0
+    swap: bool = False
+
+
+class WaitUntilHandled(_Header, frozen=True, tag=22):
+    """Answer when each of these messages is handled by somebody, all at the same time. Before that an Answer with
+    *more* and a text may come: a warning.
+    """
+
+    number: int
+    messages: list[str]
+    promised: list[str] = []
+    """What the sender will handle as soon as that is so."""
+
+
+ToCentral = (
+    Hello | Register | Unregister | Send | Reply | Fail | Constrain | AwaitPoint | GiveUp | Kill | Ask | Bye
+    | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
+    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
+    | WatchEntrance
+)  # fmt: skip
+
+
+# --- what central says -----------------------------------------------------------------------------------------------
+
+
+class Welcome(_Header, frozen=True, tag=33):
+    """Answers Hello. *module* is the name by which the journal knows the module; *epoch* names this run of central."""
+
+    number: int
+    version: int
+    module: str
+    epoch: str
+
+
+class Accepted(_Header, frozen=True, tag=34):
+    """The request was taken; *id* is the task or message it became (0: neither)."""
+
+    number: int
+    id: int = 0
+
+
+class Refused(_Header, frozen=True, tag=35):
+    """The request was not taken, and nothing of it remains."""
+
+    number: int
+    refusal: Refusal
+    text: str
+
+
+class Answer(_Header, frozen=True, tag=36):
+    """The answer to a query, a wait or a question; the body is the reply, result or failure data."""
+
+    number: int
+    outcome: Outcome = Outcome.DONE
+    failure: str = ""
+    text: str = ""
+    more: bool = False
+    """Of a multi-query: further answers follow; the one without *more* is the end. It has no body and is *done*, or is
+    the first failure where all who were asked failed: the first line of its text names them all."""
+
+
+class Deliver(_Header, frozen=True, tag=37):
+    """Handle this message and answer with Reply or Fail; the body is its data."""
+
+    delivery: int
+    message: str
+    task: TaskId = TaskId(0)
+    """The task that it is (0: it belongs to no tree)."""
+    context: Trouble | Tapped | Watching | None = None
+    """What it is about, where central made it."""
+    suspended: bool = False
+    own: bool = False
+    """A slot of its resource waits for the answer, and this one takes messages directly: handle it within another."""
+
+
+class Cancelled(_Header, frozen=True, tag=38):
+    """The task of this delivery has been killed, or is to be handled again: its handler should end soon."""
+
+    delivery: int
+    why: str = ""
+    """Why, and of a kill by whom."""
+
+
+class Beat(_Header, frozen=True, tag=39):
+    """Central is alive."""
+
+
+class Unknown(_Header, frozen=True, tag=40):
+    """Central does not know this connection: say Hello again, then repeat what is not acknowledged."""
+
+    number: int = 0
+    """Of the request that it answers, which is not done: whoever sent that only once knows that nobody has it."""
+
+
+class Closing(_Header, frozen=True, tag=41):
+    """Central ends."""
+
+    text: str = ""
+
+
+class Suspended(_Header, frozen=True, tag=42):
+    """The task of this delivery has been suspended, or resumed: its handler may hold, or go on to its end."""
+
+    delivery: int
+    is_suspended: bool
+
+
+class Taken(_Header, frozen=True, tag=43):
+    """What the Lock with this number got was taken away: *text* says by whom, or why."""
+
+    number: int
+    text: str
+
+
+ToModule = (
+    Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended | Taken | Route
+    | EntranceGone
+)  # fmt: skip

@@ -1,6 +1,6 @@
 """What modules and central say of messages that go from module to module directly: where to, and what came of them.
 
-The lists of all headers are in to_central.py and to_module.py; docs/protocol.md tells the story.
+The lists of all headers are in headers.py; docs/protocol.md tells the story.
 """
 
 import msgspec

@@ -17,7 +17,7 @@ from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'
-SAYS_ITSELF = headers.Send | headers.WaitFor | headers.Lock | headers.SetVariable
+SAYS_ITSELF = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVariable
 """What else a connection asks, the handler asks that it is running; of these a test says which does."""
 
 

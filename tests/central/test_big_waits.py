@@ -53,7 +53,7 @@ class Crowd(Player):
 
     def wait(self, who: str, origin: int = 0) -> None:
         end = point(TaskId(self.walk), Moment.END_ACHIEVING)
-        self.receive(who, headers.WaitFor(self.number(who), end, origin, blocking=True))
+        self.receive(who, headers.AwaitPoint(self.number(who), end, origin, blocking=True))
 
     def ask(self) -> int:
         """Ask whether it is done; the handler's delivery."""

@@ -110,5 +110,5 @@ def test_who_waits_behind_a_lock_that_somebody_wants_is_told_of_that(robot: Play
 def test_who_waits_no_longer_for_a_task_is_told_what_it_waits_for(robot: Player) -> None:
     plan = robot.task("user", "plan")
     number = robot.number("user")
-    robot.receive("user", headers.WaitFor(number, point(plan, Moment.END_ACHIEVING)))
+    robot.receive("user", headers.AwaitPoint(number, point(plan, Moment.END_ACHIEVING)))
     assert why(robot, "user", number) == f"it waits {in_words(WaitFor(WaitKind.HANDLER, name='plan'))}"

@@ -173,7 +173,7 @@ def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: 
     for _ in range(4):
         player.task("user", "move")
         player.reply("legs/1", value=5)
-    wait = headers.WaitFor(player.number("user"), point(failed, Moment.END_ACHIEVING))
+    wait = headers.AwaitPoint(player.number("user"), point(failed, Moment.END_ACHIEVING))
     (answer,) = player.receive("user", wait)
     assert answer.text == f"task {failed} ended too long ago to know how: see the journal"
 

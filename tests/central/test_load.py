@@ -111,7 +111,7 @@ def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
     robot.declare("planner/1", "command dance")
     dance = robot.task("planner/1", "dance", under=walk)
     end = Point(TaskId(dance), Moment.END_ACHIEVING)
-    robot.receive("planner/1", headers.WaitFor(robot.number("planner/1"), end, walk, blocking=True))
+    robot.receive("planner/1", headers.AwaitPoint(robot.number("planner/1"), end, walk, blocking=True))
     robot.tick(1.0)
     told = load(robot.central)
     assert ("walk {1} in planner", "until dance {2} is achieved", 1.0) in waits(told)

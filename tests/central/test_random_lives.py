@@ -144,7 +144,7 @@ def _check_ledger(life: Life) -> None:
 def _check_kept(life: Life) -> None:
     """What is kept is told as it ended; when nobody keeps anything all is forgotten."""
     for record in life.central.kept.values():
-        life.request(headers.WaitFor, point(TaskId(record.id), Moment.END_ACHIEVING))
+        life.request(headers.AwaitPoint, point(TaskId(record.id), Moment.END_ACHIEVING))
         answer, _ = life.player.inbox["user"][-1]
         assert answer.outcome is record.outcome[0]
     for connection in life.connections():

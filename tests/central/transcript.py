@@ -196,7 +196,7 @@ class Transcript:
 
     def wait(self, name: str, point: str, here: str) -> list[Any]:
         origin = self.player.delivered(name)[-1] if here else 0
-        header = headers.WaitFor(self.player.number(name), read_point(point), origin, blocking=bool(here))
+        header = headers.AwaitPoint(self.player.number(name), read_point(point), origin, blocking=bool(here))
         return self.player.receive(name, header)
 
     def awaits(self, name: str, number: str) -> list[Any]:

@@ -308,7 +308,7 @@ def test_a_silent_central_is_asked_and_then_given_up() -> None:
     ("asked", "advice"),
     [
         (Send(0, "stance"), "ask again"),
-        (headers.WaitFor(0, Point(TaskId(2), Moment.END_ACHIEVING)), "send the task again"),
+        (headers.AwaitPoint(0, Point(TaskId(2), Moment.END_ACHIEVING)), "send the task again"),
         (headers.Lock(0, "camera", origin=7), "begin anew"),
     ],
 )

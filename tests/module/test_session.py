@@ -12,6 +12,7 @@ from tca_wire.packets.headers import (
     Accepted,
     Answer,
     Ask,
+    AwaitPoint,
     Beat,
     Cancelled,
     Closing,
@@ -30,7 +31,6 @@ from tca_wire.packets.headers import (
     ToCentral,
     ToModule,
     Unknown,
-    WaitFor,
     Welcome,
 )
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
@@ -40,7 +40,7 @@ from tca_wire.vocabulary import MessageClass, Outcome, Refusal
 HELLO = Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run 1")
 A_GOAL = Send(0, "walk")
 A_QUERY = Send(0, "stance")
-A_WAIT = WaitFor(0, Point(TaskId(4), Moment.END_ACHIEVING))
+A_WAIT = AwaitPoint(0, Point(TaskId(4), Moment.END_ACHIEVING))
 WALK = MessageFormat("walk", MessageClass.GOAL, "{}")
 HANDLES_WALK = HandlerFormat("walk", "legs")
 
@@ -197,7 +197,7 @@ def test_a_wait_that_central_dropped_with_the_connection_is_made_anew(session: S
     said(session)
     hear(session, Refused(2, Refusal.TOO_LATE, "no longer kept"))
     assert not wait.is_over
-    assert said(session) == [WaitFor(3, A_WAIT.point)]
+    assert said(session) == [AwaitPoint(3, A_WAIT.point)]
     hear(session, Answer(3))
     assert wait.is_over
 

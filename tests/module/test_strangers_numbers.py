@@ -258,5 +258,5 @@ def test_a_number_of_the_old_central_is_known_as_one_whatever_says_it() -> None:
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost"):
         connection.post(Send(0, "position", origin=delivery), b"")
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost"):
-        connection.request(headers.WaitFor(0, Point(task, Moment.END_ACHIEVING)), wants_answer=True)
+        connection.request(headers.AwaitPoint(0, Point(task, Moment.END_ACHIEVING)), wants_answer=True)
     assert {type(header) for header in central.heard} == {Register}

@@ -292,7 +292,7 @@ class Life:
         tasks = list(self.central.tree.tasks)
         if tasks:
             where = point(tasks[a % len(tasks)], list(Moment)[b % 6])
-            self.player.receive("user", headers.WaitFor(self.player.number("user"), where))
+            self.player.receive("user", headers.AwaitPoint(self.player.number("user"), where))
 
     def set_(self, a: int, b: int, c: int, *_: int) -> None:
         senders = self.connections()

@@ -282,7 +282,7 @@ class Oracle:
         for wanted in header.constraints:
             self._constrain(wanted)
 
-    def wait_for(self, connection: str, header: headers.WaitFor, _: bytes) -> None:
+    def wait_for(self, connection: str, header: headers.AwaitPoint, _: bytes) -> None:
         node = self.world.nodes.get(header.point.task)
         if node is not None:
             self.world.waits[connection, header.number] = (node, Moment(header.point.moment))
@@ -376,7 +376,7 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Reply: Oracle.reply,
     headers.Fail: Oracle.fail,
     headers.Constrain: Oracle.constrain,
-    headers.WaitFor: Oracle.wait_for,
+    headers.AwaitPoint: Oracle.wait_for,
     headers.GiveUp: Oracle.give_up,
     headers.Kill: Oracle.kill,
     headers.Attach: Oracle.attach,

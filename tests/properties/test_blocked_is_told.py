@@ -61,7 +61,7 @@ class Told(Folding, Blocking):
         elif what == "wait":
             for task in [*self.central.tree.tasks.values()][b:][:1]:
                 place = point(task.id, list(Moment)[c % 6])
-                self.receive(name, headers.WaitFor(self.number(name), place, origin, blocking=True, brief=brief))
+                self.receive(name, headers.AwaitPoint(self.number(name), place, origin, blocking=True, brief=brief))
         elif what == "lock":
             wanted = headers.Lock(self.number(name), "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief)
             self.receive(name, wanted)

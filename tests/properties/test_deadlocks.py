@@ -76,7 +76,7 @@ class Blocking(Player):
             self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
         elif what == "wait" and task:
             blocks = delivery is None or not is_coroutine(delivery)
-            header = headers.WaitFor(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
+            header = headers.AwaitPoint(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
             self.receive(who, header)
         elif what in ("await", "give up"):
             self._await(what, b, c)

@@ -135,7 +135,7 @@ def holding_its_end_one_after_the_other(long: Long) -> None:
 
 
 def waited_for_in_vain(long: Long) -> None:
-    long.ask(headers.WaitFor, long.end)
+    long.ask(headers.AwaitPoint, long.end)
     long.player.receive("user", headers.GiveUp(long.player.numbers["user"]))
 
 

@@ -197,7 +197,7 @@ class Robot:
         end, kind = self.time + ROUND, self.rounds
         walk = self.send("walk")
         guard = self.send("guard", walk, watch=WatchOptions(fire_every=2))
-        self.ask("user", headers.WaitFor, point(walk, Moment.END_ACHIEVING))
+        self.ask("user", headers.AwaitPoint, point(walk, Moment.END_ACHIEVING))
         self.handle_all()
         self.talk()
         for _ in range(2):

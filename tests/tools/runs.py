@@ -53,7 +53,7 @@ def _join(player: Player) -> None:
 
 def _walk(player: Player) -> None:
     top = player.task("user", "walk")
-    _request(player, headers.WaitFor, point(top, Moment.END_ACHIEVING))
+    _request(player, headers.AwaitPoint, point(top, Moment.END_ACHIEVING))
     first = player.task("planner/1", "step", under=top)
     second = player.task("planner/1", "step", under=top)
     held = (before(point(first, Moment.START_ACHIEVING), point(-1, Moment.START_ACHIEVING), 3.0),)

@@ -25,7 +25,7 @@ to_central = st.one_of(
     sends,
     st.builds(headers.Reply, st.integers(0, 2**62)),
     st.builds(headers.Fail, st.integers(0, 2**62), st.text(max_size=9), st.text(max_size=9)),
-    st.builds(headers.WaitFor, st.integers(0, 2**62), points),
+    st.builds(headers.AwaitPoint, st.integers(0, 2**62), points),
 )
 
 
