@@ -204,7 +204,7 @@ class State:
         delivery.message.delivered += 1
         resource.delivered += 1
         fact = facts.Delivered(
-            delivery.given_as, delivery.message_id, resource.module, resource.name, slot.number, delivery.nested,
+            delivery.given_as, delivery.message_id, resource.module, resource.name, resource.slots[slot], delivery.nested,
             delivery.priority,
         )  # fmt: skip
         self.facts.append(fact)

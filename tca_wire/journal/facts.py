@@ -159,7 +159,7 @@ class Delivered(_Fact, frozen=True, tag="delivered"):
     module: str
     resource: str
     slot: int = 0
-    """The connection of the module that has it."""
+    """Which of the resource's slots has it, from 1."""
     is_nested: bool = False
     """The slot has another message, and waits: this one is handled within that wait."""
     priority: int = 0

@@ -13,7 +13,6 @@ from tca_wire.vocabulary import CENTRAL, Due, Scope
 _COMMAND = "tca "
 """How the modules are called that commands of the command line are: "tca kill"."""
 
-
 GAVE_UP = "its sender gave up"
 """Why a message was dropped whose sender waits no longer; central may say after a colon where the message was then."""
 
@@ -37,201 +36,176 @@ class Wording:
     def cause(self, cause: Cause) -> str:
         """What an entry came from: ``Kill by user, in the handler of walk {1}``."""
         if isinstance(cause, TimeOver):
-            return _DUE[cause.due] + (f" of {self._name(cause.about)}" if cause.about else "")
+            return _DUE[cause.due] + (f" of {self.name(cause.about)}" if cause.about else "")
         if isinstance(cause, ConnectionLost):
             return f"a connection of {cause.module} was lost"
-        handler = f", in the handler of {self._name(cause.origin)}" if cause.origin else ""
+        handler = f", in the handler of {self.name(cause.origin)}" if cause.origin else ""
         return f"{cause.message or 'no message'}{by_whom(cause.module)}{handler}"
 
-    def _name(self, number: int) -> str:
+    def name(self, number: int) -> str:
+        """A message, task or lock: ``walk {1}``."""
         return f"{self._names.get(number) or self._known(number)} {{{number}}}"
 
-    def _point(self, point: Point) -> str:
-        return f"{_moments(point.moment)} of {self._name(point.task)}"
+    def point(self, point: Point) -> str:
+        """A point: ``end handling of walk {1}``."""
+        return f"{_moments(point.moment)} of {self.name(point.task)}"
 
-    def _constraints(self, constraints: list[Constraint]) -> str:
-        return "; ".join(f"{self._before(c)} before {self._point(c.after)}" for c in constraints)
-
-    def _before(self, constraint: Constraint) -> str:
+    def before(self, constraint: Constraint) -> str:
+        """What a constraint waits for: ``end handling of walk {1} + 2 s``; a time where that is all."""
         if constraint.before.task == ROOT:
             return _seconds(constraint.delay)
-        return self._point(constraint.before) + (f" + {_seconds(constraint.delay)}" if constraint.delay else "")
+        return self.point(constraint.before) + (f" + {_seconds(constraint.delay)}" if constraint.delay else "")
 
-    def _opened(self, fact: facts.Opened) -> str:
-        try:
-            began = f"{datetime.fromtimestamp(fact.began, UTC):%Y-%m-%d %H:%M:%S} UTC"
-        except (ValueError, OverflowError, OSError):
-            began = "at no known time"
-        return f"segment {fact.segment} of {fact.epoch}, by central {fact.central}, began {began}"
-
-    def _closed(self, fact: facts.Closed) -> str:
-        return fact.why
-
-    def _joined(self, fact: facts.ModuleJoined) -> str:
-        return f"{fact.module}, {fact.process}" if fact.process else fact.module
-
-    def _left(self, fact: facts.ModuleLeft) -> str:
-        return f"{fact.module}: {fact.why}"
-
-    def _resource(self, fact: facts.ResourceChanged) -> str:
-        return f"{place(fact.module, fact.resource)} takes {fact.capacity} at a time"
-
-    def _format(self, fact: facts.FormatDefined) -> str:
-        return f"{fact.message_class} {fact.message}, declared by {fact.module}"
-
-    def _handler(self, fact: facts.HandlerAdded) -> str:
-        return f"{place(fact.module, fact.resource)} handles {fact.message}"
-
-    def _no_handler(self, fact: facts.HandlerRemoved) -> str:
-        return f"{fact.module} handles {fact.message} no longer"
-
-    def _received(self, fact: facts.Received) -> str:
-        words = f"{fact.message_class} {self._name(fact.id)} from {fact.sender}"
-        if fact.parent:
-            words += f" under {self._name(fact.parent)}"
-        elif fact.origin:
-            words += f" in {self._name(fact.origin)}"
-        words += ", which waits" if fact.blocking else ""
-        words += f", {fact.role} for {self._name(fact.about)}" if fact.role else ""
-        after = [f"{_moments(c.after.moment)} after {self._before(c)}" for c in fact.constraints]
-        return "; ".join([words, *after])
-
-    def _constrained(self, fact: facts.Constrained) -> str:
-        return self._constraints(fact.constraints)
-
-    def _queued(self, fact: facts.Queued) -> str:
-        where = place(fact.module, fact.resource) or "a handler"
-        return f"{self._name(fact.message_id)} for {where}{_priority(fact.priority)}"
-
-    def _unqueued(self, fact: facts.Unqueued) -> str:
-        return self._name(fact.id)
-
-    def _delivered(self, fact: facts.Delivered) -> str:
-        copy = f" of message {{{fact.message_id}}}" if fact.id != fact.message_id else ""
-        slot = f", slot {fact.slot}" if fact.slot > 1 else ""
-        nested = ", while another message waits there" * fact.is_nested
-        where = f"{place(fact.module, fact.resource)}{slot}{nested}"
-        return f"{self._name(fact.id)}{copy} to {where}{_priority(fact.priority)}"
-
-    def _returned(self, fact: facts.Returned) -> str:
-        return f"{self._name(fact.id)}: {fact.outcome}"
-
-    def _reached(self, fact: facts.Reached) -> str:
-        return f"{self._name(fact.task)}: {_moments(fact.moments)}"
-
-    def _failed(self, fact: facts.Failed) -> str:
-        text = f": {fact.text}" if fact.text else ""
-        return f"{self._name(fact.id)}{_copy_of(fact)}: {fact.failure}{text}{raised_by(fact.by)}"
-
-    def _killed(self, fact: facts.Killed) -> str:
-        return f"{self._name(fact.task)}: {kill_reason(fact.why, fact.by)}"
-
-    def _dropped(self, fact: facts.Dropped) -> str:
-        return f"{fact.message} {{{fact.id}}}{_copy_of(fact)}: {fact.why}" + (f": {fact.where}" if fact.where else "")
-
-    def _answered(self, fact: facts.Answered) -> str:
-        return self._name(fact.id)
-
-    def _awaited(self, fact: facts.Awaited) -> str:
-        return f"the answer to {self._name(fact.id)}"
-
-    def _handled_directly(self, fact: facts.HandledDirectly) -> str:
-        words = f"{fact.message} from {fact.sender} to {place(fact.module, fact.resource)}"
-        words += f" in {self._name(fact.origin)}" if fact.origin else ""
-        words += f", {fact.size} bytes, {fact.seconds:.6f} s: {fact.outcome}"
-        return words + (f": {fact.failure}" if fact.failure else "")
-
-    def _lost_directly(self, fact: facts.LostDirectly) -> str:
-        return f"{fact.module}: {fact.number} of {fact.message or 'the notes of direct messages'}"
-
-    def _wait_began(self, fact: facts.WaitBegan) -> str:
-        return f"{self._waiter(fact)} until {_moments(fact.moment)} of {self._name(fact.task)}"
-
-    def _wait_ended(self, fact: facts.WaitEnded) -> str:
-        return f"{self._waiter(fact)} for {self._name(fact.task)}"
-
-    def _waiter(self, fact: facts.WaitBegan | facts.WaitEnded) -> str:
-        return f"{fact.module} in {self._name(fact.origin)}" if fact.origin else fact.module
-
-    def _attached(self, fact: facts.Attached) -> str:
-        at = f"all {fact.message}" if fact.message else self._name(fact.task) if fact.task else "all tasks"
-        most = f", at most {fact.maximum} times" if fact.maximum else ""
-        return f"{{{fact.id}}} {fact.handler} for {fact.failure or 'any failure'} of {at}{most}"
-
-    def _removed(self, fact: facts.Removed) -> str:
-        return f"{{{fact.id}}}{by_whom(fact.by)}"
-
-    def _kept(self, fact: facts.Kept | facts.Released) -> str:
-        return f"{self._name(fact.task)}{f' by {fact.module}' if fact.module else ': its record is gone'}"
-
-    def _deadline(self, fact: facts.DeadlineSet) -> str:
-        return f"{self._name(fact.task)}: {_moments(fact.moment)} within {_seconds(fact.seconds)}"
-
-    def _kill_planned(self, fact: facts.KillPlanned) -> str:
-        what = f"{fact.scope} of {self._name(fact.task)}" if fact.scope is not Scope.TASK else self._name(fact.task)
-        after = f" after {self._point(fact.after)}" if fact.after is not None else ""
-        delay = f" in {_seconds(fact.seconds)}" if fact.seconds else ""
-        return f"{what}{delay}{after}: {kill_reason(fact.why, fact.by)}"
-
-    def _send_planned(self, fact: facts.SendPlanned) -> str:
-        return f"{fact.message} when {self._name(fact.task)} is killed"
-
-    def _tap(self, fact: facts.TapAdded) -> str:
-        at = self._name(fact.task) if fact.task else f"all {fact.message}"
-        return f"{{{fact.id}}} {fact.listener} {fact.condition} of {at}{by_whom(fact.by)}"
-
-    def _tap_fired(self, fact: facts.TapFired) -> str:
-        listener = self._name(fact.listener) if fact.listener else "nobody"
-        return f"{{{fact.tap}}} for {self._name(fact.tapped)}: {listener}"
-
-    def _tested(self, fact: facts.MonitorTested) -> str:
-        return f"{self._name(fact.monitor)}: {'holds' if fact.holds else 'does not hold'}"
-
-    def _monitor_ended(self, fact: facts.MonitorEnded) -> str:
-        return f"{self._name(fact.monitor)}: {fact.why}"
-
-    def _caught(self, fact: facts.Caught) -> str:
-        at = self._name(fact.at) if fact.at else "the root"
-        return f"{self._name(fact.task)} by {self._name(fact.handler)}, attached to {at}"
-
-    def _of_handler(self, fact: facts.Reissued) -> str:
-        return self._name(fact.handler)
-
-    def _unhandled(self, fact: facts.Unhandled) -> str:
-        undecided = f", so {self._name(fact.undecided)} could not decide" if fact.undecided else ""
-        return self._name(fact.task) + undecided
-
-    def _of_task(self, fact: facts.Recovered) -> str:
-        return self._name(fact.task)
-
-    def _retried(self, fact: facts.Retried) -> str:
-        return self._name(fact.task) + by_whom(fact.by)
-
-    def _suspended(self, fact: facts.SuspendedOrResumed) -> str:
-        return self._name(fact.task) + ("" if fact.is_suspended else " is resumed") + by_whom(fact.by)
-
-    def _timed_out(self, fact: facts.TimedOut) -> str:
-        before, after = fact.constraint.before, self._point(fact.constraint.after)
-        since = "" if before.task == ROOT else f" after {self._point(before)},"
-        return f"{_seconds(fact.constraint.delay)}{since} before {after}"
-
-    def _claimed(self, fact: facts.Claimed) -> str:
+    def claim(self, fact: facts.Claimed) -> str:
+        """Who wants a lock or reservation; it is known by that name from now on."""
         kind = "reservation" if fact.is_reserved else "lock"
         self._names[fact.id] = f"{kind} of {place(fact.module, fact.resource)}"
-        by = f"{fact.sender} in {self._name(fact.origin)}" if fact.origin else fact.sender
-        return f"{self._name(fact.id)} by {by}"
+        return f"{self.name(fact.id)} by {self.sender(fact.sender, fact.origin)}"
 
-    def _granted(self, fact: facts.Granted) -> str:
-        return self._name(fact.id)
+    def sender(self, module: str, origin: int) -> str:
+        """A module and, if one asks, the handler: ``legs in walk {1}``."""
+        return f"{module} in {self.name(origin)}" if origin else module
 
-    def _claim_ended(self, fact: facts.ClaimEnded) -> str:
-        return f"{self._name(fact.id)}: {fact.why}"
 
-    def _refused(self, fact: facts.RequestRefused) -> str:
-        return f"{fact.sender}: {fact.refusal}: {fact.text}"
+# --- facts of several parts -------------------------------------------------------------------------------------------
 
-    def _ignored(self, fact: facts.Ignored) -> str:
-        return f"{fact.sender}: {fact.text}"
+
+def _opened(_: Wording, fact: facts.Opened) -> str:
+    try:
+        began = f"{datetime.fromtimestamp(fact.began, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (ValueError, OverflowError, OSError):
+        began = "at no known time"
+    return f"segment {fact.segment} of {fact.epoch}, by central {fact.central}, began {began}"
+
+
+def _received(say: Wording, fact: facts.Received) -> str:
+    words = f"{fact.message_class} {say.name(fact.id)} from {fact.sender}"
+    if fact.parent:
+        words += f" under {say.name(fact.parent)}"
+    elif fact.origin:
+        words += f" in {say.name(fact.origin)}"
+    words += ", which waits" if fact.blocking else ""
+    words += f", {fact.role} for {say.name(fact.about)}" if fact.role else ""
+    return "; ".join([words, *(f"{_moments(c.after.moment)} after {say.before(c)}" for c in fact.constraints)])
+
+
+def _delivered(say: Wording, fact: facts.Delivered) -> str:
+    copy = f" of message {{{fact.message_id}}}" if fact.id != fact.message_id else ""
+    slot = f", slot {fact.slot}" if fact.slot > 1 else ""
+    nested = ", while another message waits there" * fact.is_nested
+    where = f"{place(fact.module, fact.resource)}{slot}{nested}"
+    return f"{say.name(fact.id)}{copy} to {where}{_priority(fact.priority)}"
+
+
+def _handled_directly(say: Wording, fact: facts.HandledDirectly) -> str:
+    words = f"{fact.message} from {fact.sender} to {place(fact.module, fact.resource)}"
+    words += f" in {say.name(fact.origin)}" if fact.origin else ""
+    return f"{words}, {fact.size} bytes, {fact.seconds:.6f} s: {fact.outcome}{_after_colon(fact.failure)}"
+
+
+def _attached(say: Wording, fact: facts.Attached) -> str:
+    at = f"all {fact.message}" if fact.message else say.name(fact.task) if fact.task else "all tasks"
+    most = f", at most {fact.maximum} times" if fact.maximum else ""
+    return f"{{{fact.id}}} {fact.handler} for {fact.failure or 'any failure'} of {at}{most}"
+
+
+def _kept(say: Wording, fact: facts.Kept | facts.Released) -> str:
+    return f"{say.name(fact.task)}{f' by {fact.module}' if fact.module else ': its record is gone'}"
+
+
+def _kill_planned(say: Wording, fact: facts.KillPlanned) -> str:
+    what = f"{fact.scope} of {say.name(fact.task)}" if fact.scope is not Scope.TASK else say.name(fact.task)
+    after = f" after {say.point(fact.after)}" if fact.after is not None else ""
+    delay = f" in {_seconds(fact.seconds)}" if fact.seconds else ""
+    return f"{what}{delay}{after}: {kill_reason(fact.why, fact.by)}"
+
+
+def _tap(say: Wording, fact: facts.TapAdded) -> str:
+    at = say.name(fact.task) if fact.task else f"all {fact.message}"
+    return f"{{{fact.id}}} {fact.listener} {fact.condition} of {at}{by_whom(fact.by)}"
+
+
+def _unhandled(say: Wording, fact: facts.Unhandled) -> str:
+    undecided = f", so {say.name(fact.undecided)} could not decide" if fact.undecided else ""
+    return say.name(fact.task) + undecided
+
+
+def _timed_out(say: Wording, fact: facts.TimedOut) -> str:
+    before, after = fact.constraint.before, say.point(fact.constraint.after)
+    since = "" if before.task == ROOT else f" after {say.point(before)},"
+    return f"{_seconds(fact.constraint.delay)}{since} before {after}"
+
+
+_SAY: dict[type, Callable[[Wording, Any], str]] = {
+    facts.Opened: _opened,
+    facts.Closed: lambda _, fact: fact.why,
+    facts.ModuleJoined: lambda _, fact: f"{fact.module}, {fact.process}" if fact.process else fact.module,
+    facts.ModuleLeft: lambda _, fact: f"{fact.module}: {fact.why}",
+    facts.ResourceChanged: lambda _, fact: f"{place(fact.module, fact.resource)} takes {fact.capacity} at a time",
+    facts.FormatDefined: lambda _, fact: f"{fact.message_class} {fact.message}, declared by {fact.module}",
+    facts.HandlerAdded: lambda _, fact: f"{place(fact.module, fact.resource)} handles {fact.message}",
+    facts.HandlerRemoved: lambda _, fact: f"{fact.module} handles {fact.message} no longer",
+    facts.RequestRefused: lambda _, fact: f"{fact.sender}: {fact.refusal}: {fact.text}",
+    facts.Ignored: lambda _, fact: f"{fact.sender}: {fact.text}",
+    facts.Received: _received,
+    facts.Queued: lambda say, fact: (
+        f"{say.name(fact.message_id)} for {place(fact.module, fact.resource) or 'a handler'}{_priority(fact.priority)}"
+    ),
+    facts.Unqueued: lambda say, fact: say.name(fact.id),
+    facts.Delivered: _delivered,
+    facts.Returned: lambda say, fact: f"{say.name(fact.id)}: {fact.outcome}",
+    facts.Answered: lambda say, fact: say.name(fact.id),
+    facts.Dropped: lambda _, fact: (
+        f"{fact.message} {{{fact.id}}}{_copy_of(fact)}: {fact.why}{_after_colon(fact.where)}"
+    ),
+    facts.HandledDirectly: _handled_directly,
+    facts.LostDirectly: lambda _, fact: (
+        f"{fact.module}: {fact.number} of {fact.message or 'the notes of direct messages'}"
+    ),
+    facts.Constrained: lambda say, fact: "; ".join(
+        f"{say.before(c)} before {say.point(c.after)}" for c in fact.constraints
+    ),
+    facts.TimedOut: _timed_out,
+    facts.Reached: lambda say, fact: f"{say.name(fact.task)}: {_moments(fact.moments)}",
+    facts.Killed: lambda say, fact: f"{say.name(fact.task)}: {kill_reason(fact.why, fact.by)}",
+    facts.KillPlanned: _kill_planned,
+    facts.SendPlanned: lambda say, fact: f"{fact.message} when {say.name(fact.task)} is killed",
+    facts.DeadlineSet: lambda say, fact: (
+        f"{say.name(fact.task)}: {_moments(fact.moment)} within {_seconds(fact.seconds)}"
+    ),
+    facts.SuspendedOrResumed: lambda say, fact: (
+        say.name(fact.task) + ("" if fact.is_suspended else " is resumed") + by_whom(fact.by)
+    ),
+    facts.Kept: _kept,
+    facts.Released: _kept,
+    facts.Awaited: lambda say, fact: f"the answer to {say.name(fact.id)}",
+    facts.WaitBegan: lambda say, fact: (
+        f"{say.sender(fact.module, fact.origin)} until {_moments(fact.moment)} of {say.name(fact.task)}"
+    ),
+    facts.WaitEnded: lambda say, fact: f"{say.sender(fact.module, fact.origin)} for {say.name(fact.task)}",
+    facts.Claimed: Wording.claim,
+    facts.Granted: lambda say, fact: say.name(fact.id),
+    facts.ClaimEnded: lambda say, fact: f"{say.name(fact.id)}: {fact.why}",
+    facts.Failed: lambda say, fact: (
+        f"{say.name(fact.id)}{_copy_of(fact)}: {fact.failure}{_after_colon(fact.text)}{raised_by(fact.by)}"
+    ),
+    facts.Attached: _attached,
+    facts.Removed: lambda _, fact: f"{{{fact.id}}}{by_whom(fact.by)}",
+    facts.Caught: lambda say, fact: (
+        f"{say.name(fact.task)} by {say.name(fact.handler)}, attached to {say.name(fact.at) if fact.at else 'the root'}"
+    ),
+    facts.Reissued: lambda say, fact: say.name(fact.handler),
+    facts.Unhandled: _unhandled,
+    facts.Recovered: lambda say, fact: say.name(fact.task),
+    facts.Retried: lambda say, fact: say.name(fact.task) + by_whom(fact.by),
+    facts.TapAdded: _tap,
+    facts.TapFired: lambda say, fact: (
+        f"{{{fact.tap}}} for {say.name(fact.tapped)}: {say.name(fact.listener) if fact.listener else 'nobody'}"
+    ),
+    facts.MonitorTested: lambda say, fact: f"{say.name(fact.monitor)}: {'holds' if fact.holds else 'does not hold'}",
+    facts.MonitorEnded: lambda say, fact: f"{say.name(fact.monitor)}: {fact.why}",
+}
+"""What is said of each kind of fact."""
 
 
 def fields_of(fact: facts.Fact) -> dict[str, object]:
@@ -292,6 +266,10 @@ _DUE = {
 }
 
 
+def _after_colon(text: str) -> str:
+    return f": {text}" if text else ""
+
+
 def _priority(priority: int) -> str:
     return f", priority {priority}" if priority else ""
 
@@ -307,55 +285,3 @@ def _seconds(seconds: float) -> str:
 
 def _moments(moments: int) -> str:
     return ", ".join(describe_moments(moments)) or f"moment {moments:d}"
-
-
-# ruff: noqa: SLF001
-_SAY: dict[type, Callable[[Wording, Any], str]] = {
-    facts.Opened: Wording._opened,
-    facts.Closed: Wording._closed,
-    facts.ModuleJoined: Wording._joined,
-    facts.ModuleLeft: Wording._left,
-    facts.ResourceChanged: Wording._resource,
-    facts.FormatDefined: Wording._format,
-    facts.HandlerAdded: Wording._handler,
-    facts.HandlerRemoved: Wording._no_handler,
-    facts.Received: Wording._received,
-    facts.Constrained: Wording._constrained,
-    facts.Queued: Wording._queued,
-    facts.Unqueued: Wording._unqueued,
-    facts.Delivered: Wording._delivered,
-    facts.Returned: Wording._returned,
-    facts.Reached: Wording._reached,
-    facts.Failed: Wording._failed,
-    facts.Killed: Wording._killed,
-    facts.Dropped: Wording._dropped,
-    facts.Answered: Wording._answered,
-    facts.Awaited: Wording._awaited,
-    facts.HandledDirectly: Wording._handled_directly,
-    facts.LostDirectly: Wording._lost_directly,
-    facts.WaitBegan: Wording._wait_began,
-    facts.WaitEnded: Wording._wait_ended,
-    facts.Attached: Wording._attached,
-    facts.Removed: Wording._removed,
-    facts.TapAdded: Wording._tap,
-    facts.TapFired: Wording._tap_fired,
-    facts.MonitorTested: Wording._tested,
-    facts.MonitorEnded: Wording._monitor_ended,
-    facts.Caught: Wording._caught,
-    facts.Reissued: Wording._of_handler,
-    facts.Unhandled: Wording._unhandled,
-    facts.Recovered: Wording._of_task,
-    facts.Retried: Wording._retried,
-    facts.SuspendedOrResumed: Wording._suspended,
-    facts.TimedOut: Wording._timed_out,
-    facts.Claimed: Wording._claimed,
-    facts.Granted: Wording._granted,
-    facts.ClaimEnded: Wording._claim_ended,
-    facts.DeadlineSet: Wording._deadline,
-    facts.KillPlanned: Wording._kill_planned,
-    facts.SendPlanned: Wording._send_planned,
-    facts.Kept: Wording._kept,
-    facts.Released: Wording._kept,
-    facts.RequestRefused: Wording._refused,
-    facts.Ignored: Wording._ignored,
-}
