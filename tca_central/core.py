@@ -18,9 +18,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from tca_central.control import deadlines, keeping, kills, monitors, pending, suspension
-from tca_central.control import revoking as taking
-from tca_central.deadlock import resolve as deadlocks
+from tca_central.control import keeping, monitors, revoking, steering
+from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Record, RequestReceived, Tick, Transmit
 from tca_central.failing import attaching, failures
@@ -29,12 +28,10 @@ from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
-from tca_central.outgoing import availability
-from tca_central.outgoing import direct_routes as direct
-from tca_central.requests import constraining, giving_up, inspecting, joining, replying, sending
-from tca_central.requests import variables as sharing
-from tca_central.requests import waiting as waits
+from tca_central.outgoing import availability, direct_routes
+from tca_central.requests import joining, replying, sending, variables, waiting
 from tca_central.state import State
+from tca_central.status import topics
 from tca_central.watching import taps
 from tca_wire.journal import causes, facts
 from tca_wire.packets import headers
@@ -232,7 +229,7 @@ class Central(State):
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")
         if task.rare is not None:
-            pending.forget_pending(self, task)
+            steering.forget_pending(self, task)
             attaching.forget_task(self, task)
             taps.forget_task(self, task)
             keeping.keep_or_drop(self, task)
@@ -278,33 +275,33 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Send: sending.on_send,
     headers.Reply: replying.on_reply,
     headers.Fail: replying.on_fail,
-    headers.Constrain: constraining.on_constrain,
-    headers.AwaitPoint: waits.on_wait_for,
-    headers.Await: giving_up.on_await,
-    headers.GiveUp: giving_up.on_give_up,
-    headers.Release: giving_up.on_release,
-    headers.Kill: kills.on_kill,
-    headers.Ask: inspecting.on_ask,
+    headers.Constrain: sending.on_constrain,
+    headers.AwaitPoint: waiting.on_await_point,
+    headers.Await: waiting.on_await,
+    headers.GiveUp: waiting.on_give_up,
+    headers.Release: waiting.on_release,
+    headers.Kill: steering.on_kill,
+    headers.Ask: topics.on_ask,
     headers.Attach: attaching.on_attach,
     headers.Remove: attaching.on_remove,
     headers.Raise: failures.on_raise,
     headers.Retry: failures.on_retry,
-    headers.Suspend: suspension.on_suspend,
-    headers.Deadline: deadlines.on_deadline,
-    headers.Inspect: inspecting.on_inspect,
+    headers.Suspend: steering.on_suspend,
+    headers.Deadline: steering.on_deadline,
+    headers.Inspect: topics.on_inspect,
     headers.Tap: taps.on_tap,
     headers.Fire: monitors.on_fire,
     headers.EndMonitor: monitors.on_end_monitor,
     headers.Keep: keeping.on_keep,
     headers.Bye: joining.on_bye,
-    headers.GetVariable: sharing.on_get_variable,
-    headers.SetVariable: sharing.on_set_variable,
+    headers.GetVariable: variables.on_get_variable,
+    headers.SetVariable: variables.on_set_variable,
     headers.WaitUntilHandled: availability.on_wait_until_handled,
     headers.Lock: claims.on_lock,
-    headers.AwaitAny: waits.on_await_any,
-    headers.Unlock: taking.on_unlock,
-    Noted: direct.on_noted,
-    WatchEntrance: direct.on_watch_entrance,
+    headers.AwaitAny: waiting.on_await_any,
+    headers.Unlock: revoking.on_unlock,
+    Noted: direct_routes.on_noted,
+    WatchEntrance: direct_routes.on_watch_entrance,
 }
 """One row per message: what happens when it arrives."""
 
@@ -330,7 +327,7 @@ KINDS = {header: _kind_of(header) for header in HANDLERS}
 
 TIMERS: dict[Due, Callable[[Central, Any], None]] = {
     Due.RELEASE: lambda central, release: central.agenda.end_delay(release),
-    Due.DEADLINE: deadlines.on_time_out,
+    Due.DEADLINE: steering.on_time_out,
     Due.KILL: lambda central, ending: ending.carry_out(central),
     Due.TEST: monitors.on_test,
     Due.WATCHED: monitors.on_watched,

@@ -7,7 +7,7 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 import itertools
 from collections import Counter
 
-from tca_central.control.kills import PendingKill
+from tca_central.control.steering import PendingKill
 from tca_central.model.deliveries import Delivery, ModuleResource
 from tca_central.model.intervals import delivered_at
 from tca_central.model.task_tree import Task, first_moments, to_be_fired

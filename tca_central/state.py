@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 from tca_central.events import Effect, Transmit
 from tca_central.model.clock import Clock, Timer
 from tca_central.model.deliveries import AttachedHandler, Blocking, Connection, Delivery, MessageType, Wiretap
-from tca_central.model.registry import Registry
+from tca_central.model.registry import Registry, Variables
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import KeptTask, Task, TaskTree, taps_of
-from tca_central.model.variables import Variables
 from tca_central.order.agenda import Agenda
 from tca_central.order.dispatcher import Dispatcher
 from tca_wire.journal import facts
@@ -204,8 +203,8 @@ class State:
         delivery.message.delivered += 1
         resource.delivered += 1
         fact = facts.Delivered(
-            delivery.given_as, delivery.message_id, resource.module, resource.name, resource.slots[slot], delivery.nested,
-            delivery.priority,
+            delivery.given_as, delivery.message_id, resource.module, resource.name, resource.slots[slot],
+            delivery.nested, delivery.priority,
         )  # fmt: skip
         self.facts.append(fact)
         if taps_of(delivery):

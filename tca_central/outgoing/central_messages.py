@@ -1,11 +1,11 @@
-"""Messages that central makes itself, notices among them, and the suspension of running handlers."""
+"""Messages that central makes itself, notices among them; copies for many handlers; and the suspension of handlers."""
 
 from typing import Any
 
-from tca_central.model.deliveries import Delivery, MessageType
+from tca_central.model.deliveries import Delivery, MessageType, ModuleResource
 from tca_central.model.task_tree import Task
-from tca_central.outgoing.fan_out import route_statement
-from tca_central.state import State
+from tca_central.needs.texts import why_full
+from tca_central.state import State, dropped_fact
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
@@ -15,6 +15,34 @@ from tca_wire.packets.headers import Suspended
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import AT_BIRTH
 from tca_wire.vocabulary import CENTRAL, Role
+
+
+def copy_of(central: State, original: Delivery) -> Delivery:
+    """A delivery of the same message, for one of those who handle it."""
+    copy = Delivery(central.new_id(), original.message, original.body, original.sender)
+    copy.message_id, copy.priority, copy.origin = original.id, original.priority, original.origin
+    copy.role, copy.context, copy.sent_by = original.role, original.context, original.sent_by
+    return copy
+
+
+def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
+    """One delivery for each handler that has somebody to handle it."""
+    targets = [handler.resource for handler in original.message.handlers if handler.resource.capacity]
+    return [(copy_of(central, original), target) for target in targets]
+
+
+def route_statement(central: State, original: Delivery) -> None:
+    """Send an inform on its way to its handler, or a broadcast to every handler. Too much of it is dropped."""
+    message = original.message
+    for_each = copies(central, original) if message.fans_out else [(original, None)]
+    for delivery, target in for_each:
+        targets = () if target is None else (target,)
+        if central.dispatcher.is_full(message, *targets):
+            central.facts.append(dropped_fact(delivery, why_full(central, message, *targets)))
+        else:
+            central.dispatcher.route(delivery, *targets)
+    if not for_each:
+        central.facts.append(dropped_fact(original, "nobody listens"))
 
 
 def make_task(

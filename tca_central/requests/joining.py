@@ -7,11 +7,11 @@ from tca_central.events import ConnectionId
 from tca_central.locks import claims
 from tca_central.model.deliveries import Connection, Delivery, Handler, Module
 from tca_central.model.task_tree import Task, to_be_fired
-from tca_central.outgoing import direct_routes as direct
+from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
-from tca_central.requests.giving_up import give_up
 from tca_central.requests.replying import fail_delivery
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
+from tca_central.requests.waiting import give_up
 from tca_central.state import RaisedFailure, State, cancelled_header, deliver_header, dropped_fact
 from tca_central.watching.taps import fire_after, listeners_come
 from tca_wire.journal import facts
@@ -78,7 +78,7 @@ def _check(header: headers.Hello) -> None:
     if len(header.pulse) > Limit.NAME:
         raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
     if header.entrance is not None:
-        direct.check_entrance(header.entrance)
+        direct_routes.check_entrance(header.entrance)
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:
@@ -92,12 +92,12 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
         resource = central.registry.resource(module, resource_name)
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity + 1))
         central.dispatcher.add_slot(connection, resource)
-        direct.review_slots(central, connection)
+        direct_routes.review_slots(central, connection)
 
 
 def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
     """A connection that is known asks whether it still is."""
-    direct.forget_sender(connection)
+    direct_routes.forget_sender(connection)
     welcome = headers.Welcome(header.number, PROTOCOL_VERSION, connection.module.name, central.epoch)
     central.tell(connection, welcome)
 
@@ -111,7 +111,7 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     """A connection is gone. What it had been given and not finished failed (*lost*) or goes to another handler."""
     module = connection.module
     central.registry.forget_connection(connection)
-    direct.forget_sender(connection)
+    direct_routes.forget_sender(connection)
     for number in list(connection.outstanding):
         give_up(central, connection, number)
     claims.end_claims_of_connection(central, connection)
@@ -125,8 +125,8 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
-        direct.review_slots(central, connection)
-        direct.tell_slot_gone(central, connection, why, lost=lost)
+        direct_routes.review_slots(central, connection)
+        direct_routes.tell_slot_gone(central, connection, why, lost=lost)
     _connection_gone(central, module, why)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
@@ -214,7 +214,9 @@ def on_register(central: State, connection: Connection, header: headers.Register
         if handled.pending < 0:
             text = f"pending={handled.pending} of '{handled.message}': give 1 or more, or 0 for no limit"
             raise RequestError(Refusal.PROTOCOL, text)
-        direct.check_handler(handled, new.get(handled.message) or registry.messages[handled.message].message_class)
+        direct_routes.check_handler(
+            handled, new.get(handled.message) or registry.messages[handled.message].message_class
+        )
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
         if is_new:
@@ -238,7 +240,7 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     pending = 1 if message.message_class.keeps_value else handled.pending
     handler = Handler(message, module, resource, handled.pool, pending, direct=handled.direct)
     central.dispatcher.add_handler(handler)
-    direct.review(central, [message])
+    direct_routes.review(central, [message])
     tell_new_watcher(central, handler)
 
 
@@ -264,7 +266,7 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
             fail_delivery(central, delivery, RaisedFailure(MODULE_LOST, why))
         else:
             central.facts.append(dropped_fact(delivery, why))
-    direct.review(central, [handler.message for handler in handlers])
+    direct_routes.review(central, [handler.message for handler in handlers])
 
 
 def _route_again(central: State, queued: list[Delivery]) -> None:

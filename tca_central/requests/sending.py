@@ -1,20 +1,17 @@
-"""Messages are sent: checked, recorded, and routed by their class. A function that raises RequestError has changed
-nothing.
+"""Messages are sent: checked, recorded, and routed by their class; and constraints are added between tasks. A function
+that raises RequestError has changed nothing.
 """
 
-from tca_central.control.deadlines import set_deadline
 from tca_central.control.keeping import check_room, keep
-from tca_central.control.termination import check_farewell, keep_for_termination
+from tca_central.control.steering import check_farewell, keep_for_termination, set_deadline
 from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
 from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection, Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.needs.texts import why_full
-from tca_central.outgoing.central_messages import at_birth
+from tca_central.outgoing.central_messages import at_birth, copies, route_statement
 from tca_central.outgoing.direct_routes import tell_sender
-from tca_central.outgoing.fan_out import copies, route_statement
-from tca_central.requests.constraining import check_number
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, RaisedFailure, State
 from tca_central.watching.taps import fire_after
@@ -27,6 +24,9 @@ from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import END_ACHIEVING, ROOT, Moment, TaskId
 from tca_wire.rules import SENT
 from tca_wire.vocabulary import MessageClass, Refusal
+
+MOST_CONSTRAINTS = 1000
+"""In one request: so long must everybody else wait for it."""
 
 
 def on_send(central: State, connection: Connection, header: headers.Send, body: bytes) -> None:
@@ -148,7 +148,7 @@ def _route_task(
 
 def _check_extras(central: State, header: headers.Send) -> None:
     """Raises RequestError if what a task is sent with is too much, or can't be."""
-    check_number(header.constraints)
+    _check_number(header.constraints)
     check_attachments(central, header.attachments)
     checked_seconds(header.deadline, f"a deadline of '{header.message}'")
     if header.keep:
@@ -196,3 +196,18 @@ ROUTES = {
     MessageClass.DEMON_MONITOR: _route_task,
 }
 """One row per message class: how it is routed."""
+
+
+def _check_number(constraints: list[Constraint]) -> None:
+    """Raises RequestError if there are too many for one request."""
+    if len(constraints) > MOST_CONSTRAINTS:
+        text = f"{len(constraints)} constraints in one request: {MOST_CONSTRAINTS} are allowed, send several requests"
+        raise RequestError(Refusal.OVERLOAD, text)
+
+
+def on_constrain(central: State, connection: Connection, header: headers.Constrain, _: bytes) -> None:
+    """A module adds constraints between tasks that exist."""
+    _check_number(header.constraints)
+    if added := central.agenda.constrain(header.constraints):
+        central.facts.append(facts.Constrained(added))
+    central.accept(connection, header.number)

@@ -6,8 +6,8 @@ wait for it only the newest. There is no unhandled variable: the value is kept f
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType
-from tca_central.model.variables import Value
-from tca_central.outgoing.fan_out import copy_of
+from tca_central.model.registry import Value
+from tca_central.outgoing.central_messages import copy_of
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.formats import first_difference

@@ -1,15 +1,19 @@
-"""Waits of modules for a moment of a task."""
+"""Modules wait for a moment of a task or for an answer; and waits that end without one."""
 
 from tca_central.errors import RequestError
+from tca_central.locks.claims import give_up_claim
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.intervals import checked_moment
-from tca_central.state import State, TaskWait
+from tca_central.model.resources import Claim
+from tca_central.needs.texts import end_of_wait
+from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_fact
 from tca_wire.journal import facts
 from tca_wire.packets import headers
+from tca_wire.text.facts_in_words import GAVE_UP
 from tca_wire.vocabulary import Outcome, Refusal
 
 
-def on_wait_for(central: State, connection: Connection, header: headers.AwaitPoint, _: bytes) -> None:
+def on_await_point(central: State, connection: Connection, header: headers.AwaitPoint, _: bytes) -> None:
     """A module waits for a moment of a task."""
     moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)
@@ -19,14 +23,32 @@ def on_wait_for(central: State, connection: Connection, header: headers.AwaitPoi
         raise RequestError(Refusal.TOO_LATE, text)
     wait = TaskWait(connection, header)
     connection.outstanding[header.number] = wait
-    origin = header.origin
-    central.facts.append(facts.WaitBegan(connection.module.name, origin, wait.task_id, moment))
+    central.facts.append(facts.WaitBegan(connection.module.name, header.origin, wait.task_id, moment))
     if task is None or task.reached & moment:
         wait.answer(central, known)
     else:
         central.agenda.wait(task, moment, wait)
         if header.blocking:
             central.block(connection, header.number, header.origin, brief=header.brief)
+
+
+def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, bytes] | None:
+    """How a task ended; None if that is forgotten."""
+    if (record := central.kept.get(task_id)) is not None:
+        return record.outcome
+    if task_id <= central.forgotten and task_id not in central.outcomes:
+        return None
+    return central.outcomes.get(task_id, (Outcome.DONE, "", "", b""))
+
+
+def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
+    """A sender now waits for its answer. That is no suspect: its own resource may answer within the wait."""
+    due = connection.outstanding.get(header.request)
+    if not isinstance(due, Delivery | Collector):
+        return
+    central.facts.append(facts.Awaited(due.id))
+    if header.blocking and header.request not in connection.waits:
+        central.block(connection, header.request, due.origin, brief=True)
 
 
 def on_await_any(central: State, connection: Connection, header: headers.AwaitAny, _: bytes) -> None:
@@ -42,10 +64,49 @@ def _is_awaited(connection: Connection, number: int) -> bool:
     return isinstance(connection.outstanding.get(number), Delivery | TaskWait) and number not in connection.waits
 
 
-def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, bytes] | None:
-    """How a task ended; None if that is forgotten."""
-    if (record := central.kept.get(task_id)) is not None:
-        return record.outcome
-    if task_id <= central.forgotten and task_id not in central.outcomes:
-        return None
-    return central.outcomes.get(task_id, (Outcome.DONE, "", "", b""))
+# --- giving up -------------------------------------------------------------------------------------------------------
+
+
+def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
+    """The sender no longer waits for an answer."""
+    connection.lost_claims.pop(header.request, None)
+    answer, body = end_of_wait(central, connection, header.request, header.number)
+    give_up(central, connection, header.request, where=answer.text.partition("\n")[0])
+    if header.number:
+        central.send(connection, header.number, answer, body)
+
+
+def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
+    """The sender no longer needs what it has locked or reserved."""
+    connection.lost_claims.pop(header.request, None)
+    claim = central.claims.get((connection, header.request))
+    had = claim.id if claim is not None and claim.is_granted else 0
+    give_up(central, connection, header.request)
+    central.accept(connection, header.number, had)
+
+
+def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP, where: str = "") -> None:
+    """Forget that an answer is due; a query that no handler has yet is dropped. *where* it was, for the journal."""
+    central.unblock(connection, number)
+    due = connection.outstanding.pop(number, None)
+    if isinstance(due, TaskWait):
+        if (task := central.tree.tasks.get(due.task_id)) is not None:
+            central.agenda.stop_waiting(task, due)
+        central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
+    elif isinstance(due, PresenceWait):
+        due.end()
+    elif due is None or isinstance(due, Claim):
+        give_up_claim(central, connection, number, why)
+    elif isinstance(due, Collector):
+        for delivery in due.pending.values():
+            _abandon(central, delivery)
+        central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where))
+    elif isinstance(due, Delivery):
+        _abandon(central, due)
+        central.facts.append(dropped_fact(due, why, where))
+
+
+def _abandon(central: State, delivery: Delivery) -> None:
+    if delivery.queues is not None:
+        central.dispatcher.withdraw(delivery)
+        central.collectors.pop(delivery.id, None)

@@ -4,13 +4,18 @@ import itertools
 from collections.abc import Iterable
 from typing import Any
 
-from tca_central.model.deliveries import Handler, MessageType, ModuleResource
+import msgspec
+
+from tca_central.errors import RequestError
+from tca_central.model.deliveries import Connection, Handler, MessageType, ModuleResource
 from tca_central.model.task_tree import KeptTask, Task
 from tca_central.order.holds import held_counts
 from tca_central.state import State
 from tca_central.status.load import load
-from tca_wire.points import ALL_MOMENTS, Moment, describe_moments
-from tca_wire.vocabulary import CENTRAL, Outcome
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Answer
+from tca_wire.points import ALL_MOMENTS, ROOT, Moment, describe_moments
+from tca_wire.vocabulary import CENTRAL, Limit, Outcome, Refusal
 
 SHOWN_TASKS = 10_000
 SHOWN_BYTES = 512  # of a variable's value
@@ -248,3 +253,25 @@ TOPICS = {
     "attached": attached,
 }
 """One row per topic that can be asked for."""
+
+
+# --- requests --------------------------------------------------------------------------------------------------------
+
+
+def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes) -> None:
+    """A module asks what central knows of a topic."""
+    _answer(central, connection, header.number, TOPICS[header.topic](central), f"the answer to '{header.topic}'")
+
+
+def on_inspect(central: State, connection: Connection, header: headers.Inspect, _: bytes) -> None:
+    """A module asks about a task and its relatives."""
+    task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
+    found = relatives(central, task or central.kept.get(header.task), header.relation, header.message)
+    _answer(central, connection, header.number, found, f"the {header.relation} of task {header.task}")
+
+
+def _answer(central: State, connection: Connection, number: int, value: Any, what: str) -> None:
+    body = msgspec.msgpack.encode(value)
+    if len(body) > Limit.BODY:
+        raise RequestError(Refusal.OVERLOAD, f"{what} has {len(body)} bytes: read the journal")
+    central.send(connection, number, Answer(number), body)

@@ -14,7 +14,7 @@ from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.intervals import STARTS, delivered_at
 from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
-from tca_central.outgoing import direct_routes as direct
+from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import data_for, make_statement, make_task
 from tca_central.state import State, involved
 from tca_central.watching.watches import become_monitor, check_options, end_monitor, ends_by_itself, enlist_monitor
@@ -141,7 +141,7 @@ def _add(
     central.taps[tap.id] = tap
     task = TaskId(place.id) if isinstance(place, Task) else ROOT
     central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name))
-    direct.review(central, [tapped])
+    direct_routes.review(central, [tapped])
     return tap
 
 
@@ -155,7 +155,7 @@ def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -
     del central.taps[tap.id]
     central.facts.append(facts.Removed(tap.id, by.name))
     if isinstance(tap.place, MessageType):
-        direct.review(central, [tap.place])
+        direct_routes.review(central, [tap.place])
 
 
 def forget_task(central: State, task: Task) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from central.player import Player, point
 
-from tca_central.deadlock import resolve as deadlocks
+from tca_central.deadlock import deadlocks
 from tca_central.deadlock.search import Search
 from tca_central.events import Effect
 from tca_wire.constraints import Flags

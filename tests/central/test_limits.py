@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from central.player import ANY, Player, before, point
 
-from tca_central.control import keeping, termination
+from tca_central.control import keeping, steering
 from tca_central.failing import attaching
 from tca_central.failing.failures import LONGEST_TEXT
 from tca_central.invariants import check_invariants
@@ -319,7 +319,7 @@ FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
         request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)), "has 1 wiretaps already"),
     "exception handlers": (attaching, "MOST_ATTACHED", lambda request, task: headers.Attach(
         request, Attachment(f"failure {request}", "recover"), TaskId(task)), "has 1 exception handlers already"),
-    "farewells": (termination, "MOST_FAREWELLS", lambda request, task: headers.Send(
+    "farewells": (steering, "MOST_FAREWELLS", lambda request, task: headers.Send(
         request, "move", parent=TaskId(task), when_killed=True), "1 messages wait for the termination of"),
 }  # fmt: skip
 

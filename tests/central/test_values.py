@@ -4,7 +4,7 @@ import msgspec
 import pytest
 from central.player import Player
 
-from tca_central.model import variables
+from tca_central.model import registry
 from tca_wire.journal.facts import Dropped
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
@@ -32,7 +32,7 @@ def player() -> Player:
 
 
 def test_all_values_together_are_bounded(player: Player, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(variables, "VARIABLE_BYTES", 20)
+    monkeypatch.setattr(registry, "VARIABLE_BYTES", 20)
     player.set_variable("user", "pose", "x" * 9)
     player.set_variable("user", "map", "x" * 9)
     (answer,) = player.set_variable("user", "map", "x" * 10)

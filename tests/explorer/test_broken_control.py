@@ -21,7 +21,7 @@ from explorer.scenarios import REST, SLIPPED, STEP, WALK
 from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
 
-from tca_central.control import deadlines, kills, monitors
+from tca_central.control import monitors, steering
 from tca_central.core import HANDLERS
 from tca_central.failing import failures
 from tca_central.model.clock import Clock
@@ -129,7 +129,7 @@ def what_was_dealt_with_goes_on_for_ever(patch: Patch) -> None:
 
 
 def a_deadline_takes_the_task_from_its_handler(patch: Patch) -> None:
-    patch.setattr(deadlines, "raise_failure", failures.fail_task)
+    patch.setattr(steering, "raise_failure", failures.fail_task)
 
 
 def a_delay_is_no_delay(patch: Patch) -> None:
@@ -146,7 +146,7 @@ def once_more(options: WatchOptions) -> WatchOptions:
 
 
 def a_late_kill_kills_nothing(patch: Patch) -> None:
-    patch.setattr(kills.PendingKill, "carry_out", lambda _self, _central: None)
+    patch.setattr(steering.PendingKill, "carry_out", lambda _self, _central: None)
 
 
 def nothing_is_done_on_termination(patch: Patch) -> None:

@@ -22,7 +22,7 @@ from explorer.recoveries import (
 from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
 from sampling import one_in
 
-from tca_central.control.kills import PendingKill
+from tca_central.control.steering import PendingKill
 from tca_central.core import Central
 from tca_central.events import ConnectionId
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, ModuleResource

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tca_central.core import Central
-from tca_central.deadlock import resolve as deadlocks
+from tca_central.deadlock import deadlocks
 from tca_central.model.deliveries import Connection, Delivery
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import RequestRefused

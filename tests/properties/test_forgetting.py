@@ -11,8 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
 
-from tca_central.control.deadlines import PendingDeadline
-from tca_central.control.kills import PendingKill
+from tca_central.control.steering import PendingDeadline, PendingKill
 from tca_central.core import Central
 from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Delivery

@@ -25,7 +25,7 @@ from tca_central.model.task_tree import Task
 from tca_central.needs.graph import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import wait_for_group, waits_of
 from tca_central.order.cycles import Place
-from tca_central.requests.giving_up import give_up
+from tca_central.requests.waiting import give_up
 from tca_central.state import RaisedFailure, State, Suspect
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK

@@ -1,0 +1,204 @@
+"""Tasks that exist are steered: killed now, later or after a point, bounded in time, suspended; and what is sent when
+they are killed. What lies ahead of a task is bounded in number, and forgotten when the task ends.
+"""
+
+import msgspec
+
+from tca_central.errors import RequestError
+from tca_central.failing.failures import kill, raise_failure
+from tca_central.model.clock import checked_seconds
+from tca_central.model.deliveries import Connection, MessageType
+from tca_central.model.intervals import checked_moment
+from tca_central.model.task_tree import Task, Verdict
+from tca_central.outgoing.central_messages import make_task, suspend
+from tca_central.state import RaisedFailure, State
+from tca_wire.journal import facts
+from tca_wire.messages.failures import TIMEOUT
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted
+from tca_wire.points import ROOT, Point, TaskId, describe_moments
+from tca_wire.vocabulary import Due, Refusal, Role, Scope
+
+MOST_PENDING = 1000
+"""Kills, deadlines and delays that may lie ahead of one task."""
+
+MOST_FAREWELLS = 100
+"""Messages that may be kept for the termination of one task."""
+
+
+def _check_pending(task: Task) -> None:
+    """Raises RequestError if no more may lie ahead of a task."""
+    if task.rare is not None and len(task.rare.pending) >= MOST_PENDING:
+        raise RequestError(Refusal.OVERLOAD, f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already")
+
+
+def forget_pending(central: State, task: Task) -> None:
+    """Cancel what lay ahead of a task that has ended."""
+    assert task.rare is not None
+    for what, waits_for in task.rare.pending.items():
+        if isinstance(waits_for, Task):
+            central.agenda.stop_waiting(waits_for, what)
+        else:
+            central.clock.cancel(waits_for)
+    task.rare.pending.clear()
+
+
+# --- kills -----------------------------------------------------------------------------------------------------------
+
+
+class PendingKill:
+    """A kill that is carried out when a point is reached, or some time after."""
+
+    __slots__ = ("delay", "scope", "task", "verdict")
+
+    def __init__(self, task: Task, scope: Scope, delay: float, verdict: Verdict) -> None:
+        self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
+
+    def on_reached(self, central: State, _: Task) -> None:
+        """The point is reached."""
+        if not self.delay:
+            self.carry_out(central)
+        elif self._is_there(central):
+            self.task.more.pending[self] = central.clock.after(self.delay, Due.KILL, self)
+
+    def carry_out(self, central: State) -> None:
+        """It is time."""
+        if self.task.rare is not None:
+            self.task.rare.pending.pop(self, None)
+        if self._is_there(central):
+            for task in self._doomed():
+                kill(central, task, self.verdict)
+
+    def _doomed(self) -> list[Task]:
+        if self.scope is Scope.TASK:
+            return [self.task]
+        parent = self.task if self.scope is Scope.DESCENDANTS else self.task.parent
+        assert parent is not None
+        return [child for child in (parent.children or {}).values() if child is not self.task and not child.survives]
+
+    def _is_there(self, central: State) -> bool:
+        """Whether the task has not ended, perhaps by what let the point be reached."""
+        return self.task.id == ROOT or self.task.id in central.tree.tasks
+
+
+def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
+    """A module ends a task, its descendants or its siblings; now, some time from now, or after a point."""
+    if header.request:
+        header = msgspec.structs.replace(header, task=_sent_with(connection, header.request))
+        if not header.task:  # it has not come, and never will: it would have come before this
+            central.accept(connection, header.number)
+            return
+    checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
+    is_all = header.task == ROOT and header.scope is Scope.DESCENDANTS
+    task = central.tree.root if is_all else central.tree.task(header.task)
+    if task is None:
+        central.ignore(connection, header.number, f"task {header.task} has ended: it can't be killed")
+        return
+    pending = PendingKill(task, header.scope, header.delay, Verdict(header.why, connection.module.name, central.origin))
+    at = central.tree.task(header.after.task) if header.after is not None else None
+    if header.after is not None and at is not None and not at.reached & checked_moment(header.after):
+        _plan(central, pending, header.after)
+        task.more.pending[pending] = at
+        central.agenda.wait(at, checked_moment(header.after), pending)
+    else:
+        if header.delay:
+            _plan(central, pending, None)
+        pending.on_reached(central, task)
+    central.accept(connection, header.number, header.task)
+
+
+def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
+    _check_pending(kill.task)
+    task, (why, by, *_) = TaskId(kill.task.id), kill.verdict
+    central.facts.append(facts.KillPlanned(task, kill.scope, after, kill.delay, why, by))
+
+
+def _sent_with(connection: Connection, request: int) -> TaskId:
+    """The task that came with a request of a connection; 0: none did."""
+    answer, _ = connection.answers.get(request, (None, b""))
+    return TaskId(answer.id if isinstance(answer, Accepted) else 0)
+
+
+# --- deadlines -------------------------------------------------------------------------------------------------------
+
+
+class PendingDeadline:
+    """A task's point that must be reached in time."""
+
+    __slots__ = ("moment", "seconds", "task")
+
+    def __init__(self, task: Task, moment: int, seconds: float) -> None:
+        self.task, self.moment, self.seconds = task, moment, seconds
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether the point has not been reached, and may still be."""
+        return not self.task.killed and not self.task.reached & self.moment
+
+
+def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
+    """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
+    deadline = PendingDeadline(task, moment, seconds)
+    task.more.pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
+    central.facts.append(facts.DeadlineSet(TaskId(task.id), moment, seconds))
+
+
+def on_time_out(central: State, deadline: PendingDeadline) -> None:
+    """A deadline is over."""
+    del deadline.task.more.pending[deadline]
+    if deadline.is_missed:
+        text = f"{describe_moments(deadline.moment)[0]} not reached within {deadline.seconds:g} s"
+        raise_failure(central, deadline.task, RaisedFailure(TIMEOUT, text))
+
+
+def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:
+    """A module bounds the time until a point of a task."""
+    checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
+    moment = checked_moment(header.point)
+    task = central.living(connection, header.number, header.point.task, "no deadline can be set")
+    if task is None:
+        return
+    if not task.reached & moment:
+        _check_pending(task)
+        set_deadline(central, task, moment, header.seconds)
+    central.accept(connection, header.number, header.point.task)
+
+
+# --- suspension ------------------------------------------------------------------------------------------------------
+
+
+def on_suspend(central: State, connection: Connection, header: headers.Suspend, _: bytes) -> None:
+    """A module suspends or resumes a task with all under it (TCM: Suspend, Unsuspend)."""
+    task = central.tree.task(header.task)
+    if task is None:
+        central.ignore(connection, header.number, f"task {header.task} has ended: it can't be suspended or resumed")
+        return
+    suspend(central, task, resume=header.resume, by=connection.module.name)
+    central.accept(connection, header.number, task.id)
+
+
+# --- on termination (TDL: ON TERMINATE) ------------------------------------------------------------------------------
+
+
+def check_farewell(message: MessageType, task_id: int) -> None:
+    """Raises RequestError if that message can't be kept for the termination of that task."""
+    if not (message.message_class.is_task and message.message_class.may_react):
+        text = f"{message.message_class} '{message.name}' can't be sent on termination: goals and commands can"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if task_id == ROOT:
+        text = f"'{message.name}' can't be sent on the termination of the root: it never ends"
+        raise RequestError(Refusal.PROTOCOL, text)
+
+
+def keep_for_termination(central: State, task: Task, message: MessageType, body: bytes) -> None:
+    """Keep a message to be sent when the task is killed. If it was killed already and its handler runs, send it now."""
+    if task.killed and task.slot is None:
+        text = f"{task} was killed and its handler is done: '{message.name}' is not sent on its termination any more"
+        raise RequestError(Refusal.TOO_LATE, text)
+    if task.killed:
+        make_task(central, message, body, task, Role.TERMINATION)
+        return
+    if len(task.more.farewells) >= MOST_FAREWELLS:
+        raise RequestError(Refusal.OVERLOAD, f"{MOST_FAREWELLS} messages wait for the termination of {task} already")
+    task.more.farewells.append((message, body))
+    central.facts.append(facts.SendPlanned(TaskId(task.id), message.name, body))
