@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -10,22 +11,16 @@ from tca_properties import BadProperty, Property, property_from
 from tca_properties.field_values import FieldValue
 from tca_properties.predicates import OfMessages
 from tca_tools.check.checker import Checker
-from tca_tools.check.files import properties_in
 from tca_tools.check.judge import Judge
 from tca_tools.check.records import MessageRecord
-from tca_tools.check.report import violation_lines
-from tca_tools.check.rules import RULES, Violation
+from tca_tools.check.report import head_lines, verdict_lines, violation_lines
+from tca_tools.check.rules import Violation
 from tca_tools.check.world import JournalWorld
 from tca_tools.run.fold import History
 from tca_tools.run.journals import Log, open_log
 from tca_tools.run.losses import Losses
-from tca_tools.terminal import line_width
 from tca_wire.journal.facts import Entry
-from tca_wire.text.printable import printable
-
-_MOST_GAPS = 5
-_MOST_SHOWN = 100
-"""Violations that ``--all`` shows; one breach of a rule may bring about thousands."""
+from tca_wire.user_file import CannotRun, names_of
 
 
 @click.command()
@@ -49,7 +44,7 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
              achieved, killed, failed, recovering, suspended, fired, retried
     """  # noqa: D301 - click wants the character itself
     journal, files = _sorted(paths)
-    wanted = [*_from_texts(texts), *(one for file in files for one in properties_in(file))]
+    wanted = [*_from_texts(texts), *(one for file in files for one in _properties_in(file))]
     run = _Run(wanted, with_history=bool(files))
     for entry in journal:
         run.take(entry, journal.losses)
@@ -58,7 +53,13 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
     if misnamed and not run.checker.gaps:  # else they may be known where it can't be read
         stated, wrong = next(iter(misnamed.items()))
         raise click.UsageError(f"property '{stated}': {wrong}")
-    _show(run, journal, misnamed, everything=everything)
+    found = sorted(run.violations, key=lambda violation: violation.place)
+    for line in (
+        *head_lines(run.checker, journal),
+        *verdict_lines(found, run.unbroken, misnamed, is_whole=not run.checker.gaps),
+        *violation_lines(found, journal, everything=everything),
+    ):
+        click.echo(line)
     journal.check(of_missing=False)  # of those it has a line of its own
     context.exit(bool(run.violations))
 
@@ -177,57 +178,31 @@ def _misfit(predicate: OfMessages, world: JournalWorld) -> str:
     return f"of '{name}', {wrong}" if wrong and name else wrong
 
 
-def _show(run: _Run, journal: Log, misnamed: dict[Property, str], *, everything: bool) -> None:
-    checker = run.checker
-    span = f"{checker.began:.2f} s to {checker.world.now:.2f} s"
-    numbers = f" (numbers {checker.first} to {checker.last})" if checker.events else ""
-    click.echo(f"{printable(journal.name)}: {checker.facts} facts in {checker.events} entries{numbers}, {span}")
-    for gap in checker.gaps[:_MOST_GAPS]:
-        click.echo(click.style(f"  {printable(gap)}", fg="yellow"))
-    if more := len(checker.gaps) - _MOST_GAPS if len(checker.gaps) > _MOST_GAPS else 0:
-        click.echo(click.style(f"  and {more} more places like these", fg="yellow"))
-    if not checker.is_closed:
-        still = "central still runs"
-        why = still if journal.is_being_written else "central was stopped by force, or this is a copy"
-        click.echo(click.style(f"  it is not closed: {why}", fg="yellow"))
-    rules = {violation.rule for violation in run.violations if violation.source}
-    is_whole, kept = not checker.gaps, len(RULES) - len(rules)
-    click.echo(f"{kept} of {len(RULES)} rules are kept" if rules else _good(f"{kept} rules", is_whole=is_whole))
-    for judge in run.unbroken:
-        click.echo(_unbroken(judge.stated, misnamed.get(judge.stated, judge.vacuous), is_whole=is_whole))
-    _show_violations(run.violations, journal, everything=everything)
+def _properties_in(path: Path) -> list[Property]:
+    """The properties at the top level of a Python file: alone, in lists, in scenarios, or as texts in PROPERTIES."""
+    try:
+        names = names_of(path)
+        found = [one for value in names.values() for one in _found_in(value)]
+        texts = names.get("PROPERTIES")
+        if isinstance(texts, list | tuple):
+            found += [property_from(one) for one in texts if isinstance(one, str)]
+    except CannotRun as error:
+        raise click.UsageError(str(error)) from None
+    except BadProperty as error:
+        raise click.UsageError(f"{path}: {error}") from None
+    if not found:
+        raise click.UsageError(f"{path} has no property: put some at its top level, or texts into a list PROPERTIES")
+    return found
 
 
-def _unbroken(stated: Property, idle: str, *, is_whole: bool) -> str:
-    """What there is to say of a property of which no breach was found, and (*idle*) none could be."""
-    good = _good(printable(str(stated)), is_whole=is_whole)
-    if idle:
-        good += click.style(f" (which says nothing: {printable(idle)})", fg="yellow")
-    return good
-
-
-def _good(what: str, *, is_whole: bool) -> str:
-    """Of a journal that is not whole only that no breach was seen."""
-    return click.style(f"good: {what}", fg="green") if is_whole else f"no breach in what can be read: {what}"
-
-
-def _show_violations(violations: list[Violation], journal: Log, *, everything: bool) -> None:
-    if not violations:
-        return
-    violations = sorted(violations, key=lambda violation: violation.place)
-    run, width = History.until(open_log(journal.path)), line_width()
-    shown = violations[:_MOST_SHOWN] if everything else _first_of_each_kind(violations)
-    for violation in shown:
-        click.echo()
-        click.echo("\n".join(violation_lines(violation, run, width)))
-    if more := len(violations) - len(shown):
-        click.echo(f"\nand {more} more" + ("" if everything else ": --all shows them"))
-
-
-def _first_of_each_kind(violations: list[Violation]) -> list[Violation]:
-    """The first breach of a rule, and of each property: what comes after the first may follow from it."""
-    first_rule = [violation for violation in violations if violation.source][:1]
-    return sorted([*first_rule, *(one for one in violations if not one.source)], key=lambda violation: violation.place)
+def _found_in(value: Any) -> list[Property]:
+    """The properties that a value is, or has."""
+    if isinstance(value, Property):
+        return [value]
+    if isinstance(value, type):
+        return []
+    inside = getattr(value, "properties", value)
+    return [one for one in inside if isinstance(one, Property)] if isinstance(inside, list | tuple) else []
 
 
 if __name__ == "__main__":

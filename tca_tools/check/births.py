@@ -1,9 +1,8 @@
 """How messages come into a run: under which parent, with which constraints; and what those hold back."""
 
-from tca_tools.check.kills import check_below
+from tca_tools.check.failing import check_below
 from tca_tools.check.records import Hold, MessageRecord
-from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED
-from tca_tools.check.taps import check_sent
+from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED, TAPPED
 from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
@@ -30,7 +29,10 @@ def received(world: JournalWorld, fact: facts.Received) -> None:
             return
     if world.is_whole and fact.sender not in world.joined and fact.sender != CENTRAL:
         world.broken(PRESENT, fact.id, f"{name} was sent by '{fact.sender}', which is not there")
-    item = MessageRecord(fact, None)
+    item = MessageRecord(
+        fact.id, fact.message, fact.message_class, fact.sender, fact.sender, fact.body,
+        role=fact.role, about=fact.about, origin=fact.origin,
+    )  # fmt: skip
     world.add(item)
     if item.role:
         _made_by_central(world, item)
@@ -41,7 +43,8 @@ def received(world: JournalWorld, fact: facts.Received) -> None:
     elif fact.parent != ROOT or fact.constraints:
         world.broken(PLAIN, fact.id, f"{fact.message_class} {name} is under {world.name(fact.parent)}, or constrained")
     elif not item.message_class.fans_out:
-        world.later.append(lambda: _check_on_its_way(world, item))
+        what = "was sent, and is neither with a handler nor in a queue"
+        world.expect(lambda: item.is_begun or item.is_queued or item.is_over, SETTLED, item, what)
 
 
 def _made_by_central(world: JournalWorld, item: MessageRecord) -> None:
@@ -49,7 +52,8 @@ def _made_by_central(world: JournalWorld, item: MessageRecord) -> None:
     about = world.items.get(item.about) or world.over.get(item.about)
     item.sent_by = about.sent_by if about is not None else ""
     if item.role is Role.LISTENER:
-        world.later.append(lambda: check_sent(world, item))
+        listens = f"listens to {world.name(item.about)}, and no wiretap was fired"
+        world.expect(lambda: item.fired or not world.is_whole, TAPPED, item, listens)
     monitor = world.items.get(item.about)
     sent_for = monitor if item.role.is_of_monitor else item
     item.is_tapped = sent_for is not None and sent_for.role is not Role.LISTENER
@@ -67,7 +71,7 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
     if parent is None and fact.parent != ROOT:
         item.is_orphan = True
         if fact.parent >= item.id:
-            world.broken(PARENT, item.id, f"{item} hangs under {world.name(fact.parent)}, which is no older")
+            world.broken(PARENT, item, f"hangs under {world.name(fact.parent)}, which is no older")
     if parent is not None:
         item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
@@ -78,7 +82,8 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
             world.later.append(lambda: check_below(world, parent))
     _constrain(world, fact.constraints)
     if not item.is_goal:
-        world.later.append(lambda: _check_birth(world, item))
+        what = "was not planned when it was sent, and is no goal"
+        world.expect(lambda: not ~item.reached & AT_BIRTH[False], ORDER, item, what)
 
 
 def _is_put_by_others(world: JournalWorld, item: MessageRecord, parent: MessageRecord) -> bool:
@@ -110,16 +115,6 @@ def _at_work(world: JournalWorld, delivery: int) -> MessageRecord | None:
     return item if item is not None and item.given_as == delivery and item.is_handled else None
 
 
-def _check_on_its_way(world: JournalWorld, item: MessageRecord) -> None:
-    if not (item.is_begun or item.is_queued or item.is_over):
-        world.broken(SETTLED, item.id, f"{item} was sent, and is neither with a handler nor in a queue")
-
-
-def _check_birth(world: JournalWorld, item: MessageRecord) -> None:
-    if ~item.reached & AT_BIRTH[False]:
-        world.broken(ORDER, item.id, f"{item.message_class} {item} is no leaf of planning: it was not planned at birth")
-
-
 # --- constraints -----------------------------------------------------------------------------------------------------
 
 
@@ -134,38 +129,34 @@ def _constrain(world: JournalWorld, constraints: list[Constraint]) -> None:
         if after is None:
             continue
         if after.reached & int(constraint.after.moment):
-            world.broken(CONSTRAINT, after.id, f"constraint {constraint} on {after} came when that was past")
-        before = world.point_task(constraint.before.task, "is waited for")
-        after.is_stranger = after.is_stranger or (before is None and world.is_strange(constraint.before.task))
-        hold = Hold(constraint, before, constraint.delay if constraint.before.task == ROOT else None)
+            world.broken(CONSTRAINT, after, f"got constraint {constraint} when that was past")
+        leader = constraint.before.task  # may be over, or from before the journal
+        before = world.item(leader, "is waited for") if leader != ROOT and leader not in world.over else None
+        after.is_stranger = after.is_stranger or (before is None and world.is_strange(leader))
+        hold = Hold(constraint, before, constraint.delay if leader == ROOT else None)
         after.holds.append(hold)
         if before is not None:
             before.followers.append((hold, after))
 
 
-def timed_out(world: JournalWorld, fact: facts.TimedOut) -> None:
+def timed_out(world: JournalWorld, after: MessageRecord, fact: facts.TimedOut) -> None:
     """A delay is over."""
     constraint = fact.constraint
-    after = world.task(constraint.after.task, "got past a delay")
-    if after is None:
-        return
     hold = next((hold for hold in after.holds if hold.constraint == constraint and not hold.is_over), None)
     if hold is None:
         if not after.is_stranger:
-            world.broken(DELAY, after.id, f"a delay of {after} was over that it never had, or twice: {constraint}")
+            world.broken(DELAY, after, f"got past a delay that it never had, or twice: {constraint}")
         return
     hold.is_over = True
     if hold.due is None and hold.before is not None and not hold.before.is_stranger:
-        world.broken(DELAY, after.id, f"a delay of {after} was over before it began: {constraint}")
+        world.broken(DELAY, after, f"got past a delay before that began: {constraint}")
     elif hold.due is not None and world.now < hold.due - ROUNDING:
-        early = hold.due - world.now
-        world.broken(DELAY, after.id, f"a delay of {after} was over {early:.6g} s too early: {constraint}")
+        world.broken(DELAY, after, f"got past a delay {hold.due - world.now:.6g} s too early: {constraint}")
 
 
 def not_met(item: MessageRecord, moments: int) -> str:
     """The constraints on those moments that are not met yet, in words."""
-    unmet = [hold for hold in item.holds if hold.moment & moments and not hold.is_met]
-    return ", ".join(map(_said, unmet)) if unmet else ""
+    return ", ".join([_said(hold) for hold in item.holds if hold.moment & moments and not hold.is_met])
 
 
 def is_delayed(item: MessageRecord) -> bool:

@@ -1,11 +1,12 @@
 """Checks a journal against the rules, entry by entry, at a bounded cost for each fact."""
 
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any
 
-from tca_tools.check import asking, births, failing, handling, kills, moments, presence, taps
+from tca_tools.check import births, failing, handling, moments, presence, taps
+from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CLOCK, Violation
-from tca_tools.check.settled import check_settled
 from tca_tools.check.world import JournalWorld
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
@@ -124,7 +125,7 @@ class Checker:
         world = self.world
         world.end()
         handling.check_places(world)
-        check_settled(world)
+        moments.check_settled(world)
         world.history = self.history
         self._follow(world)
         world.events += 1
@@ -137,20 +138,37 @@ class Checker:
             if is_other and self._epoch:
                 self.gaps.append(f"at {entry.time:.2f} s another run begins ({fact.epoch})")
             if (not is_other or fact.segment != 1) and not self._may_have_missed_opening:
-                first = 1 if is_other else self._segment + 1
-                which = (
-                    f"segment {first} is"
-                    if first == fact.segment - 1
-                    else f"segments {first} to {fact.segment - 1} are"
-                )
-                self.gaps.append(f"{which} missing: what was sent before {entry.time:.2f} s is not known")
+                missing = fact.segment - 1 - (0 if is_other else self._segment)
+                which = f"{missing} segment{'s' * (missing != 1)} before segment {fact.segment}"
+                self.gaps.append(f"missing: {which}; what was sent before {entry.time:.2f} s is not known")
             self.world = JournalWorld(self._report, is_whole=is_other and fact.segment == 1, events=self.world.events)
             self.world.begin(entry)
         self._epoch, self._segment, self.is_closed = fact.epoch, fact.segment, False
         self._may_have_missed_opening = False
 
 
-FOLD: dict[type, Callable[[JournalWorld, Any], None]] = {
+Take = Callable[[JournalWorld, Any], None]
+
+
+def _of(
+    find: Callable[[JournalWorld, int, str], MessageRecord | None], number: str, what: str,
+    take: Callable[[JournalWorld, MessageRecord, Any], None],
+) -> Take:  # fmt: skip
+    """What takes a fact about one message, if that is there: *find* it by that field, and complain that *what* happens
+    to it if it is not.
+    """
+    number_of = attrgetter(number)
+
+    def take_if_known(world: JournalWorld, fact: Any) -> None:
+        if (item := find(world, number_of(fact), what)) is not None:
+            take(world, item, fact)
+
+    return take_if_known
+
+
+_ITEM, _TASK = JournalWorld.item, JournalWorld.task
+
+FOLD: dict[type, Take] = {
     facts.ModuleJoined: presence.joined,
     facts.ModuleLeft: presence.left,
     facts.ResourceChanged: presence.resource,
@@ -159,31 +177,31 @@ FOLD: dict[type, Callable[[JournalWorld, Any], None]] = {
     facts.HandlerRemoved: presence.no_handler,
     facts.Received: births.received,
     facts.Constrained: births.constrained,
-    facts.TimedOut: births.timed_out,
+    facts.TimedOut: _of(_TASK, "constraint.after.task", "got past a delay", births.timed_out),
     facts.Queued: handling.queued,
-    facts.Unqueued: handling.unqueued,
+    facts.Unqueued: _of(_ITEM, "id", "left a queue", handling.unqueued),
     facts.Delivered: handling.delivered,
-    facts.Returned: handling.returned,
+    facts.Returned: _of(_ITEM, "id", "was returned", handling.returned),
     facts.Failed: handling.failed,
     facts.Dropped: handling.dropped,
+    facts.Answered: _of(_ITEM, "id", "was answered", handling.answered),
+    facts.Awaited: _of(_ITEM, "id", "was waited for", handling.awaited),
     facts.Reached: moments.reached,
-    facts.Killed: kills.killed,
-    facts.SuspendedOrResumed: kills.suspended,
-    facts.Retried: kills.retried,
+    facts.WaitBegan: moments.wait_began,
+    facts.WaitEnded: moments.wait_ended,
+    facts.Killed: _of(_TASK, "task", "was killed", failing.killed),
+    facts.SuspendedOrResumed: _of(_TASK, "task", "was suspended or resumed", failing.suspended),
+    facts.Retried: _of(_TASK, "task", "was retried", failing.retried),
     facts.Attached: failing.attached,
     facts.Removed: failing.removed,
-    facts.Caught: failing.caught,
-    facts.Reissued: failing.reissued,
-    facts.Unhandled: failing.unhandled,
-    facts.Recovered: failing.recovered,
+    facts.Caught: _of(_TASK, "task", "was caught", failing.caught),
+    facts.Reissued: _of(_TASK, "handler", "reissued its failure", failing.reissued),
+    facts.Unhandled: _of(_TASK, "task", "failed, unhandled,", failing.unhandled),
+    facts.Recovered: _of(_ITEM, "task", "recovered", failing.recovered),
     facts.TapAdded: taps.tap_added,
     facts.TapFired: taps.fired,
-    facts.MonitorTested: taps.tested,
-    facts.MonitorEnded: taps.monitor_ended,
-    facts.Answered: asking.answered,
-    facts.Awaited: asking.awaited,
-    facts.WaitBegan: asking.wait_began,
-    facts.WaitEnded: asking.wait_ended,
+    facts.MonitorTested: _of(taps.monitor, "monitor", "was tested", taps.tested),
+    facts.MonitorEnded: _of(taps.monitor, "monitor", "ended", taps.monitor_ended),
     facts.Claimed: presence.claimed,
     facts.Granted: presence.granted,
     facts.ClaimEnded: presence.claim_ended,

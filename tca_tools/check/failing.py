@@ -1,13 +1,13 @@
-"""Failures: which exception handlers are called, what becomes of the failing task, where handlers are attached."""
+"""Failures and their exception handlers; kills, suspension and retries, and what they do to all under a task."""
 
 from collections.abc import Iterator
 
 from tca_tools.check.records import MessageRecord
-from tca_tools.check.rules import CAUGHT, HANDLER, NUMBERS, RECOVERED
+from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, NUMBERS, QUEUED, RECOVERED, SUSPENDED
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
-from tca_wire.points import ROOT
+from tca_wire.points import ROOT, START_HANDLING
 from tca_wire.vocabulary import Role
 
 OWN, BESIDE = 0, -1  # searches for an exception handler that begin anew: of the task's handler, or raised beside it
@@ -30,9 +30,7 @@ def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
 
 def _check_found(world: JournalWorld, task: MessageRecord) -> None:
     if task.searches and not (task.is_killed or task.again):
-        world.broken(
-            CAUGHT, task.id, f"{task} failed ({task.failure}), and that was neither caught nor called unhandled"
-        )
+        world.broken(CAUGHT, task, f"failed ({task.failure}), and that was neither caught nor called unhandled")
     task.searches.clear()
 
 
@@ -40,23 +38,22 @@ def _found(world: JournalWorld, task: MessageRecord, what: str) -> int:
     """The search that ends now."""
     if not task.searches:
         if not task.is_stranger:
-            world.broken(CAUGHT, task.id, f"{task} {what}, and nothing failed")
+            world.broken(CAUGHT, task, f"{what}, and nothing failed")
         return BESIDE
     return task.searches.pop(0)
 
 
-def caught(world: JournalWorld, fact: facts.Caught) -> None:
+def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None:
     """An exception handler is called."""
-    task = world.task(fact.task, "was caught")
     handler = world.task(fact.handler, "was called as exception handler")
-    if task is None or handler is None:
+    if handler is None:
         return
     after = _found(world, task, f"was caught by {handler}")
     if after == OWN or (after > 0 and task.deciding == after):
         task.deciding = handler.id
     task.recovering = (*task.recovering, handler.id)
     if handler.role is not Role.EXCEPTION or handler.about != task.id:
-        world.broken(HANDLER, handler.id, f"{handler} deals with {task}, and was not made for that")
+        world.broken(HANDLER, handler, f"deals with {task}, and was not made for that")
     _check_attachment(world, task, handler, fact)
 
 
@@ -64,26 +61,22 @@ def _check_attachment(world: JournalWorld, task: MessageRecord, handler: Message
     attached = world.attached.get(fact.attachment)
     if attached is None:
         if world.is_whole:
-            world.broken(
-                HANDLER, handler.id, f"{handler} was called, and attachment {{{fact.attachment}}} is not there"
-            )
+            world.broken(HANDLER, handler, f"was called, and attachment {{{fact.attachment}}} is not there")
         return
     at = next((one for one in _lineage(task) if one.id == fact.at), None)
     name = world.name(fact.at) if fact.at else "the root"
     if at is None and fact.at != ROOT:
         if not task.is_orphan:
-            world.broken(HANDLER, handler.id, f"{handler} was called at {name}, which is not above {task}")
+            world.broken(HANDLER, handler, f"was called at {name}, which is not above {task}")
         return
     is_here = at is not None and at.message == attached.message if attached.message else attached.task == fact.at
     if not is_here or handler.message != attached.handler:
         whose = attached.message or world.name(attached.task)
-        world.broken(HANDLER, handler.id, f"{handler} was called at {name}: {attached.handler} is attached to {whose}")
+        world.broken(HANDLER, handler, f"was called at {name}: {attached.handler} is attached to {whose}")
     calls = at.invocations if at is not None else world.invocations_at_root
-    calls[fact.attachment] = calls.get(fact.attachment, 0) + 1
-    if 0 < attached.maximum < calls[fact.attachment]:
-        number = calls[fact.attachment]
-        what = f"{handler} is call {number} at {name}, and {attached.maximum} are allowed"
-        world.broken(HANDLER, handler.id, what)
+    calls[fact.attachment] = number = calls.get(fact.attachment, 0) + 1
+    if 0 < attached.maximum < number:
+        world.broken(HANDLER, handler, f"is call {number} at {name}, and {attached.maximum} are allowed")
 
 
 def _lineage(task: MessageRecord) -> Iterator[MessageRecord]:
@@ -93,11 +86,8 @@ def _lineage(task: MessageRecord) -> Iterator[MessageRecord]:
         one = one.parent
 
 
-def unhandled(world: JournalWorld, fact: facts.Unhandled) -> None:
+def unhandled(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled) -> None:
     """No handler is left: the top-level task is killed, or the exception handler that could not decide."""
-    task = world.task(fact.task, "failed, unhandled,")
-    if task is None:
-        return
     after = _found(world, task, "was unhandled")
     if after == OWN or (after > 0 and task.deciding == after):
         task.deciding, task.returned = 0, True
@@ -106,7 +96,8 @@ def unhandled(world: JournalWorld, fact: facts.Unhandled) -> None:
     *_, top = _lineage(task)
     top.failure = top.failure or task.failure
     world.touched[top] = None
-    world.later.append(lambda: _check_top(world, task, top))
+    what = f"lives, and nobody dealt with the failure of {task}"
+    world.expect(lambda: top.is_killed or top.is_orphan, CAUGHT, top, what)
 
 
 def _must_pass_over(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled, *, is_new: bool) -> bool:
@@ -116,37 +107,26 @@ def _must_pass_over(world: JournalWorld, task: MessageRecord, fact: facts.Unhand
     nearest = next((one for one in _lineage(task) if one.role is Role.EXCEPTION), None)
     if fact.undecided:
         if nearest is not None and nearest.id != fact.undecided:
-            what = f"{world.name(fact.undecided)} is said not to have decided for {task}, and {nearest} is nearer"
-            world.broken(CAUGHT, task.id, what)
+            what = f"is not decided for by {world.name(fact.undecided)}, it is said, and {nearest} is nearer"
+            world.broken(CAUGHT, task, what)
         handler = world.item(fact.undecided, "was said not to have decided")
         if handler is not None:
-            world.later.append(lambda: _check_ended(world, task, handler))
+            what = f"lives, and could not decide for the failure of {task}"
+            world.expect(lambda: handler.is_killed or handler.is_stranger, CAUGHT, handler, what)
     elif is_new and nearest is not None and task.failure in NOT_BY_CHOICE:
-        what = f"{task} failed ({task.failure}), not by choice: {nearest} could not decide, and was not passed over"
-        world.broken(CAUGHT, task.id, what)
+        what = f"failed ({task.failure}), not by choice: {nearest} could not decide, and was not passed over"
+        world.broken(CAUGHT, task, what)
     return bool(fact.undecided)
 
 
-def _check_ended(world: JournalWorld, task: MessageRecord, handler: MessageRecord) -> None:
-    if not (handler.is_killed or handler.is_stranger):
-        world.broken(CAUGHT, handler.id, f"{handler} lives, and could not decide for the failure of {task}")
-
-
-def _check_top(world: JournalWorld, task: MessageRecord, top: MessageRecord) -> None:
-    if not (top.is_killed or top.is_orphan):
-        world.broken(CAUGHT, top.id, f"{top} lives, and nobody dealt with the failure of {task}")
-
-
-def reissued(world: JournalWorld, fact: facts.Reissued) -> None:
+def reissued(world: JournalWorld, handler: MessageRecord, fact: facts.Reissued) -> None:
     """An exception handler could not deal with its failure."""
-    handler = world.task(fact.handler, "reissued its failure")
-    if handler is None:
-        return
+    del fact
     if handler.role is not Role.EXCEPTION and not handler.is_stranger:
-        world.broken(HANDLER, handler.id, f"{handler} reissued a failure, and deals with none")
+        world.broken(HANDLER, handler, "reissued a failure, and deals with none")
     handler.is_void = handler.returned = True
     if handler.parent is not None:
-        deals_no_more(world, handler.parent, handler.id)
+        _deals_no_more(world, handler.parent, handler.id)
         if not (handler.parent.is_killed or handler.parent.again):
             search(world, handler.parent, handler.id)
 
@@ -156,14 +136,14 @@ def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
     failing = handler.parent
     if failing is None:
         return
-    deals_no_more(world, failing, handler.id)
+    _deals_no_more(world, failing, handler.id)
     if failing.is_killed or failing.again:
         return
     failing.ended_handlers.append(handler.id)
     world.later.append(lambda: _check_recovered(world, failing))
 
 
-def deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) -> None:
+def _deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) -> None:
     """The exception handler no longer works on that failure."""
     failing.recovering = tuple(one for one in failing.recovering if one != handler)
     world.touched[failing] = None
@@ -172,17 +152,15 @@ def deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) -> 
 def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     if failing.ended_handlers and not (failing.is_killed or failing.again):
         handler = world.name(failing.ended_handlers[0])
-        world.broken(RECOVERED, failing.id, f"{handler} dealt with the failure of {failing}, which did not go on")
+        world.broken(RECOVERED, failing, f"did not go on, and {handler} dealt with its failure")
     failing.ended_handlers.clear()
 
 
-def recovered(world: JournalWorld, fact: facts.Recovered) -> None:
-    """A failure has been dealt with."""
-    task = world.item(fact.task, "recovered")  # it may have ended with its exception handler
-    if task is None:
-        return
+def recovered(world: JournalWorld, task: MessageRecord, fact: facts.Recovered) -> None:
+    """A failure has been dealt with. The task may have ended with its exception handler."""
+    del fact
     if not task.ended_handlers and not task.is_stranger:
-        world.broken(RECOVERED, task.id, f"{task} recovered, and no exception handler of it has ended")
+        world.broken(RECOVERED, task, "recovered, and no exception handler of it has ended")
     handler = task.ended_handlers.pop(0) if task.ended_handlers else 0
     if task.deciding == handler and handler:
         task.deciding, task.returned = 0, True
@@ -208,3 +186,70 @@ def removed(world: JournalWorld, fact: facts.Removed) -> None:
         world.taps_before.get(tap.message, {}).pop(fact.id, None)
     elif world.attached.pop(fact.id, None) is None and world.is_whole:
         world.broken(HANDLER, 0, f"{{{fact.id}}} was removed, and is no exception handler or wiretap")
+
+
+# --- kills, suspension and retries -----------------------------------------------------------------------------------
+
+
+def killed(world: JournalWorld, item: MessageRecord, fact: facts.Killed) -> None:
+    """A task is killed."""
+    del fact
+    if item.is_killed:
+        world.broken(KILLED, item, "was killed a second time")
+    if any(after <= 0 for after in item.searches):
+        what = f"failed ({item.failure}) and was killed: that was neither caught nor called unhandled"
+        world.broken(CAUGHT, item, what)
+    item.is_killed, item.is_suspended, item.returned = True, False, item.place is None
+    world.later.append(lambda: check_below(world, item))
+    failing = item.parent if item.role is Role.EXCEPTION and not item.is_void else None
+    if failing is None:
+        return
+    item.is_void = True
+    _deals_no_more(world, failing, item.id)
+    if not failing.again:  # a killed exception handler has decided nothing: the search goes on
+        failing.searches.append(item.id)
+        what = "was killed, and nobody else was asked to deal with its failure"
+        world.expect(
+            lambda: item.id not in failing.searches or failing.is_killed or failing.again, KILLED, item, what
+        )  # fmt: skip
+
+
+def check_below(world: JournalWorld, item: MessageRecord) -> None:
+    """Check what is under a killed task: only safety tasks and exception handlers go on."""
+    if item.waits_at is not None:
+        world.broken(QUEUED, item, "is killed, and waits for a handler")
+    for child in item.children.values():
+        if not child.is_killed and not child.role.survives and not child.is_over:
+            world.broken(KILLED, child, f"lives, and {item} above it is killed")
+
+
+def suspended(world: JournalWorld, item: MessageRecord, fact: facts.SuspendedOrResumed) -> None:
+    """A task is suspended or resumed, with all under it."""
+    below, is_new = [item], False
+    for one in below:  # grows while it is walked
+        if one.is_suspended is not fact.is_suspended:
+            one.is_suspended, is_new = fact.is_suspended, True
+            world.touched[one] = None
+        below += one.children.values()
+    if not is_new and not (item.is_killed or item.is_orphan):
+        world.broken(SUSPENDED, item, f"was {'suspended' if fact.is_suspended else 'resumed'} already")
+
+
+def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> None:
+    """A task is to be handled again."""
+    if item.is_killed:
+        world.broken(KILLED, item, "was retried, and it is killed")
+    item.failure, item.body = "", fact.body or item.body
+    item.is_retried = True
+    item.passed.clear()
+    world.flagged.append(item)
+    if item.reached & START_HANDLING:
+        item.again, item.returned, item.deciding = True, False, 0
+        world.later.append(lambda: _check_retried(world, item))
+
+
+def _check_retried(world: JournalWorld, item: MessageRecord) -> None:
+    """Check that a retried task keeps only the monitors that others put under it."""
+    for child in item.children.values():
+        if item.again and not (child.is_killed or child.role or child.is_guest):
+            world.broken(KILLED, child, f"lives, and {item} above it is retried")

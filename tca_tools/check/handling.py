@@ -1,36 +1,16 @@
 """Messages on their way: queued, given to one handler, returned; and the capacity and locks of resources."""
 
-from itertools import islice
-
-from tca_tools.check.asking import must_answer
+from tca_tools.check import rules
 from tca_tools.check.births import not_met, not_startable
 from tca_tools.check.failing import failed as failed_task
+from tca_tools.check.presence import claim_in_words
 from tca_tools.check.records import MessageRecord, ResourceRecord
-from tca_tools.check.rules import (
-    ANSWERED,
-    CAPACITY,
-    CAUGHT,
-    CONSTRAINT,
-    FAMILY,
-    FREE,
-    HANDLES,
-    KILLED,
-    LOCKED,
-    ONE_HANDLER,
-    QUEUED,
-    RETURNED,
-    SUSPENDED,
-    TAPPED,
-)
 from tca_tools.check.taps import answered as condition_answered
 from tca_tools.check.taps import check_fired
 from tca_tools.check.world import JournalWorld, said
 from tca_wire.journal import facts
 from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import Outcome, Role
-
-_NAMED = 6
-"""Messages of a resource that a violation names."""
 
 
 def queued(world: JournalWorld, fact: facts.Queued) -> None:
@@ -41,22 +21,20 @@ def queued(world: JournalWorld, fact: facts.Queued) -> None:
     _may_be_begun(world, item, "was queued")
     _leave_lost(world, item, "was queued")
     if item.waits_at is not None and item.message not in world.rehandled:
-        world.broken(QUEUED, item.id, f"{item} was queued for {said(item.waits_at)} already")
+        world.broken(rules.QUEUED, item, f"was queued for {said(item.waits_at)} already")
     _leave_queue(world, item)
     place = item.waits_at = world.place(fact.module, fact.resource)
     place.waiting[item.given_as] = item
     if fact.module and world.is_whole and item.message not in world.handlers:
-        world.broken(HANDLES, item.id, f"{item} was queued for {said(place)}, and nobody handles it")
+        world.broken(rules.HANDLES, item, f"was queued for {said(place)}, and nobody handles it")
 
 
-def unqueued(world: JournalWorld, fact: facts.Unqueued) -> None:
+def unqueued(world: JournalWorld, item: MessageRecord, fact: facts.Unqueued) -> None:
     """A message leaves its queue, and no handler gets it."""
-    item = world.item(fact.id, "left a queue")
-    if item is None:
-        return
+    del fact
     if item.waits_at is None:
         if item.place is None and not item.is_stranger:
-            world.broken(QUEUED, item.id, f"{item} left a queue in which it was not")
+            world.broken(rules.QUEUED, item, "left a queue in which it was not")
         _leave_lost(world, item, "was taken back")
     _leave_queue(world, item)
 
@@ -84,40 +62,36 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     if item.is_task and not item.message_class.is_monitor:
         if item.reached & START_HANDLING and not (item.is_stranger or item.is_killed):
             check_fired(world, item, START_HANDLING)
-        world.later.append(lambda: _check_begun(world, item))
-
-
-def _check_begun(world: JournalWorld, item: MessageRecord) -> None:
-    if not item.reached & START_HANDLING:
-        world.broken(ONE_HANDLER, item.id, f"{item} was given to a handler, and was not begun")
+        what = "was given to a handler, and was not begun"
+        world.expect(lambda: item.reached & START_HANDLING, rules.ONE_HANDLER, item, what)
 
 
 def _may_be_begun(world: JournalWorld, item: MessageRecord, what: str) -> None:
     """Check that nothing keeps a message from being given to a handler."""
     if item.is_dropped and not item.is_begun and not item.message_class.keeps_value:
-        world.broken(ANSWERED, item.id, f"{item} {what}, though its sender gave up")
+        world.broken(rules.ANSWERED, item, f"{what}, though its sender gave up")
     elif item.returned and not item.is_task:
-        world.broken(RETURNED, item.id, f"{item} {what}, and was handled before")
+        world.broken(rules.RETURNED, item, f"{what}, and was handled before")
     if item.is_task and not item.is_stranger:
         _task_may_be_begun(world, item, what)
 
 
 def _task_may_be_begun(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if item.is_over or item.is_killed:
-        world.broken(KILLED, item.id, f"{item} {what}, and {'is over' if item.is_over else 'is killed'}")
+        world.broken(rules.KILLED, item, f"{what}, and {'is over' if item.is_over else 'is killed'}")
     elif item.is_suspended and not item.is_orphan:
-        world.broken(SUSPENDED, item.id, f"{item} {what} while it is suspended")
+        world.broken(rules.SUSPENDED, item, f"{what} while it is suspended")
     if item.reached & START_HANDLING:
         if item.returned or item.deciding:
-            world.broken(RETURNED, item.id, f"{item} {what}, and was handled before")
+            world.broken(rules.RETURNED, item, f"{what}, and was handled before")
         if missing := not_met(item, START_HANDLING):
-            world.broken(TAPPED, item.id, f"{item} {what} once more before {missing}")
+            world.broken(rules.TAPPED, item, f"{what} once more before {missing}")
         return
     start = START_PLANNING if item.is_goal else START_ACHIEVING
     if missing := not_startable(item):
-        world.broken(CONSTRAINT, item.id, f"{item} {what} before {missing}")
+        world.broken(rules.CONSTRAINT, item, f"{what} before {missing}")
     if item.parent is not None and not item.role and not item.parent.reached & start:
-        world.broken(FAMILY, item.id, f"{item} {what} before {item.parent}, under which it is, was begun")
+        world.broken(rules.FAMILY, item, f"{what} before {item.parent}, under which it is, was begun")
 
 
 def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
@@ -126,25 +100,24 @@ def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
     if place is None:
         return
     if place not in world.slots_lost and world.is_whole:
-        world.broken(ONE_HANDLER, item.id, f"{item} {what} while {said(place)} had it")
-    end_run(world, item)
+        world.broken(rules.ONE_HANDLER, item, f"{what} while {said(place)} had it")
+    _end_run(world, item)
 
 
 def _may_go_to(world: JournalWorld, item: MessageRecord, place: ResourceRecord) -> None:
     handled_in = world.handlers.get(item.message, {}).get(place.module)
     if world.is_whole and handled_in != place.name:
         instead = f", which handles it in '{handled_in}'" if handled_in else ", which does not handle it"
-        world.broken(HANDLES, item.id, f"{item} was given to {said(place)}{instead}")
+        world.broken(rules.HANDLES, item, f"was given to {said(place)}{instead}")
     held_by = place.claims.held_by
     if held_by is not None:
         is_own = item.message_class.has_reply and item.sender == place.module
         if not (held_by.is_reserved and (item.sent_by in (held_by.sender, "") or is_own)):
             how = "reserved" if held_by.is_reserved else "locked"
-            world.broken(LOCKED, item.id, f"{item} was given to {said(place)}, which {held_by.sender} has {how}")
+            world.broken(rules.LOCKED, item, f"was given to {said(place)}, which {held_by.sender} has {how}")
 
 
-def end_run(world: JournalWorld, item: MessageRecord) -> None:
-    """Take a message away from its handler."""
+def _end_run(world: JournalWorld, item: MessageRecord) -> None:
     place, item.place = item.place, None
     if place is not None:
         place.runs.pop(item.given_as, None)
@@ -152,31 +125,24 @@ def end_run(world: JournalWorld, item: MessageRecord) -> None:
         world.places_touched[place] = None
 
 
-def returned(world: JournalWorld, fact: facts.Returned) -> None:
+def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> None:
     """A handler returns."""
-    item = world.item(fact.id, "was returned")
-    if item is None:
-        return
     if item.place is None or item.given_as != fact.id:
         if not item.is_stranger and (item.given_as == fact.id or world.is_whole):
-            world.broken(RETURNED, item.id, f"{world.name(fact.id)} was returned, and no handler had it")
+            world.broken(rules.RETURNED, item.id, f"{world.name(fact.id)} was returned, and no handler had it")
         return
-    end_run(world, item)
+    _end_run(world, item)
     if fact.outcome is Outcome.FAILED:
         item.returned = item.is_task and item.is_killed
         item.must_fail = True
-        world.later.append(lambda: _check_failed(world, item))
+        what = "was failed by its handler, and no failure was raised"
+        world.expect(lambda: not item.must_fail, rules.CAUGHT, item, what)
     elif item.is_task:
         item.returned = item.is_killed or not item.again
     else:
         if item.role is Role.CONDITION:
             condition_answered(world, item)
-        must_answer(world, item)
-
-
-def _check_failed(world: JournalWorld, item: MessageRecord) -> None:
-    if item.must_fail:
-        world.broken(CAUGHT, item.id, f"the handler of {item} failed, and no failure was raised")
+        _must_answer(world, item)
 
 
 def _known(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
@@ -196,14 +162,14 @@ def failed(world: JournalWorld, fact: facts.Failed) -> None:
         if item.place is not None:  # of a module that was lost no handler returns
             _leave_lost(world, item, f"failed ({fact.failure})")
         elif item.is_task and not (item.must_fail or item.message_class.is_monitor or item.is_stranger):
-            world.broken(CAUGHT, item.id, f"{item} failed ({fact.failure}), and no handler had it")
+            world.broken(rules.CAUGHT, item, f"failed ({fact.failure}), and no handler had it")
         item.must_fail = False
         _leave_queue(world, item)
     if not item.is_task:
         if item.returned:
-            world.broken(RETURNED, item.id, f"{item} failed, and was over before")
+            world.broken(rules.RETURNED, item, "failed, and was over before")
         item.failure = fact.failure
-        must_answer(world, item)
+        _must_answer(world, item)
     elif item.is_over:
         world.task(fact.id, "failed")
     else:
@@ -218,15 +184,51 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
     if item is None:
         return
     if item.is_task:
-        world.broken(KILLED, item.id, f"{item} was dropped: a task is killed instead")
+        world.broken(rules.KILLED, item, "was dropped: a task is killed instead")
     if item.is_dropped or item.is_answered:
-        world.broken(ANSWERED, item.id, f"{item} was dropped after its sender had got an answer, or given up")
+        world.broken(rules.ANSWERED, item, "was dropped after its sender had got an answer, or given up")
     item.is_dropped = True
     _leave_queue(world, item)
     if not item.message_class.has_reply or item.original is not None:
-        end_run(world, item)
+        _end_run(world, item)
     if item.place is None:
         world.finish(item)
+
+
+# --- answers ---------------------------------------------------------------------------------------------------------
+
+
+def answered(world: JournalWorld, item: MessageRecord, fact: facts.Answered) -> None:
+    """The sender of a query gets its answer."""
+    del fact
+    if item.is_answered:
+        world.broken(rules.ANSWERED, item, "was answered a second time")
+    if item.is_dropped:
+        world.broken(rules.ANSWERED, item, "was answered, though nobody waited any more")
+    if item.message_class.asks_one and not item.returned and not item.is_stranger:
+        world.broken(rules.ANSWERED, item, "was answered before it was handled")
+    item.is_answered = True
+    world.finish(item)
+
+
+def awaited(world: JournalWorld, item: MessageRecord, fact: facts.Awaited) -> None:
+    """The sender of a query begins to wait; the answer must still be to come."""
+    del fact
+    if item.is_answered or item.is_dropped:
+        world.broken(rules.ANSWERED, item, "was waited for after its sender had got an answer, or given up")
+
+
+def _must_answer(world: JournalWorld, item: MessageRecord) -> None:
+    """A query was handled, or failed: its sender is told with the same event."""
+    item.returned = True
+    asked = item if item.message_class.asks_one and item.role is not Role.CONDITION else None
+    if item.message_class.asks_many and item.original is not None and not item.is_over:
+        item.original.copies -= 1
+        asked = None if item.original.copies else item.original
+    if asked is not None:
+        what = f"was handled, and {asked.sender}, which waits, was not answered"
+        world.expect(lambda: asked.is_answered or asked.is_dropped, rules.ANSWERED, asked, what)
+    world.finish(item)
 
 
 # --- when all of an event is known -----------------------------------------------------------------------------------
@@ -235,33 +237,24 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
 def check_places(world: JournalWorld) -> None:
     """Check the resources that this event touched."""
     for place in world.places_touched:
-        if not place.module:
-            _check_unhandled(world, place)
-        elif place.capacity is not None:
+        if place.capacity is not None:
             _check_capacity(world, place, place.capacity)
+        for item in list(place.waiting.values()) if world.rehandled and not place.module else ():
+            if world.handlers.get(item.message):
+                world.broken(rules.FREE, item, "waits for a handler, and has one")
 
 
 def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -> None:
-    if len(place.runs) > capacity:
-        names = ", ".join(map(str, islice(place.runs.values(), _NAMED)))
-        names += f" and {len(place.runs) - _NAMED} more" if len(place.runs) > _NAMED else ""
-        last = next(reversed(place.runs.values()))
-        world.broken(CAPACITY, last.id, f"{said(place)} takes {capacity} at a time, and has {len(place.runs)}: {names}")
-    claims = place.claims
-    is_empty = bool(capacity) and not any(one.waiting or one.runs or one.nested for one in claims.places)
-    if is_empty and claims.waiting and claims.held_by is None and world.is_whole:
-        claim = next(iter(claims.waiting.values()))
-        world.broken(FREE, claim.origin, f"{claim.sender} waits to lock or reserve {said(place)}, and nobody is in it")
-    if not (place.waiting and world.is_whole) or len(place.runs) + len(place.nested) >= capacity:
+    claims, taken = place.claims, len(place.runs)
+    if taken > capacity:
+        what = f"is one too many: {said(place)} takes {capacity} at a time, and has {taken}"
+        world.broken(rules.CAPACITY, next(reversed(place.runs.values())), what)
+    if not world.is_whole or not capacity or claims.held_by is not None:
         return
-    first = next(iter(place.waiting.values()))
-    if claims.held_by is None and not claims.waiting:
-        what = f"{first} waits for {said(place)}, which takes {capacity} and has {len(place.runs)}"
-        world.broken(FREE, first.id, what)
-
-
-def _check_unhandled(world: JournalWorld, place: ResourceRecord) -> None:
-    """Check that messages without a handler really have none."""
-    for item in list(place.waiting.values()) if world.rehandled else ():
-        if world.handlers.get(item.message):
-            world.broken(FREE, item.id, f"{item} waits for a handler, and has one")
+    if claims.waiting:
+        if not any(one.waiting or one.runs or one.nested for one in claims.places):
+            claim = next(iter(claims.waiting.values()))
+            world.broken(rules.FREE, claim.origin, f"{claim_in_words(claim)} is not granted, and nobody is in there")
+    elif place.waiting and taken + len(place.nested) < capacity:
+        what = f"waits for {said(place)}, which takes {capacity} and has {taken}"
+        world.broken(rules.FREE, next(iter(place.waiting.values())), what)

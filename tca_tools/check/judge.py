@@ -5,10 +5,9 @@ from typing import Any
 
 from tca_properties.algebra import Breach, NeverStuck, Property, words_of
 from tca_properties.predicates import OfMessages
-from tca_tools.check.matches import Matches
+from tca_properties.world import Found, Predicate
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.world import JournalWorld
-from tca_wire.points import TaskId
 
 _MOST_NAMED = 6
 """Messages that are named where many break a property."""
@@ -46,8 +45,7 @@ class Judge:
         if left:
             return f"it never did; what stands when the journal ends: {self._blame(left)}"
         self.culprit = max((number for number, gone in world.over.items() if name and gone.message == name), default=0)
-        last = f"; {world.name(TaskId(self.culprit))} was the last to end" if self.culprit else ""
-        return f"it never did{last}"
+        return f"it never did; {world.name(self.culprit)} was the last to end" if self.culprit else "it never did"
 
     @property
     def vacuous(self) -> str:
@@ -62,11 +60,94 @@ class Judge:
         return ": ".join(part for part in (breach.what, self._blame(breach.messages, newest)) if part)
 
     def _blame(self, items: Iterable[Any], culprit: int = 0) -> str:
-        """The messages (a ``TaskAt`` will do) in words; the first of them is the culprit, if no other is."""
-        found = sorted(items, key=lambda item: item.id)
-        self.culprit = culprit or (found[0].id if found else 0)
-        named = found[:_MOST_NAMED]
-        if len(found) > _MOST_NAMED and self.culprit not in {item.id for item in named}:
-            named[-1] = next(item for item in found if item.id == self.culprit)
+        """The messages (a ``TaskAt`` will do) in words, the culprit first; if none is known, that is the oldest."""
+        found = sorted(items, key=lambda item: (item.id != culprit, item.id))
+        self.culprit = found[0].id if found else 0
         more = f" and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""
-        return ", ".join(map(str, named)) + more
+        return ", ".join(map(str, found[:_MOST_NAMED])) + more
+
+
+class Matches:
+    """The messages of which the predicates of a property are true. After an event only what it touched is looked at
+    again; functions are asked anew.
+    """
+
+    def __init__(self, predicates: Iterable[Predicate]) -> None:
+        self._matches: dict[int, _Match] = {
+            id(one): _OfMessages(one) if isinstance(one, OfMessages) else _OfFunction(one) for one in predicates
+        }
+        self._world: JournalWorld | None = None
+        self.passed = 0.0
+
+    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
+        """An event is over, which changed these messages at most. Of another world than before nothing is known yet."""
+        is_new, self._world, self.passed = world is not self._world, world, world.passed
+        for match in self._matches.values():
+            if is_new:
+                match.now = {}
+            match.update(world, changed)
+
+    def true_of(self, predicate: Predicate) -> Found:
+        """What one of them says."""
+        return self._matches[id(predicate)].found
+
+    def newly(self, predicate: Predicate) -> Found:
+        """Of which messages it has become true with the last event."""
+        return self._matches[id(predicate)].newly
+
+    def has_subject(self, predicate: Predicate) -> bool:
+        """Whether there was any message that it is about, in whatever state: else that it never held says nothing."""
+        return self._matches[id(predicate)].has_subject
+
+
+class _Match:
+    """What one predicate says."""
+
+    has_subject = True
+
+    def __init__(self, predicate: Any) -> None:
+        self.now: dict[Any, None] = {}
+        self.found = self.newly = Found(is_true=False)
+        self._predicate = predicate
+
+    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
+        """An event is over."""
+
+
+class _OfMessages(_Match):
+    has_subject = False
+
+    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
+        came = []
+        for item in changed:
+            if world.items.get(item.id) is item and self._holds(item):
+                if item not in self.now:
+                    came.append(item)
+                self.now[item] = None
+            else:
+                self.now.pop(item, None)
+        self.found, self.newly = Found(bool(self.now), self.now), Found(bool(came), came)
+
+    def _holds(self, item: MessageRecord) -> bool:
+        is_in_state = self._predicate.is_in_state(item)
+        if self.has_subject and not is_in_state:  # the cheaper question first
+            return False
+        is_about = self._predicate.is_about(item)
+        self.has_subject = self.has_subject or is_about
+        return bool(is_about and is_in_state)
+
+
+class _OfFunction(_Match):
+    def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
+        del changed
+        value = self._predicate(world)
+        self.found = self.newly = Found.of(value)
+        messages = self.found.messages
+        if messages is None and (value is None or isinstance(value, bool)):
+            return
+        if messages is None or not all(hasattr(one, "id") for one in messages):
+            msg = f"it gave {value!r:.60}: a predicate gives the messages of which it is true, or True or False"
+            raise TypeError(msg)
+        before, self.now = {one.id for one in self.now}, dict.fromkeys(messages)
+        came = [one for one in messages if one.id not in before]
+        self.newly = Found(bool(came), came)

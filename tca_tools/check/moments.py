@@ -1,23 +1,10 @@
 """The order of moments: within a task, by constraints, after the parent's starts and the children's ends."""
 
-from collections.abc import Iterable
-
-from tca_tools.check.asking import check_waits
-from tca_tools.check.births import not_met
+from tca_tools.check import rules
+from tca_tools.check.births import is_delayed, not_met, not_startable
 from tca_tools.check.failing import handler_ended
+from tca_tools.check.presence import claim_in_words
 from tca_tools.check.records import MessageRecord
-from tca_tools.check.rules import (
-    COMMAND,
-    CONSTRAINT,
-    FAMILY,
-    ONCE,
-    ONE_HANDLER,
-    ORDER,
-    RECOVERED,
-    RETURNED,
-    SETTLED,
-    SUSPENDED,
-)
 from tca_tools.check.taps import check_fired, forget_task
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
@@ -44,7 +31,7 @@ def reached(world: JournalWorld, fact: facts.Reached) -> None:
     if item is None:
         return
     if twice := item.reached & moments:
-        world.broken(ONCE, item.id, f"{item} reached {_words(twice)} a second time")
+        world.broken(rules.ONCE, item, f"reached {_words(twice)} a second time")
         moments &= ~twice
     before, item.reached = item.reached, item.reached | moments
     if not item.is_stranger:
@@ -82,22 +69,22 @@ def _words(moments: int) -> str:
 def _check_order(world: JournalWorld, item: MessageRecord, moments: int) -> None:
     for moment, needed in NO_LATER[item.is_goal].items():
         if moments & moment and (missing := (needed | AT_BIRTH[item.is_goal]) & ~item.reached):
-            rule = COMMAND if moment in (START_HANDLING, START_ACHIEVING, START_PLANNING) else ORDER
-            world.broken(rule, item.id, f"{item} reached {_words(moment)} before {_words(missing)}")
+            rule = rules.COMMAND if moment in (START_HANDLING, START_ACHIEVING, START_PLANNING) else rules.ORDER
+            world.broken(rule, item, f"reached {_words(moment)} before {_words(missing)}")
 
 
 def _check_starts(world: JournalWorld, item: MessageRecord, moments: int, before: int) -> None:
     if missing := not_met(item, moments):
-        world.broken(CONSTRAINT, item.id, f"{item} reached {_words(moments)} before {missing}")
+        world.broken(rules.CONSTRAINT, item, f"reached {_words(moments)} before {missing}")
     parent = item.parent
     starts = PARENT_FIRST & ~AT_BIRTH[item.is_goal]
     if parent is not None and not item.role and (early := moments & starts & ~parent.reached):
-        world.broken(FAMILY, item.id, f"{item} reached {_words(early)} before {parent}, under which it is, did")
+        world.broken(rules.FAMILY, item, f"reached {_words(early)} before {parent}, under which it is, did")
     if moments & START_HANDLING:
         if item.is_suspended and not item.is_orphan:
-            world.broken(SUSPENDED, item.id, f"{item} was begun while it was suspended")
+            world.broken(rules.SUSPENDED, item, "was begun while it was suspended")
         if item.place is None and not item.message_class.is_monitor:
-            world.broken(ONE_HANDLER, item.id, f"{item} was begun, and no handler has it")
+            world.broken(rules.ONE_HANDLER, item, "was begun, and no handler has it")
         item.begun_in = world.event
     if moments & END_HANDLING and before & START_HANDLING:
         _check_handled(world, item)
@@ -106,27 +93,23 @@ def _check_starts(world: JournalWorld, item: MessageRecord, moments: int, before
 def _check_handled(world: JournalWorld, item: MessageRecord) -> None:
     """Check that the handler has returned and its failure has been dealt with."""
     if item.deciding:
-        what = f"{item} was handled while {world.name(item.deciding)} had not dealt with its failure"
-        world.broken(RECOVERED, item.id, what)
+        what = f"was handled while {world.name(item.deciding)} had not dealt with its failure"
+        world.broken(rules.RECOVERED, item, what)
     elif item.again:
-        world.broken(SETTLED, item.id, f"{item} was handled, and is to be handled again")
+        world.broken(rules.SETTLED, item, "was handled, and is to be handled again")
     elif not item.returned and not (item.message_class.is_monitor and item.begun_in == world.event):
-        world.broken(RETURNED, item.id, f"{item} was handled, and its handler has not returned")
+        world.broken(rules.RETURNED, item, "was handled, and its handler has not returned")
 
 
 def _check_ends(world: JournalWorld, item: MessageRecord, moments: int) -> None:
     if item.place is not None:
-        world.broken(ONE_HANDLER, item.id, f"{item} reached {_words(moments)} while a handler had it")
+        world.broken(rules.ONE_HANDLER, item, f"reached {_words(moments)} while a handler had it")
     if moments & END_ACHIEVING and item.children:
-        world.broken(FAMILY, item.id, f"{item} ended before {_listed(item.children.values())}, which is under it")
+        child = next(iter(item.children.values()))
+        world.broken(rules.FAMILY, item, f"ended before {child}, which is under it")
     elif moments & END_PLANNING and item.unplanned and item.is_goal:
-        late = [child for child in item.children.values() if child.is_goal and not child.reached & END_PLANNING]
-        world.broken(FAMILY, item.id, f"{item} was planned before {_listed(late)}, which is under it")
-
-
-def _listed(items: Iterable[MessageRecord]) -> str:
-    names = [str(item) for item in items]
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        late = next(child for child in item.children.values() if child.is_goal and not child.reached & END_PLANNING)
+        world.broken(rules.FAMILY, item, f"was planned before {late}, which is under it")
 
 
 def _end(world: JournalWorld, item: MessageRecord) -> None:
@@ -138,3 +121,111 @@ def _end(world: JournalWorld, item: MessageRecord) -> None:
         handler_ended(world, item)
     forget_task(world, item)
     world.finish(item)
+
+
+# --- who waits for a moment ------------------------------------------------------------------------------------------
+
+
+def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
+    """A module waits for a moment of a task."""
+    item = world.items.get(fact.task)
+    waits = world.waits.setdefault((fact.module, fact.origin, fact.task), [])
+    if item is None or item.is_over:
+        if fact.task not in world.over and world.item(fact.task, "was waited for") is None:
+            return
+        waits.append(0)
+        what = f"'{fact.module}' waits for {world.name(fact.task)}, which is over"
+        world.expect(lambda: not waits, rules.WAITS, fact.task, what)
+        return
+    waits.append(fact.moment)
+    item.waiters.append((fact.module, fact.origin, fact.moment))
+    if item.reached & fact.moment:
+        world.later.append(lambda: check_waits(world, item))
+
+
+def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
+    """A wait for a moment is over: the moment is reached, or the module gave up."""
+    key = (fact.module, fact.origin, fact.task)
+    waits = world.waits.get(key, [])
+    item = world.items.get(fact.task)
+    if not waits:
+        if world.is_whole or (world.first and fact.task >= world.first):
+            what = f"'{fact.module}' waits no longer for {world.name(fact.task)}, for which it did not wait"
+            world.broken(rules.WAITS, fact.task, what)
+        return
+    run = next((moment for moment in waits if item is None or item.reached & moment), 0)
+    if not run and item is not None and len(set(waits)) > 1:  # one was given up, and the fact does not say which
+        item.waiters = [one for one in item.waiters if one[:2] != (fact.module, fact.origin)]
+        waits[:] = [0] * len(waits)
+    run = run or waits[0]
+    waits.remove(run)
+    if not waits:
+        del world.waits[key]
+    if item is not None and (fact.module, fact.origin, run) in item.waiters:
+        item.waiters.remove((fact.module, fact.origin, run))
+
+
+def check_waits(world: JournalWorld, item: MessageRecord) -> None:
+    """Check that nobody waits for what is past."""
+    for module, _, moment in item.waiters:
+        if item.reached & moment:
+            words = ", ".join(describe_moments(moment))
+            world.broken(rules.WAITS, item.id, f"'{module}' still waits for {words} of {item}, which is past")
+
+
+# --- no event ends while a task that it touched could still go on ----------------------------------------------------
+
+
+def check_settled(world: JournalWorld) -> None:
+    """Check that every task touched by this event has reached all it could."""
+    for item in world.touched:
+        if item.is_over:
+            for claim in item.claims.values():
+                what = f"is over, and {claim_in_words(claim)}, which was made for it, is not"
+                world.broken(rules.GRANTED, item, what)
+        elif item.is_task and not item.is_stranger:
+            moment = _killed_moment(item) if item.is_killed else _moment(item)
+            if moment:
+                words = ", ".join(describe_moments(moment))
+                world.broken(rules.SETTLED, item.id, f"nothing keeps {item} from {words}, and it does not reach that")
+
+
+def _killed_moment(item: MessageRecord) -> int:
+    """Check that a killed task waits only for the handlers below it."""
+    if item.place is not None:
+        return 0
+    missing = (START_HANDLING | START_PLANNING | START_ACHIEVING | END_HANDLING) & ~item.reached
+    return missing or (0 if item.children else END_ACHIEVING)
+
+
+def _first_moment(item: MessageRecord) -> int:
+    """Check that a task that waits for nothing has started."""
+    if item.is_queued or item.is_suspended or item.is_orphan or not_startable(item):
+        return 0
+    start = START_PLANNING if item.is_goal else START_ACHIEVING
+    needed = start | (START_ACHIEVING if is_delayed(item) else 0)
+    is_free = item.role or item.parent is None or item.parent.reached & needed == needed
+    return start if is_free else 0
+
+
+def _moment(item: MessageRecord) -> int:
+    """Check that a moment that nothing holds back has been reached."""
+    reached = item.reached
+    if not reached & START_HANDLING:
+        return _first_moment(item)
+    if item.is_goal and not reached & START_ACHIEVING and not (item.is_orphan and item.parent is None):
+        is_free = item.role or item.parent is None or item.parent.reached & START_ACHIEVING
+        if is_free and not not_met(item, START_ACHIEVING):
+            return START_ACHIEVING
+    return _end_moment(item) if item.returned and item.place is None else 0
+
+
+def _end_moment(item: MessageRecord) -> int:
+    """The next end moment of a task whose handler is done."""
+    if not item.reached & END_HANDLING:
+        end, is_open = END_HANDLING, False
+    elif not item.reached & END_PLANNING:
+        end, is_open = END_PLANNING, bool(item.unplanned)
+    else:
+        end, is_open = END_ACHIEVING, bool(item.children) or not item.reached & START_ACHIEVING
+    return 0 if is_open or not_met(item, end) else end

@@ -101,10 +101,12 @@ def granted(world: JournalWorld, fact: facts.Granted) -> None:
     place = world.place(claim.module, claim.resource)
     if (other := place.claims.held_by) is not None:
         what = "twice" if other is claim else f"while {other.sender} had it ({{{other.id}}})"
-        world.broken(GRANTED, claim.origin, f"{_said(claim)} was granted {what}")
-    inside = [item for one in place.claims.places for item in one.runs.values() if not _is_own(claim, one, item)]
-    if inside:
-        world.later.append(lambda: _check_alone(world, claim, inside))
+        world.broken(GRANTED, claim.origin, f"{claim_in_words(claim)} was granted {what}")
+    for one in place.claims.places:
+        for item in one.runs.values():
+            if not _is_own(claim, one, item):  # it must have lost its handler with the same event
+                what = f"was in it when {claim_in_words(claim)} was granted"
+                world.expect(lambda item=item: item.place is None, GRANTED, item, what)  # type: ignore[misc]
     place.claims.waiting.pop(fact.id, None)
     place.claims.held_by = claim
 
@@ -112,12 +114,6 @@ def granted(world: JournalWorld, fact: facts.Granted) -> None:
 def _is_own(claim: facts.Claimed, place: ResourceRecord, item: MessageRecord) -> bool:
     """Whether the resource is used by the module that asks; of nested handlers only the module is known."""
     return item.given_as == claim.origin or (claim.sender == place.module and len(place.runs) == 1)
-
-
-def _check_alone(world: JournalWorld, claim: facts.Claimed, inside: list[MessageRecord]) -> None:
-    """Check that the resource was free when it was granted, or lost its users with the same event."""
-    if still := [item for item in inside if item.place is not None]:
-        world.broken(GRANTED, still[0].id, f"{_said(claim)} was granted while {still[0]} was in it")
 
 
 def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:
@@ -140,12 +136,7 @@ def _unknown(world: JournalWorld, claim: int, what: str) -> None:
         world.broken(GRANTED, 0, f"claim {{{claim}}} was {what}, and there is no such lock or reservation")
 
 
-def check_claims(world: JournalWorld, item: MessageRecord) -> None:
-    """Check that claims end with the message they were made for."""
-    for claim in item.claims.values():
-        world.broken(GRANTED, item.id, f"{_said(claim)} outlives {item}, for which it was made")
-
-
-def _said(claim: facts.Claimed) -> str:
+def claim_in_words(claim: facts.Claimed) -> str:
+    """A lock or reservation."""
     kind = "reservation" if claim.is_reserved else "lock"
     return f"the {kind} {{{claim.id}}} of '{claim.resource}' by {claim.sender}"

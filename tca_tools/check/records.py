@@ -1,23 +1,28 @@
 """What is known of the messages, resources and claims of a run at one event. Plain records; the fold fills them."""
 
+from dataclasses import dataclass, field
+
 from tca_properties.world import MessageView
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS
+from tca_wire.vocabulary import MessageClass, Role
 
 
+@dataclass(slots=True, eq=False)
 class Hold:
     """A constraint on a moment of a task."""
 
-    __slots__ = ("before", "constraint", "due", "is_over", "moment", "needs")
+    constraint: Constraint
+    before: "MessageRecord | None"
+    """The task that is waited for (None: the root, or it ended before the journal began)."""
+    due: float | None  #: when its delay is over, once that is known
+    is_over: bool = False  #: its delay is over
+    needs: int = field(init=False)
+    moment: int = field(init=False)
 
-    def __init__(self, constraint: Constraint, before: "MessageRecord | None", due: float | None) -> None:
-        self.constraint = constraint
-        self.before = before  #: the task that is waited for (None: the root, or it ended before the journal began)
-        self.needs = int(constraint.before.moment)
-        self.moment = int(constraint.after.moment)
-        self.due = due  #: when its delay is over, once that is known
-        self.is_over = False  #: its delay is over
+    def __post_init__(self) -> None:
+        self.needs, self.moment = int(self.constraint.before.moment), int(self.constraint.after.moment)
 
     @property
     def is_met(self) -> bool:
@@ -27,137 +32,103 @@ class Hold:
         return self.before is None or bool(self.before.reached & self.needs)
 
 
+@dataclass(slots=True, eq=False)
 class ResourceClaims:
-    """Who has a resource for himself, or wants it: of a program that runs in several copies, in all of them."""
+    """Who has locked or reserved a resource, or wants to: of a program that runs in several copies, in all of them."""
 
-    __slots__ = ("held_by", "places", "waiting")
-
-    def __init__(self) -> None:
-        self.places: list[ResourceRecord] = []
-        self.waiting: dict[int, facts.Claimed] = {}  #: locks and reservations that are waited for
-        self.held_by: facts.Claimed | None = None
+    places: "list[ResourceRecord]" = field(default_factory=list)
+    waiting: dict[int, facts.Claimed] = field(default_factory=dict)
+    held_by: facts.Claimed | None = None
 
 
+@dataclass(slots=True, eq=False)
 class ResourceRecord:
-    """A resource of a module."""
+    """A resource of a module. What it has and what waits for it is listed by delivery."""
 
-    __slots__ = ("capacity", "claims", "module", "name", "nested", "runs", "waiting")
-
-    def __init__(self, module: str, name: str, claims: ResourceClaims) -> None:
-        self.module, self.name, self.claims = module, name, claims
-        claims.places.append(self)
-        self.capacity: int | None = None  #: None: not known
-        self.runs: dict[int, MessageRecord] = {}  #: what its handlers have, by delivery
-        #: What a handler that waits for its own module may have taken in between.
-        self.nested: dict[int, MessageRecord] = {}
-        self.waiting: dict[int, MessageRecord] = {}  #: by delivery
+    module: str
+    name: str
+    claims: ResourceClaims
+    capacity: int | None = None  #: None: not known
+    runs: "dict[int, MessageRecord]" = field(default_factory=dict)
+    nested: "dict[int, MessageRecord]" = field(default_factory=dict)
+    """What a handler that waits for its own module may have taken in between."""
+    waiting: "dict[int, MessageRecord]" = field(default_factory=dict)
 
 
+@dataclass(slots=True, eq=False)
 class MessageRecord(MessageView):
     """A message: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
 
-    __slots__ = (
-        "about",
-        "again",
-        "asked",
-        "attempts",
-        "begun_in",
-        "body",
-        "children",
-        "claims",
-        "copies",
-        "deciding",
-        "ended_handlers",
-        "failure",
-        "fired",
-        "followers",
-        "given_as",
-        "has_fired",
-        "holds",
-        "id",
-        "invocations",
-        "is_answered",
-        "is_begun",
-        "is_dropped",
-        "is_goal",
-        "is_guest",
-        "is_killed",
-        "is_new",
-        "is_orphan",
-        "is_over",
-        "is_retried",
-        "is_stranger",
-        "is_suspended",
-        "is_tapped",
-        "is_task",
-        "is_void",
-        "message",
-        "message_class",
-        "must_fail",
-        "origin",
-        "original",
-        "parent",
-        "passed",
-        "place",
-        "reached",
-        "recovering",
-        "returned",
-        "role",
-        "searches",
-        "sender",
-        "sent_by",
-        "unplanned",
-        "untested",
-        "waiters",
-        "waits_at",
-    )  # fmt: skip
+    id: int
+    message: str
+    message_class: MessageClass
+    sender: str
+    sent_by: str
+    """The sender; where that is central, the sender of what it made the message for ("": not known)."""
+    body: bytes
+    role: Role = Role.NONE
+    about: int = 0
+    origin: int = 0
+    original: "MessageRecord | None" = None  #: of a copy
+    copies: int = 0  #: how many of its copies are not over
+    given_as: int = field(init=False)  #: its newest delivery
+    is_task: bool = field(init=False)
+    is_goal: bool = field(init=False)
 
-    def __init__(self, fact: facts.Received, parent: "MessageRecord | None") -> None:
-        self.id = self.given_as = fact.id
-        self.message, self.message_class = fact.message, fact.message_class
-        self.sender = self.sent_by = fact.sender  #: *sent_by*, where central did: as what it made it for ("": unknown)
-        self.parent, self.body, self.role, self.about, self.origin = (
-            parent, fact.body, fact.role, fact.about, fact.origin
-        )  # fmt: skip
-        self.is_task, self.is_goal = fact.message_class.is_task, fact.message_class.is_goal
-        #: A monitor that others have put there; what it hangs under was sent before the journal begins.
-        self.is_guest = self.is_orphan = False
-        self.is_stranger = False  #: what holds it is not known, for the same reason
-        self.original: MessageRecord | None = None  #: of a copy
-        self.copies = 0  #: number of those that are not over
-        self.reached = 0
-        self.children: dict[int, MessageRecord] = {}  #: those that have not ended
-        self.unplanned = 0  #: number of goals among them that are not planned
-        self.holds: list[Hold] = []
-        self.followers: list[tuple[Hold, MessageRecord]] = []  #: the constraints of others that wait for it
-        #: The resource whose queue it is in; one without a name: for a handler.
-        self.waits_at: ResourceRecord | None = None
-        self.place: ResourceRecord | None = None  #: the resource whose handler has it
-        self.begun_in = -1  #: the event in which it was begun
-        self.asked = self.untested = 0  #: of a monitor: its condition under way; answers that it has not looked at
-        self.is_begun = self.is_killed = self.is_suspended = self.is_over = False
-        self.is_new, self.is_retried, self.has_fired = True, False, False
-        self.is_answered = self.is_dropped = False
-        self.returned = self.again = False  #: its handler is done for good; it is to be handled once more
-        self.must_fail = False  #: its handler failed, and the failure is still to be raised
-        self.attempts, self.failure = 1, ""
-        self.deciding = 0  #: the exception handler that decides what becomes of it
-        self.recovering: tuple[int, ...] = ()
-        self.searches: list[int] = []  #: searches for exception handlers that must come: after which one (0: anew)
-        self.ended_handlers: list[int] = []  #: exception handlers that have just ended
-        self.is_void = False  #: of an exception handler: it decides nothing any more
-        self.invocations: dict[int, int] = {}  #: how often each attachment was called here
-        self.is_tapped = True  #: wiretaps are fired for it
-        self.fired: set[int] = set()  #: the wiretaps that were fired for it
-        #: Those since it was sent or last retried -> the listener (0: nobody handles it).
-        self.passed: dict[int, int] = {}
-        self.claims: dict[int, facts.Claimed] = {}  #: what was claimed for it
-        self.waiters: list[tuple[str, int, int]] = []  #: who waits for which moment of it
+    parent: "MessageRecord | None" = None
+    children: "dict[int, MessageRecord]" = field(default_factory=dict)  #: those that have not ended
+    unplanned: int = 0  #: how many goals among them are not planned
+    reached: int = 0
+    holds: list[Hold] = field(default_factory=list)
+    followers: "list[tuple[Hold, MessageRecord]]" = field(default_factory=list)
+    """The constraints of others that wait for it."""
+    waiters: list[tuple[str, int, int]] = field(default_factory=list)
+    """Who waits for which moment of it: module, origin, moment."""
+    is_guest: bool = False  #: a monitor that others have put there
+    is_orphan: bool = False  #: what it hangs under was sent before the journal begins
+    is_stranger: bool = False  #: what holds it is not known, for the same reason
+
+    waits_at: ResourceRecord | None = None
+    """The resource whose queue it is in; one without a name: it waits for a handler."""
+    place: ResourceRecord | None = None  #: the resource whose handler has it
+    begun_in: int = -1  #: the event in which it was begun
+    is_new: bool = True
+    is_begun: bool = False
+    is_killed: bool = False
+    is_suspended: bool = False
+    is_over: bool = False
+    is_retried: bool = False
+    is_answered: bool = False
+    is_dropped: bool = False
+    returned: bool = False  #: its handler is done for good
+    again: bool = False  #: it is to be handled once more
+    attempts: int = 1
+    claims: dict[int, facts.Claimed] = field(default_factory=dict)  #: those that its handler made
+
+    failure: str = ""
+    must_fail: bool = False  #: its handler failed, and the failure is still to be raised
+    deciding: int = 0  #: the exception handler that decides what becomes of it
+    recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
+    searches: list[int] = field(default_factory=list)
+    """Searches for exception handlers that must come: after which one (OWN and BESIDE: anew)."""
+    ended_handlers: list[int] = field(default_factory=list)  #: exception handlers that have just ended
+    is_void: bool = False  #: of an exception handler: it decides nothing any more
+    invocations: dict[int, int] = field(default_factory=dict)  #: how often each attachment was called here
+
+    is_tapped: bool = True  #: wiretaps are fired for it
+    fired: set[int] = field(default_factory=set)  #: the wiretaps that were fired for it
+    passed: dict[int, int] = field(default_factory=dict)
+    """Those since it was sent or last retried, with the listener (0: nobody handles it)."""
+    has_fired: bool = False
+    asked: int = 0  #: of a monitor: its condition under way
+    untested: int = 0  #: of a monitor: answers that it has not looked at
+
+    def __post_init__(self) -> None:
+        self.given_as = self.id
+        self.is_task, self.is_goal = self.message_class.is_task, self.message_class.is_goal
 
     def __str__(self) -> str:
         return f"{self.message} {{{self.id}}}"
-
-    # --- what properties see ---------------------------------------------------------------------------------------
 
     @property
     def parent_id(self) -> int:

@@ -4,33 +4,85 @@ from collections.abc import Iterator
 
 import click
 
-from tca_tools.check.rules import Violation
+from tca_properties import Property
+from tca_tools.check.checker import Checker
+from tca_tools.check.judge import Judge
+from tca_tools.check.rules import RULES, Violation
+from tca_tools.run.fold import History
+from tca_tools.run.journals import Log, open_log
 from tca_tools.run.whole_run import Run
-from tca_tools.terminal import cut
+from tca_tools.terminal import cut, line_width
 from tca_tools.why.story import story
 from tca_wire.text.printable import printable
 
+_MOST_GAPS = 5
 _LONGEST_STORY = 40
 """Sentences of one story that are shown."""
+_MOST_SHOWN = 100
+"""Violations that ``--all`` shows; one breach of a rule may bring about thousands."""
 
 
-def violation_lines(violation: Violation, run: Run, width: int | None) -> Iterator[str]:
-    """One violation, with the story of its message until then."""
+def head_lines(checker: Checker, journal: Log) -> Iterator[str]:
+    """What was read, and what could not be."""
+    span = f"{checker.began:.2f} s to {checker.world.now:.2f} s"
+    numbers = f" (numbers {checker.first} to {checker.last})" if checker.events else ""
+    yield f"{printable(journal.name)}: {checker.facts} facts in {checker.events} entries{numbers}, {span}"
+    notes = [printable(gap) for gap in checker.gaps[:_MOST_GAPS]]
+    if len(checker.gaps) > _MOST_GAPS:
+        notes.append(f"and {len(checker.gaps) - _MOST_GAPS} more places like these")
+    if not checker.is_closed:
+        why = "central still runs" if journal.is_being_written else "central was stopped by force, or this is a copy"
+        notes.append(f"it is not closed: {why}")
+    yield from (click.style(f"  {note}", fg="yellow") for note in notes)
+
+
+def verdict_lines(
+    violations: list[Violation], unbroken: list[Judge], misnamed: dict[Property, str], *, is_whole: bool
+) -> Iterator[str]:
+    """What is kept, and which properties say nothing. Of a journal that is not whole only that no breach was seen."""
+    rules = {violation.rule for violation in violations if violation.source}
+    if rules:
+        yield f"{len(RULES) - len(rules)} of {len(RULES)} rules are kept"
+    else:
+        yield _good(f"{len(RULES)} rules", is_whole=is_whole)
+    for judge in unbroken:
+        idle = misnamed.get(judge.stated, judge.vacuous)
+        note = click.style(f" (which says nothing: {printable(idle)})", fg="yellow") if idle else ""
+        yield _good(printable(str(judge.stated)), is_whole=is_whole) + note
+
+
+def _good(what: str, *, is_whole: bool) -> str:
+    return click.style(f"good: {what}", fg="green") if is_whole else f"no breach in what can be read: {what}"
+
+
+def violation_lines(violations: list[Violation], journal: Log, *, everything: bool) -> Iterator[str]:
+    """The violations with their stories: all, or the first breach of a rule (others may follow from it) and those of
+    properties.
+    """
+    if not violations:
+        return
+    run, width = History.until(open_log(journal.path)), line_width()
+    first_rule = [violation for violation in violations if violation.source][:1]
+    firsts = [*first_rule, *(violation for violation in violations if not violation.source)]
+    shown = sorted(violations if everything else firsts, key=lambda violation: violation.place)[:_MOST_SHOWN]
+    for violation in shown:
+        yield ""
+        yield from _violation(violation, run, width)
+    if more := len(violations) - len(shown):
+        yield f"\nand {more} more" + ("" if everything else ": --all shows them")
+
+
+def _violation(violation: Violation, run: Run, width: int | None) -> Iterator[str]:
     where = f"at {violation.time:.3f} s, entry {violation.event}"
     yield click.style(cut(printable(f"BROKEN {where}: {violation.rule}"), width), fg="red", bold=True)
     yield cut(printable(f"  {violation.what}"), width)
     if violation.source:
         yield click.style(cut(f"  the rule: {violation.source}", width), dim=True)
-    yield from _story(violation, run, width)
-
-
-def _story(violation: Violation, run: Run, width: int | None) -> Iterator[str]:
     until = run.times[min(violation.place, len(run.times) - 1)] if run.times else 0.0
     told = [sentence for sentence in story(run, violation.message) if sentence.time <= until]
-    if not told:
-        return
-    of = cut(printable(run.describe(violation.message)), None if width is None else width - 28)
-    yield f"  the story of {of} until then:"
+    if told:
+        of = cut(printable(run.describe(violation.message)), None if width is None else width - 28)
+        yield f"  the story of {of} until then:"
     if len(told) > _LONGEST_STORY:
         yield f"     ... {len(told) - _LONGEST_STORY} sentences ..."
     for sentence in told[-_LONGEST_STORY:]:

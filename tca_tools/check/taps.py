@@ -36,41 +36,33 @@ def forget_task(world: JournalWorld, item: MessageRecord) -> None:
 
 def fired(world: JournalWorld, fact: facts.TapFired) -> None:
     """A wiretap sends its listener."""
-    tap = world.taps.get(fact.tap)
+    tap, tapped = world.taps.get(fact.tap), world.items.get(fact.tapped)
     if tap is None:
         if world.is_whole:
             world.broken(TAPPED, fact.tapped, f"wiretap {{{fact.tap}}} was fired, and is not there")
-        elif (tapped := world.items.get(fact.tapped)) is not None:
+        elif tapped is not None:
             tapped.is_stranger = True  # what holds it is not known
         return
-    tapped = world.items.get(fact.tapped)
     if tapped is not None:
-        tapped.fired.add(tap.id)
-        tapped.passed[tap.id] = fact.listener
-        if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
-            whose = world.name(tap.task) if tap.task else tap.message
-            world.broken(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
+        _pass(world, tap, tapped, fact.listener)
     listener = world.item(fact.listener, "was sent by a wiretap") if fact.listener else None
-    if listener is not None:
-        _sent(world, tap, fact, tapped, listener)
-
-
-def _sent(
-    world: JournalWorld,
-    tap: facts.TapAdded,
-    fact: facts.TapFired,
-    tapped: MessageRecord | None,
-    listener: MessageRecord,
-) -> None:
+    if listener is None:
+        return
     if listener.fired:
-        world.broken(TAPPED, listener.id, f"{listener} was sent by a wiretap twice")
+        world.broken(TAPPED, listener, "was sent by a wiretap twice")
     listener.fired.add(tap.id)
     if listener.role is not Role.LISTENER or listener.about != fact.tapped or listener.message != tap.listener:
-        world.broken(
-            TAPPED, listener.id, f"{listener} was sent for {world.name(fact.tapped)}: {tap.listener} should be"
-        )
+        world.broken(TAPPED, listener, f"was sent for {world.name(fact.tapped)}: {tap.listener} should be")
     if tapped is not None and tapped.is_task and listener.is_task and (end := CONDITIONS[tap.condition].holds_until):
         _hold(tapped, listener, CONDITIONS[tap.condition].before, end)
+
+
+def _pass(world: JournalWorld, tap: facts.TapAdded, tapped: MessageRecord, listener: int) -> None:
+    tapped.fired.add(tap.id)
+    tapped.passed[tap.id] = listener
+    if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
+        whose = world.name(tap.task) if tap.task else tap.message
+        world.broken(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
 
 
 def _hold(tapped: MessageRecord, listener: MessageRecord, moment: int, end: int) -> None:
@@ -94,70 +86,55 @@ def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
             continue
         which = f"wiretap {{{tap.id}}} ({tap.listener} {tap.condition})"
         if tap.id not in item.passed:
-            world.broken(TAPPED, item.id, f"{item} went on, and {which} was not fired")
+            world.broken(TAPPED, item, f"went on, and {which} was not fired")
         elif not item.passed[tap.id] and world.is_whole and world.handlers.get(tap.listener):
-            world.broken(TAPPED, item.id, f"{item} went on, and {which} was passed over, though somebody handles it")
-
-
-def check_sent(world: JournalWorld, listener: MessageRecord) -> None:
-    """Check that a listener was sent by a wiretap."""
-    if not listener.fired and world.is_whole:
-        world.broken(
-            TAPPED, listener.id, f"{listener} listens to {world.name(listener.about)}, and no wiretap was fired"
-        )
+            world.broken(TAPPED, item, f"went on, and {which} was passed over, though somebody handles it")
 
 
 # --- monitors --------------------------------------------------------------------------------------------------------
 
 
-def tested(world: JournalWorld, fact: facts.MonitorTested) -> None:
+def monitor(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
+    """The monitor of that number; None, with a complaint if it can't be, or if nothing can be claimed of it."""
+    item = world.task(number, what)
+    if item is None or item.is_stranger:
+        return None
+    if not item.message_class.is_monitor:
+        world.broken(MONITOR, item, f"{what}, and is no monitor")
+        return None
+    return item
+
+
+def tested(world: JournalWorld, item: MessageRecord, fact: facts.MonitorTested) -> None:
     """The condition of a monitor was asked."""
-    item = _monitor(world, fact.monitor, "was tested")
-    if item is None:
-        return
+    del fact
     if not item.reached & START_HANDLING:
-        world.broken(MONITOR, item.id, f"{item} was tested, and had not begun to watch")
+        world.broken(MONITOR, item, "was tested, and had not begun to watch")
     if item.returned and not item.again:
-        world.broken(MONITOR, item.id, f"{item} was tested, and watches no longer")
+        world.broken(MONITOR, item, "was tested, and watches no longer")
     if not item.untested:
-        world.broken(MONITOR, item.id, f"{item} was tested, and its condition was not answered")
+        world.broken(MONITOR, item, "was tested, and its condition was not answered")
     item.untested = 0
 
 
 def answered(world: JournalWorld, condition: MessageRecord) -> None:
     """The condition of a monitor was answered: it is tested with the same event, if it still watches."""
-    monitor = world.items.get(condition.about)
-    if (
-        monitor is not None
-        and not monitor.is_stranger
-        and monitor.asked == condition.id
-        and not (monitor.returned or monitor.is_killed)
-    ):
-        monitor.asked, monitor.untested = 0, 1
-        world.later.append(lambda: _check_tested(world, monitor))
-
-
-def _check_tested(world: JournalWorld, monitor: MessageRecord) -> None:
-    if monitor.untested and not (monitor.again or monitor.is_killed):
-        world.broken(MONITOR, monitor.id, f"the condition of {monitor} was answered, and that came to nothing")
-    monitor.untested = 0
-
-
-def monitor_ended(world: JournalWorld, fact: facts.MonitorEnded) -> None:
-    """A monitor ends; one that has not begun never will begin."""
-    item = _monitor(world, fact.monitor, "ended")
-    if item is None:
+    item = world.items.get(condition.about)
+    if item is None or item.is_stranger or item.asked != condition.id or item.returned or item.is_killed:
         return
+    item.asked, item.untested = 0, 1
+    world.later.append(lambda: _check_tested(world, item))
+
+
+def _check_tested(world: JournalWorld, item: MessageRecord) -> None:
+    if item.untested and not (item.again or item.is_killed):
+        world.broken(MONITOR, item, "was not tested, and its condition was answered")
+    item.untested = 0
+
+
+def monitor_ended(world: JournalWorld, item: MessageRecord, fact: facts.MonitorEnded) -> None:
+    """A monitor ends; one that has not begun never will begin."""
+    del fact
     if item.returned and not (item.again or item.is_killed):
-        world.broken(MONITOR, item.id, f"{item} ended a second time")
+        world.broken(MONITOR, item, "ended a second time")
     item.again, item.returned, item.asked = False, True, 0
-
-
-def _monitor(world: JournalWorld, monitor: int, what: str) -> MessageRecord | None:
-    item = world.task(monitor, what)
-    if item is None or item.is_stranger:
-        return None
-    if not item.message_class.is_monitor:
-        world.broken(MONITOR, item.id, f"{item} {what}, and is no monitor")
-        return None
-    return item

@@ -4,6 +4,7 @@ It keeps what has not ended and the names of what has, so it stays small. A jour
 sent before is a stranger, of which nothing is claimed.
 """
 
+from collections import defaultdict
 from collections.abc import Callable
 from sys import intern
 from typing import NamedTuple
@@ -13,7 +14,6 @@ from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.whole_run import Run
 from tca_wire.journal import facts
-from tca_wire.points import ROOT, TaskId
 from tca_wire.text.facts_in_words import called
 from tca_wire.text.facts_in_words import place as words_of_place
 from tca_wire.vocabulary import MessageClass
@@ -49,7 +49,7 @@ class JournalWorld:
         self.joined: dict[str, None] = {}
         self.handlers: dict[str, dict[str, str]] = {}  #: for each message its handlers: module and resource
         self.places: dict[tuple[str, str], ResourceRecord] = {}
-        self._claims: dict[tuple[str, str], ResourceClaims] = {}
+        self._claims: defaultdict[tuple[str, str], ResourceClaims] = defaultdict(ResourceClaims)
         """By what the module calls itself, and the resource."""
         self.claims: dict[int, facts.Claimed] = {}
         self.taps: dict[int, facts.TapAdded] = {}
@@ -64,7 +64,7 @@ class JournalWorld:
         self.places_touched: dict[ResourceRecord, None] = {}
         self.slots_lost: set[ResourceRecord] = set()
         self.rehandled: set[str] = set()  #: messages that got or lost a handler
-        self.later: list[Callable[[], None]] = []  #: what must be true when all of the event is known
+        self.later: list[Callable[[], None]] = []  #: checks of what must be true when all of the event is known
         self.flagged: list[MessageRecord] = []  #: what is as it is for one event only
 
     # --- for properties --------------------------------------------------------------------------------------------
@@ -96,11 +96,6 @@ class JournalWorld:
         """The locks and reservations in force, by module and resource."""
         return {key: place.claims.held_by for key, place in self.places.items() if place.claims.held_by}
 
-    @property
-    def unfinished(self) -> tuple[str, ...]:
-        """The tasks that have not ended."""
-        return tuple(f"{task} has not ended" for task in self.tasks if not task.is_over)
-
     def parent(self, task: MessageRecord) -> MessageRecord | None:
         """The task that *task* is under; None: the root."""
         return task.parent
@@ -111,9 +106,19 @@ class JournalWorld:
 
     # --- what the fold needs ---------------------------------------------------------------------------------------
 
-    def broken(self, rule: Rule, message: int, what: str) -> None:
-        """A rule is broken."""
-        self._report(Violation(rule.text, rule.source, self.events, self.event, self.now, message, what))
+    def broken(self, rule: Rule, about: MessageRecord | int, what: str) -> None:
+        """A rule is broken. *what* goes on from the message's name, if *about* is one and not a mere number."""
+        number, words = (about, what) if isinstance(about, int) else (about.id, f"{about} {what}")
+        self._report(Violation(rule.text, rule.source, self.events, self.event, self.now, number, words))
+
+    def expect(self, is_so: Callable[[], object], rule: Rule, about: MessageRecord | int, what: str) -> None:
+        """When all facts of the event are known, this must be so; else *rule* is broken."""
+
+        def check() -> None:
+            if not is_so():
+                self.broken(rule, about, what)
+
+        self.later.append(check)
 
     def begin(self, entry: facts.Entry) -> None:
         """An event begins: forget what ended with the one before."""
@@ -123,12 +128,10 @@ class JournalWorld:
             if item.is_over and self.items.pop(item.id, None) is not None:
                 self.over[item.id] = EndedMessage(item.message, item.message_class, item.sender, item.sent_by)
                 self.deliveries.pop(item.given_as, None)
-        self.flagged.clear()
-        self.touched.clear()
-        self.places_touched.clear()
-        self.slots_lost.clear()
-        self.rehandled.clear()
-        self.later.clear()
+        for of_event in (
+            self.flagged, self.touched, self.places_touched, self.slots_lost, self.rehandled, self.later,
+        ):  # fmt: skip
+            of_event.clear()
 
     def end(self) -> None:
         """All facts of the event are known."""
@@ -172,10 +175,10 @@ class JournalWorld:
         """The task of that number that has not ended; None, with a complaint if it can't."""
         item = self.item(number, what)
         if item is not None and not item.is_task:
-            self.broken(KNOWN, number, f"{item} {what}, and is no task but a {item.message_class}")
+            self.broken(KNOWN, item, f"{what}, and is no task but a {item.message_class}")
             return None
         if item is not None and item.is_over:
-            self.broken(ENDED, number, f"{item} {what} after its end")
+            self.broken(ENDED, item, f"{what} after its end")
             return None
         return item
 
@@ -201,21 +204,18 @@ class JournalWorld:
     def _copy(
         self, fact: facts.Queued | facts.Delivered, original: MessageRecord | EndedMessage, what: str
     ) -> MessageRecord | None:
+        """What one receiver gets of a message to many."""
         if not original.message_class.fans_out:
             name = f"{original.message} {{{fact.message_id}}}"
             self.broken(ENDED, fact.message_id, f"{name} {what} as {{{fact.id}}}, though it is over, or another one")
             return None
-        body = original.body if isinstance(original, MessageRecord) else b""
+        living = original if isinstance(original, MessageRecord) else None
         copy = MessageRecord(
-            facts.Received(
-                fact.id, original.message, original.message_class, original.sender, ROOT, 0, False, body, []
-            ),
-            None,
-        )
-        copy.sent_by = original.sent_by
-        copy.original = original if isinstance(original, MessageRecord) else None
-        if copy.original is not None:
-            copy.original.copies += 1
+            fact.id, original.message, original.message_class, original.sender, original.sent_by,
+            living.body if living else b"", original=living,
+        )  # fmt: skip
+        if living is not None:
+            living.copies += 1
         self.add(copy)
         return copy
 
@@ -223,18 +223,13 @@ class JournalWorld:
         """Whether it was sent before the journal begins."""
         return 0 < number < self.first and number not in self.over and number not in self.items
 
-    def point_task(self, task: TaskId, what: str) -> MessageRecord | None:
-        """The task of a point: None if it is over, or from before the journal, or the root."""
-        if task == ROOT or task in self.over:
-            return None
-        return self.item(task, what)
-
     def place(self, module: str, resource: str) -> ResourceRecord:
         """A resource; one without a name stands for all that waits for a handler."""
         place = self.places.get((module, resource))
         if place is None:
-            claims = self._claims.setdefault((called(module), resource), ResourceClaims())
+            claims = self._claims[called(module), resource]
             place = self.places[module, resource] = ResourceRecord(module, resource, claims)
+            claims.places.append(place)
         self.places_touched[place] = None
         return place
 

@@ -110,7 +110,7 @@ def test_planning_one_step_ahead_and_two(tmp_path: Path) -> None:
     assert bad.exit_code == 1
     lines = bad.stdout.splitlines()
     assert any(line.startswith("BROKEN at ") and line.endswith(wanted) for line in lines)
-    assert "  here 2: take steps {2}, take steps {3}" in lines or "  here 2: take steps {3}, take steps {4}" in lines
+    assert "  here 2: take steps {3}, take steps {2}" in lines or "  here 2: take steps {4}, take steps {3}" in lines
     assert any("goal sent by planner" in line for line in lines)
 
 
@@ -342,7 +342,7 @@ def test_the_story_is_that_of_a_message_that_is_named(tmp_path: Path, monkeypatc
     assert "these have not: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {6} and 4 more\n" in first
     assert "  the story of bake {1} until then:" in first
     newest = run(run_of_ten, "--property", "at most 9 queued of bake").stdout
-    assert "here 10: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {10} and 4 more\n" in newest
+    assert "here 10: bake {10}, bake {1}, bake {2}, bake {3}, bake {4}, bake {5} and 4 more\n" in newest
     assert "  the story of bake {10} until then:" in newest
 
 
@@ -387,7 +387,7 @@ def test_a_segment_of_the_middle(tmp_path: Path) -> None:
     )
     result = run(written(tmp_path / "00000002.tcaj", [opened, *entries[middle:]]))
     assert result.exit_code == 0, result.output
-    assert "  segment 1 is missing: what was sent before" in result.stdout
+    assert "  missing: 1 segment before segment 2; what was sent before" in result.stdout
     assert "no breach in what can be read: " in result.stdout
 
 

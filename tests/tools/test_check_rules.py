@@ -170,7 +170,7 @@ def test_a_parent_that_ends_before_its_child() -> None:
     one, _ = _two_legs(story)
     story.at(1.0).returned(1).reached(1, Moment.END_PLANNING, Moment.END_ACHIEVING)
     broken = [violation for violation in checked(story.entries) if violation.rule == rules.FAMILY.text]
-    assert broken[0].what == f"walk {{1}} ended before move {{{one}}}, move {{3}}, which is under it"
+    assert broken[0].what == f"walk {{1}} ended before move {{{one}}}, which is under it"
 
 
 def test_a_failure_that_nobody_cares_for() -> None:
@@ -232,7 +232,7 @@ def test_a_segment_that_is_missing() -> None:
     middle = len(WALK) // 2
     entries = [*WALK[:9], Entry(WALK[middle].number, WALK[middle].time, [opened]), *WALK[middle:]]
     gaps, found = _gaps(entries)
-    assert gaps == [f"segment 2 is missing: what was sent before {WALK[middle].time:.2f} s is not known"]
+    assert gaps == [f"missing: 1 segment before segment 3; what was sent before {WALK[middle].time:.2f} s is not known"]
     assert found == []
 
 
