@@ -13,7 +13,7 @@ from tca_tools.run.records import HandlerWait, Queueing, State, Suspension, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.keepers import Keepers, Part, parts_in_queue, parts_of_claim
 from tca_tools.why.wait_words import of_claim, of_queueing, wait_for
-from tca_tools.why.waits import NO_TIME, of_handler_wait, states_of, told_waits
+from tca_tools.why.waits import NO_TIME, of_handler_wait, told_waits
 from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import run_time
 from tca_wire.text.waits_in_words import causes_in_words, in_words
@@ -87,7 +87,7 @@ def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
 
 def _all(run: Run) -> Iterator[_Found]:
     for task in run.tasks.values():
-        for since, end, state in states_of(task):
+        for since, end, state in task.spans():
             if state in (State.HELD, State.PLANNED):
                 yield _Found(WaitKind.CONSTRAINT, task.id, since, None if end == inf else end, task)
     yield from _of_the_rest(run)

@@ -16,7 +16,7 @@ from tca_tools.export.tables import TABLES, Table
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.options import force_option, log_argument
 from tca_tools.output import check_free, made_for, make_folder, new_file
-from tca_tools.run.folding import folded
+from tca_tools.run.fold import folded
 from tca_tools.run.journals import Log, open_log
 from tca_tools.run.whole_run import Run
 from tca_wire.journal.records import SEGMENT_SUFFIX

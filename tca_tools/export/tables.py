@@ -90,7 +90,7 @@ def _tasks(run: Run) -> Iterator[Row]:
         reached = [task.reached.get(moment) for moment in MOMENTS]
         known = (task.id, task.name, task.parent, depths[task.id], str(task.state))
         killed = (task.killed, task.killed_by or None, _delivery(task.killer), task.killed_for or None)
-        yield *known, *reached, *killed, task.is_suspended
+        yield *known, *reached, *killed, task.suspension is not None
 
 
 def _states(run: Run) -> Iterator[Row]:

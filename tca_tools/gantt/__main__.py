@@ -12,8 +12,7 @@ from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
 from tca_tools.gantt.window import ROOM, Pick
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.output import write_output
-from tca_tools.run.folding import folded
-from tca_tools.run.garbage import no_garbage
+from tca_tools.run.fold import folded, no_garbage
 from tca_tools.run.journals import open_log
 from tca_tools.run.records import OVER, Task
 from tca_tools.run.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for

@@ -14,7 +14,7 @@ from tca_tools.run.fates import has_coped, went_on
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import lanes
-from tca_tools.why.waits import states_of, told_waits
+from tca_tools.why.waits import told_waits
 from tca_wire.text.facts_in_words import place
 from tca_wire.vocabulary import Outcome
 
@@ -190,7 +190,7 @@ class _Filler:
         wanted = (State.SUSPENDED, *_HELD) if task.id in self.pick.held else (State.SUSPENDED,)
         if not any(state in wanted for _, state in task.states) or not self.pick.message(task.id):
             return
-        for start, end, state in states_of(task):
+        for start, end, state in task.spans():
             where = _home(self.run, task, start, end) if state in wanted else None
             if where is None or not self.pick.row(where[0]):
                 continue

@@ -7,7 +7,7 @@ import click
 from tca_tools.errors import DamagedLog, ToolError
 from tca_tools.options import check_output, force_option, log_argument
 from tca_tools.output import write_output
-from tca_tools.run.folding import folded
+from tca_tools.run.fold import folded
 from tca_tools.run.journals import Log, open_log
 
 

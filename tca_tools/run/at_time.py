@@ -4,12 +4,12 @@ A moment is the time of an entry: each entry has its own. Looking at one task co
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
-from functools import cached_property
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property, wraps
 from itertools import islice
 from math import inf
 from operator import attrgetter, itemgetter
-from typing import Any, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from tca_tools.run.fates import standing, watches
 from tca_tools.run.records import (
@@ -25,6 +25,8 @@ from tca_tools.run.records import (
     State,
     Suspension,
     Task,
+    going_on,
+    lately,
 )
 from tca_tools.run.whole_run import Run
 from tca_wire.constraints import Constraint
@@ -32,148 +34,99 @@ from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.text.facts_in_words import called, kill_reason
 from tca_wire.vocabulary import MessageClass, Role
 
-_WAITS = 32
-"""Waits of a handler that are looked at."""
-_Span = TypeVar("_Span", Queueing, Handling, HandlerWait, Suspension)
+_T = TypeVar("_T")
+_P = ParamSpec("_P")
 _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
 
 
+class _Same(Generic[_T]):
+    """What never changes of a task: a field of its record."""
+
+    def __set_name__(self, _owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, task: "TaskAt", _owner: type) -> _T:
+        found: _T = getattr(task.record, self._name)
+        return found
+
+
+class _Was(_Same[_T]):
+    """A field of its record, as it was then."""
+
+    def __get__(self, task: "TaskAt", _owner: type) -> _T:
+        found: _T = task.record.was(self._name, task.moment)
+        return found
+
+
 class TaskAt:
-    """A task as it was; what never changes is read from its record."""
+    """A task as it was; its fields are those of ``Task``."""
 
-    __slots__ = ("_record", "_run", "_time")
+    __slots__ = ("_run", "moment", "record")
 
-    def __init__(self, run: Run, record: Task, time: float) -> None:
-        self._run = run
-        self._record = record
-        self._time = time
+    id = _Same[TaskId]()
+    name = _Same[str]()
+    message_class = _Same[MessageClass]()
+    parent = _Same[TaskId]()
+    sender = _Same[str]()
+    role = _Same[Role]()
+    failure = _Was[Failure]()
+    body = _Was[bytes]()
+    result = _Was[bytes]()
+    failure_data = _Was[bytes]()
+
+    def __init__(self, run: Run, record: Task, moment: float) -> None:
+        self._run, self.record, self.moment = run, record, moment
 
     def __str__(self) -> str:
-        return str(self._record)
-
-    @property
-    def id(self) -> TaskId:
-        """Its number."""
-        return TaskId(self._record.id)
-
-    @property
-    def name(self) -> str:
-        """Its message's name."""
-        return self._record.name
-
-    @property
-    def message_class(self) -> MessageClass:
-        """Goal, command or a monitor."""
-        return self._record.message_class
-
-    @property
-    def parent(self) -> TaskId:
-        """The task that it is under."""
-        return self._record.parent
-
-    @property
-    def sender(self) -> str:
-        """The module that sent it."""
-        return self._record.sender
-
-    @property
-    def role(self) -> Role:
-        """Why central made it."""
-        return self._record.role
+        return str(self.record)
 
     @property
     def state(self) -> State:
         """What it was doing."""
-        return self._stage[1]
+        return self.record.state_at(self.moment)
 
     @property
     def standing(self) -> str:
-        """The same in words; of a failure whether the run had gone on after it by then, of a monitor whether it
-        watched.
-        """
-        return standing(self._run, self._record, self.state, self._time)
+        """The same in words; of a failure whether the run had gone on after it, of a monitor whether it watched."""
+        return standing(self._run, self.record, self.state, self.moment)
 
     @property
     def since(self) -> float:
         """From when on it was in that state; of a queued one, in the queue that it was in then."""
-        since, state = self._stage
+        since, state = self.record.states[self.record.place_at(self.moment)]
         queueing = self.queueing if state is State.QUEUED else None
         return max(since, queueing.start) if queueing else since
 
     @property
-    def _stage(self) -> tuple[float, State]:
-        states = self._record.states
-        return states[max(bisect_right(states, self._time, key=_SINCE) - 1, 0)]
-
-    @property
-    def failure(self) -> Failure:
-        """The failure raised on it."""
-        failure: Failure = self._record.was("failure", self._time)
-        return failure
-
-    @property
     def why_killed(self) -> str | None:
         """Why it was killed, and by whom; None if it was not."""
-        why: str | None = self._record.was("killed", self._time)
-        return None if why is None else kill_reason(why, self._record.was("killed_by", self._time))
-
-    @property
-    def body(self) -> bytes:
-        """Its data."""
-        body: bytes = self._record.was("body", self._time)
-        return body
-
-    @property
-    def result(self) -> bytes:
-        """What its handler returned."""
-        result: bytes = self._record.was("result", self._time)
-        return result
-
-    @property
-    def failure_data(self) -> bytes:
-        """The data of the failure with which its handler ended last."""
-        failure_data: bytes = self._record.was("failure_data", self._time)
-        return failure_data
-
-    @property
-    def is_suspended(self) -> bool:
-        """Whether it was suspended, by itself or with what it is under."""
-        return self.suspension is not None
+        why: str | None = self.record.was("killed", self.moment)
+        return None if why is None else kill_reason(why, self.record.was("killed_by", self.moment))
 
     @property
     def suspension(self) -> Suspension | None:
-        """Its suspension that went on."""
-        return _going_on(self._record.suspensions, self._time)
+        """Its suspension that went on, of itself or with what it is under."""
+        return going_on(self.record.suspensions, self.moment)
 
     @property
     def children(self) -> list[TaskId]:
         """The tasks right under it, oldest first."""
-        return self._run.children_until(self._record.children, self._time)
+        return self._run.children_until(self.record.children, self.moment)
 
     @property
     def caught_by(self) -> list[TaskId]:
         """The exception handlers that were called for its failures."""
-        return self._run.children_until(self._record.caught_by, self._time)
-
-    @property
-    def called(self) -> float | None:
-        """When the last of them was called."""
-        last = next((self._run.tasks.get(one) for one in reversed(self.caught_by)), None)
-        return None if last is None else last.received
+        return self._run.children_until(self.record.caught_by, self.moment)
 
     @property
     def reached(self) -> dict[Moment, float]:
         """When it reached which moments."""
-        return {moment: time for moment, time in self._record.reached.items() if time <= self._time}
+        return {moment: time for moment, time in self.record.reached.items() if time <= self.moment}
 
     @property
     def holds(self) -> list[Hold]:
         """The constraints on its moments."""
-        return [hold for hold in self._record.holds if hold.added <= self._time]
-
-    def is_over(self, hold: Hold) -> bool:
-        """Whether the delay of one of them was over."""
-        return hold.over is not None and hold.over <= self._time
+        return [hold for hold in self.record.holds if hold.added <= self.moment]
 
     @property
     def constraints(self) -> list[Constraint]:
@@ -183,55 +136,58 @@ class TaskAt:
     @property
     def queueing(self) -> Queueing | None:
         """Its wait in a queue."""
-        return _going_on(self._record.queueings, self._time)
+        return going_on(self.record.queueings, self.moment)
 
     @property
     def handling(self) -> Handling | None:
         """The run of its handler that went on."""
-        return _going_on(self._record.handlings, self._time)
-
-    @property
-    def wait(self) -> HandlerWait | None:
-        """What its handler waited for."""
-        return self.waits[-1] if self.waits else None
+        return going_on(self.record.handlings, self.moment)
 
     @property
     def waits(self) -> list[HandlerWait]:
-        """The same; of an async handler that waits in several places, all that began lately."""
-        run = self.handling
-        return _waits(run.waits, self._time) if run else []
+        """What its handler waited for; of an async handler that waits in several places, all that began lately."""
+        return lately(run.waits, self.moment) if (run := self.handling) else []
 
     @property
     def asking(self) -> list[Message]:
         """The queries of its handler that had not been answered, oldest first."""
         asked = self.handling.asked if self.handling else None
-        return [one for one in asked or () if one.received <= self._time and not self._is_answered(one)]
+        return [one for one in asked or () if one.received <= self.moment and not self._is_answered(one)]
 
     def _is_answered(self, query: Message) -> bool:
-        is_given_up = bool(query.was("dropped", self._time) or query.was("failure", self._time))
-        return is_given_up or (query.answered is not None and query.answered <= self._time)
+        is_given_up = bool(query.was("dropped", self.moment) or query.was("failure", self.moment))
+        return is_given_up or (query.answered is not None and query.answered <= self.moment)
 
     @property
     def watches(self) -> bool:
         """Whether it was a monitor that had begun to watch, and went on."""
-        return watches(self._record, self.state, self._time)
-
-    @property
-    def _retried(self) -> float | None:
-        return max((one.time for one in self._record.retries if one.time <= self._time), default=None)
+        return watches(self.record, self.state, self.moment)
 
     @property
     def is_retried(self) -> bool:
         """Whether it was to be handled again, and had not been."""
-        retried = self._retried
-        begun = max((run.start for run in self._record.handlings if run.start <= self._time), default=None)
-        return retried is not None and begun is not None and begun < retried
+        begun = [run.start for run in self.record.handlings if run.start <= self.moment]
+        return bool(begun) and any(begun[-1] < one.time <= self.moment for one in self.record.retries)
 
     @property
     def ahead(self) -> list[Ahead]:
         """Its deadlines that were to come, and when it was to be killed."""
-        known = self._run.ahead.get(self._record.id, ())
-        return [one for one in known if one.set_at <= self._time] if self.state not in (*OVER, State.ENDING) else []
+        known = self._run.ahead.get(self.record.id, ())
+        return [one for one in known if one.set_at <= self.moment and self.state not in (*OVER, State.ENDING)]
+
+
+def remembered(look: Callable[Concatenate["RunAt", _P], _T]) -> Callable[Concatenate["RunAt", _P], _T]:
+    """Look once a moment: what was so then never changes."""
+
+    @wraps(look)
+    def found(at: "RunAt", /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        key = (look, *args)
+        if key not in at.memo:
+            at.memo[key] = look(at, *args, **kwargs)
+        known: _T = at.memo[key]
+        return known
+
+    return found
 
 
 class RunAt:
@@ -244,10 +200,7 @@ class RunAt:
         """What the clock of the entries showed."""
         self.tasks = _Tasks(run, self.moment)
         self.memo: dict[object, Any] = {}
-        """What others have worked out of this moment, by whoever did: it never changes."""
-        self._running: dict[tuple[str, str], list[Handling]] = {}
-        self._holders: dict[tuple[str, str], Claim | None] = {}
-        self._wanted: dict[tuple[str, str], list[Claim]] = {}
+        """What has been worked out of this moment: it never changes."""
 
     @classmethod
     def by_clock(cls, run: Run, clock: float | None, now: float | None = None) -> "RunAt":
@@ -268,10 +221,15 @@ class RunAt:
         """The tasks right under *task*, oldest first."""
         return self.top if task == ROOT else self.tasks[task].children
 
+    def reached_at(self, point: Point) -> float | None:
+        """When a point was reached, if that is known and it was."""
+        task = self.run.tasks.get(point.task)
+        time = inf if task is None else task.time_of(point.moment)
+        return time if time <= self.moment else None
+
     def has_reached(self, point: Point) -> bool:
         """Whether the point was past; what is unknown ended before the journal began."""
-        task = self.run.tasks.get(point.task)
-        return task is None or task.reached.get(point.moment, inf) <= self.moment
+        return point.task not in self.run.tasks or self.reached_at(point) is not None
 
     def ran_on(self, task: TaskAt) -> list[Handling]:
         """The handlers of what is under a suspended task that still worked, though it was suspended."""
@@ -279,25 +237,21 @@ class RunAt:
         return [run for run in still if self._works(run) and self._is_under(run.message_id, task.id)]
 
     def _works(self, run: Handling) -> bool:
-        if run.end is not None and run.end <= self.moment:
-            return False
-        wait = _going_on(run.waits, self.moment)
-        return wait is None or wait.moment is None
+        wait = going_on(run.waits, self.moment)
+        return run.until > self.moment and (wait is None or wait.moment is None)
 
     def _is_under(self, task: int, above: int) -> bool:
         while task > above:  # what is above has the smaller number
             task = self.run.tasks[task].parent
         return task == above
 
+    @remembered
     def running(self, module: str, resource: str) -> list[Handling]:
         """The handlers that ran in a resource."""
-        key = (module, resource)
-        if key not in self._running:
-            runs = self.run.runs.get(key, [])
-            begun = bisect_right(runs, self.moment, key=_START)
-            last = (*runs[begun - 1].beside, runs[begun - 1]) if begun else ()
-            self._running[key] = [run for run in last if run.end is None or run.end > self.moment]
-        return self._running[key]
+        runs = self.run.runs.get((module, resource), [])
+        begun = bisect_right(runs, self.moment, key=_START)
+        last = (*runs[begun - 1].beside, runs[begun - 1]) if begun else ()
+        return [run for run in last if run.until > self.moment]
 
     def inside(self, module: str, resource: str) -> list[Handling]:
         """The same of all copies of the module."""
@@ -306,42 +260,29 @@ class RunAt:
 
     def queueing_of(self, message: Message) -> Queueing | None:
         """The wait of a message in a queue."""
-        return _going_on(message.queueings, self.moment)
+        return going_on(message.queueings, self.moment)
 
     def handling_of(self, message: Message) -> Handling | None:
         """The run of its handler."""
-        return _going_on(message.handlings, self.moment)
+        return going_on(message.handlings, self.moment)
 
     def copies_of(self, query: Message) -> tuple[list[Handling], list[Queueing]]:
         """Of a multi-query the runs of its handlers, and the waits of its copies in queues."""
-        runs = [run for run in query.handlings if run.start <= self.moment and not _is_over(run, self.moment)]
         copies = self.run.copies.get(query.id, ())
-        return runs, [one for one in copies if one.start <= self.moment and not _is_over(one, self.moment)]
+        return [run for run in query.handlings if run.goes_on(self.moment)], [
+            one for one in copies if one.goes_on(self.moment)
+        ]
 
-    def waits_of(self, run: Handling) -> list[HandlerWait]:
-        """What a handler waited for, like ``TaskAt.waits``."""
-        return _waits(run.waits, self.moment)
-
-    def waits_outside(self, module: str) -> list[HandlerWait]:
-        """What a module waited for outside of handlers."""
-        known = self.run.modules.get(module)
-        return _waits(known.waits, self.moment) if known else []
-
+    @remembered
     def wanted(self, module: str, resource: str) -> list[Claim]:
         """The locks and reservations that somebody waited for, oldest first, of all copies of a module."""
-        key = (called(module), resource)
-        if key not in self._wanted:
-            claims = self.run.asked_for(module, resource)
-            begun = islice(claims, bisect_right(claims, self.moment, key=_START))
-            self._wanted[key] = [claim for claim in begun if not (self.is_granted(claim) or self._has_ended(claim))]
-        return self._wanted[key]
+        claims = self.run.asked_for(module, resource)
+        begun = islice(claims, bisect_right(claims, self.moment, key=_START))
+        return [claim for claim in begun if claim.until > self.moment and not self.is_granted(claim)]
 
     def is_granted(self, claim: Claim) -> bool:
         """Whether it is in force, or was."""
         return claim.granted is not None and claim.granted <= self.moment
-
-    def _has_ended(self, claim: Claim) -> bool:
-        return claim.end is not None and claim.end <= self.moment
 
     def capacity(self, module: str, resource: str) -> int:
         """How many messages a resource took at a time."""
@@ -350,21 +291,13 @@ class RunAt:
         begun = bisect_right(sizes, self.moment, key=_SINCE)
         return sizes[begun - 1][1] if begun else 1
 
-    def reached_at(self, point: Point) -> float | None:
-        """When a point was reached, if that is known and it was."""
-        task = self.run.tasks.get(point.task)
-        time = None if task is None else task.reached.get(point.moment)
-        return time if time is not None and time <= self.moment else None
-
+    @remembered
     def held_by(self, module: str, resource: str) -> Claim | None:
         """The lock or reservation that was in force, in all copies of a module."""
-        key = (called(module), resource)
-        if key not in self._holders:
-            grants = self.run.granted(module, resource)
-            granted = bisect_right(grants, self.moment, key=_GRANTED)
-            last = grants[granted - 1] if granted else None
-            self._holders[key] = last if last and (last.end is None or last.end > self.moment) else None
-        return self._holders[key]
+        grants = self.run.granted(module, resource)
+        granted = bisect_right(grants, self.moment, key=_GRANTED)
+        last = grants[granted - 1] if granted else None
+        return last if last and last.until > self.moment else None
 
     def describe(self, message_id: int) -> str:
         """A message's name with its id: ``take steps {7}``."""
@@ -393,20 +326,3 @@ class _Tasks(Mapping[int, TaskAt]):
 
     def __iter__(self) -> Iterator[int]:
         return islice(self._run.tasks, self._count)
-
-
-def _is_over(span: _Span, time: float) -> bool:
-    return span.end is not None and span.end <= time
-
-
-def _going_on(spans: list[_Span], time: float) -> _Span | None:
-    """The last of them that had begun, if it had not ended."""
-    begun = bisect_right(spans, time, key=_START)
-    last = spans[begun - 1] if begun else None
-    return last if last is not None and (last.end is None or last.end > time) else None
-
-
-def _waits(waits: list[HandlerWait], time: float) -> list[HandlerWait]:
-    begun = bisect_right(waits, time, key=_START)
-    lately = waits[max(begun - _WAITS, 0) : begun]
-    return [wait for wait in lately if wait.end is None or wait.end > time]

@@ -38,16 +38,30 @@ class Fate(StrEnum):
     """What became of a failure."""
 
     RETRIED = "retried"  # itself; or a task above it, for which it was killed
-    DEALT_WITH = "dealt with"
+    DEALT_WITH = "recovered"
     REPLACED = "replaced"  # the task was killed, and the top-level task went on without it, or was achieved
     KILLED = "killed"  # the task was killed, and with it, or by its exception handler, the top-level task
-    NOT_HANDLED = "not handled"  # no exception handler was found
-    COPED = "told to the asker, who went on"  # of a query
-    TOLD = "told to the asker"  # a program outside of handlers: with that nothing fails
-    ANSWERED = "told to the asker, who failed"  # and nobody handled that
-    UNTOLD = "told to nobody"  # of an inform or the like; of a query that its sender no longer waited for
+    NOT_HANDLED = "unhandled"  # no exception handler was found
+    COPED = "coped"  # of a query: whoever asked was told, and went on
+    TOLD = "told"  # of a query of a program outside of handlers: with that nothing fails
+    ANSWERED = "passed"  # of a query: whoever asked was told, and failed, and nobody handled that
+    UNTOLD = "untold"  # of an inform or the like; of a query that its sender no longer waited for
     OPEN = "open"  # not decided when the journal ended
 
+    @property
+    def words(self) -> str:
+        """As people are told of it."""
+        return _WORDS.get(self, self.value)
+
+
+_WORDS = {
+    Fate.DEALT_WITH: "dealt with",
+    Fate.NOT_HANDLED: "not handled",
+    Fate.COPED: "told to the asker, who went on",
+    Fate.TOLD: "told to the asker",
+    Fate.ANSWERED: "told to the asker, who failed",
+    Fate.UNTOLD: "told to nobody",
+}
 
 GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED, Fate.COPED, Fate.TOLD)
 """After these the robot went on, as far as the journal tells."""
@@ -70,7 +84,8 @@ def went_on(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
     """Whether the run went on, or still may, after what failed at *time*; as far as that was known at a moment."""
     *_, (last, when) = _passed_on(run, failed, time, known)
     if isinstance(last, Task):
-        return _has_failed(last, known) and _of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
+        has_failed = any(name == "failure" and since <= known for since, name, _ in last.changes)
+        return has_failed and _of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
     return is_told(run, last, when)
 
 
@@ -88,9 +103,7 @@ def coped_with(run: Run, message: Message, moment: float = inf, known: float | N
 
 
 def standing(run: Run, task: Task, state: State, moment: float = inf) -> str:
-    """How a task in a state stands at a moment: that; of a failure whether the run had gone on after it by then; and of
-    a monitor whether it watched.
-    """
+    """How a task in a state stands at a moment, in words; see ``STANDINGS``."""
     if watches(task, state, moment):
         return WATCHING
     return HANDLED if state is State.FAILED and coped_with(run, task, moment) else str(state)
@@ -100,7 +113,7 @@ def watches(task: Task, state: State, moment: float = inf) -> bool:
     """Whether it is a monitor that has begun to watch, and goes on."""
     if not task.message_class.is_monitor or state not in (State.ACHIEVING, State.PLANNING):
         return False
-    if task.reached.get(Moment.START_HANDLING, inf) > moment:
+    if task.time_of(Moment.START_HANDLING) > moment:
         return False
     retried = max((one.time for one in task.retries if one.time <= moment), default=0.0)  # it begins anew
     return not task.was("watched", moment) or retried >= task.written("watched", moment)
@@ -108,13 +121,12 @@ def watches(task: Task, state: State, moment: float = inf) -> bool:
 
 def watching(task: Task) -> Iterator[tuple[float, float]]:
     """From when until when a monitor watched: while it was being achieved, from its beginning, or its retry, on."""
-    begun, spans = task.reached.get(Moment.START_HANDLING, inf), list[tuple[float, float]]()
+    begun, spans = task.time_of(Moment.START_HANDLING), list[tuple[float, float]]()
     for stopped in (time for time, why in task.became("watched") if why):
         spans.append((begun, stopped))
         begun = min((one.time for one in task.retries if one.time >= stopped), default=inf)
     spans.append((begun, inf))
-    ends = [*(since for since, _ in task.states[1:]), inf]
-    for (since, state), over in zip(task.states, ends, strict=True):
+    for since, over, state in task.spans():
         for start, end in spans if state in (State.ACHIEVING, State.PLANNING) else ():
             if max(start, since) < min(end, over):
                 yield max(start, since), min(end, over)
@@ -138,7 +150,7 @@ def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
         return [last.by] if is_open and last.by is not None else []
     became, top = _of_task(run, last, when), run.tasks[last.top]
     handler = _last_called(run, last, when, inf)
-    is_through = top.state is State.ACHIEVED or (handler is not None and Moment.END_ACHIEVING in handler.reached)
+    is_through = top.state is State.ACHIEVED or (handler is not None and handler.has_ended)
     if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and is_through):
         return []
     return [last, top]
@@ -160,29 +172,22 @@ def begun_again_with(run: Run, task: Task, time: float, known: float = inf) -> T
 
 
 def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
-    """Who is told of the failure of a query, and what came of it: "told to chef, who went on"; or why nobody is. As far
-    as that was known at a moment. "" of what has no answer.
-    """
+    """Who is told of the failure of a query, and what came of it by a moment; or why nobody is."""
     if not _has_asker(run, failed):
         return ""
     if why := _why_untold(run, failed, time):
-        return f"{Fate.UNTOLD}: {why}"
+        return f"{Fate.UNTOLD.words}: {why}"
     if isinstance(failed, Message) and failed.role is Role.CONDITION:
         return f"told to central, for {run.describe(failed.about)}"
     sender = failed.sender if isinstance(failed, Message) else failed.direct_from
     if failed.by is None:
         return f"told to {sender}"
-    how = _made_of_it(run, failed, failed.by, time, known)
+    how = "went on"
+    if failed.by.end is None or failed.by.end > known:
+        how = "still runs"
+    elif failed.by.outcome is Outcome.FAILED:
+        how = "failed then, and that was handled" if went_on(run, failed, time, known) else "failed then"
     return f"told to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
-
-
-def _made_of_it(run: Run, failed: Failing, asker: Handling, time: float, known: float) -> str:
-    """What came of it with the handler that was told."""
-    if asker.end is None or asker.end > known:
-        return "still runs"
-    if asker.outcome is not Outcome.FAILED:
-        return "went on"
-    return "failed then, and that was handled" if went_on(run, failed, time, known) else "failed then"
 
 
 def _passed_on(run: Run, failed: Failing, time: float, known: float = inf) -> Iterator[tuple[Failing, float]]:
@@ -235,7 +240,7 @@ def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> boo
     if any(asked < when <= time for when in begun):
         return True
     ends = [when for when, why in monitor.became("watched") if why and not (when == asked and when in begun)]
-    return any(asked <= when <= time for when in (*ends, monitor.reached.get(Moment.END_ACHIEVING, inf)))
+    return any(asked <= when <= time for when in (*ends, monitor.time_of(Moment.END_ACHIEVING)))
 
 
 def _monitor(run: Run, failed: Failing) -> Task | None:
@@ -243,20 +248,11 @@ def _monitor(run: Run, failed: Failing) -> Task | None:
     return run.tasks.get(failed.about) if isinstance(failed, Message) and failed.role is Role.CONDITION else None
 
 
-def _has_failed(task: Task, known: float) -> bool:
-    return any(name == "failure" and time <= known for time, name, _ in task.changes)
-
-
-def _place(task: Task, time: float) -> int:
-    """Which of its states a task was in."""
-    return max(bisect_right(task.states, time, key=_SINCE) - 1, 0)
-
-
 def _of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
     """By the first state that decides: killed, or one in which the task goes on, or has ended well. For what is killed
     a task above it may have been begun again, or the top-level task goes on.
     """
-    first, last = _place(task, time), _place(task, known)
+    first, last = task.place_at(time), task.place_at(known)
     decided = next((place for place in range(first, last + 1) if task.states[place][1] not in UNDECIDED), None)
     if decided is None and task.states[last][1] is State.RECOVERING:
         return Fate.OPEN
@@ -273,13 +269,14 @@ def _of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
     handler is through was not for this failure.
     """
     top, handler = run.tasks[task.top], _last_called(run, task, time, known)
-    if top is not task and _is_achieved(top, known):
+    if top is not task and top.state_at(known) is State.ACHIEVED:
         return Fate.REPLACED
     if handler is None:
         return Fate.NOT_HANDLED
-    through = min(handler.reached.get(Moment.END_ACHIEVING, inf), known)
+    through = min(handler.time_of(Moment.END_ACHIEVING), known)
     is_left = time in run.unhandled.get(task.id, ())
-    return Fate.KILLED if top is task or is_left or not _goes_on(top, through) else Fate.REPLACED
+    goes_on = top.state_at(through) not in OVER and top.was("killed", through) is None
+    return Fate.REPLACED if goes_on and top is not task and not is_left else Fate.KILLED
 
 
 def _last_called(run: Run, task: Task, time: float, known: float) -> Task | None:
@@ -287,15 +284,6 @@ def _last_called(run: Run, task: Task, time: float, known: float) -> Task | None
     called = (run.tasks[one] for one in reversed(task.caught_by) if one in run.tasks)
     newest = next((one for one in called if one.received <= known), None)
     return newest if newest is not None and newest.received >= time else None
-
-
-def _is_achieved(top: Task, moment: float) -> bool:
-    return top.states[_place(top, moment)][1] is State.ACHIEVED
-
-
-def _goes_on(top: Task, moment: float) -> bool:
-    """Whether a top-level task goes on at a moment."""
-    return top.states[_place(top, moment)][1] not in OVER and top.was("killed", moment) is None
 
 
 def _was_begun_again(task: Task, time: float, end: float) -> bool:

@@ -3,30 +3,33 @@
 Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts: a journal may begin in the middle.
 """
 
-from collections.abc import Callable, Iterable
+import gc
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from math import inf, nextafter
-from typing import Any
+from typing import Any, get_type_hints
 
 from tca_tools.run.fold_reactions import ReactionFold
-from tca_tools.run.garbage import no_garbage
-from tca_tools.run.records import (
-    Claim,
-    CopyEnd,
-    Failure,
-    HandlerWait,
-    Handling,
-    Hold,
-    Message,
-    Offer,
-    Queueing,
-    Raised,
-    Task,
-)
+from tca_tools.run.journals import Log
+from tca_tools.run.records import Claim, Failure, HandlerWait, Handling, Hold, Message, Offer, Queueing, Raised, Task
+from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Outcome, Refusal, Role
+
+
+@contextmanager
+def no_garbage() -> Iterator[None]:
+    """A fold only adds: Python would look through all of it for garbage, again and again, and take twice the time."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 class History(ReactionFold):
@@ -101,9 +104,6 @@ class History(ReactionFold):
             self.began = fact.began
         self.epoch = fact.epoch
 
-    def _closed(self, _fact: facts.Closed) -> None:
-        """Nothing else changes: what went on or waited until then did so until the end."""
-
     def _joined(self, fact: facts.ModuleJoined) -> None:
         module = self._module(fact.module)
         if not module.joined or module.joined[-1][1] is not None:
@@ -111,16 +111,13 @@ class History(ReactionFold):
             self.news.append(module)
 
     def _left(self, fact: facts.ModuleLeft) -> None:
-        self._leave(fact.module, fact.why)
-
-    def _leave(self, name: str, why: str) -> None:
-        module = self._module(name)
+        module = self._module(fact.module)
         if module.joined and module.joined[-1][1] is None:
             module.joined[-1] = (module.joined[-1][0], self.time)
             self.news.append(module)
-            module.left = why
+            module.left = fact.why
         for resource in ("", *module.resources):
-            for handling in self._running.pop((name, resource), {}).values():
+            for handling in self._running.pop((fact.module, resource), {}).values():
                 self._end(handling)
 
     def _resource(self, fact: facts.ResourceChanged) -> None:
@@ -155,7 +152,7 @@ class History(ReactionFold):
         by = by if by is not None and by.message_id < fact.id else None  # whoever sends is older than what he sends
         if fact.message_class.is_task:
             self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent, by=by))
-            self._constrain(fact)
+            self._constrain(fact.constraints)
         else:
             self.messages[fact.id] = Message(*known, role=fact.role, about=fact.about, by=by)
         if fact.role is Role.CONDITION:
@@ -166,8 +163,11 @@ class History(ReactionFold):
         if fact.blocking and not fact.message_class.is_task:
             self._reply_waits[fact.id] = self._wait(HandlerWait(fact.id, self.time), fact.sender, fact.origin)
 
-    def _constrain(self, fact: facts.Received | facts.Constrained) -> None:
-        for constraint in fact.constraints:
+    def _constrained(self, fact: facts.Constrained) -> None:
+        self._constrain(fact.constraints)
+
+    def _constrain(self, constraints: list[Constraint]) -> None:
+        for constraint in constraints:
             if constraint.after.task in self.tasks:
                 self._hold(self.tasks[constraint.after.task], Hold(constraint, self.time))
 
@@ -244,9 +244,6 @@ class History(ReactionFold):
         runs = reversed(message.handlings) if message else ()
         return next((run for run in runs if run.delivery == delivery and run.module == module), None)
 
-    def _direct_lost(self, fact: facts.LostDirectly) -> None:
-        self.lost_directly[fact.message] = self.lost_directly.get(fact.message, 0) + fact.number
-
     def _finish(self, delivery: int) -> Handling | None:
         """The handler of a delivery no longer has it."""
         if handling := self._deliveries.pop(delivery, None):
@@ -282,8 +279,6 @@ class History(ReactionFold):
         failure = Failure(fact.failure, fact.text)
         if fact.is_beside:
             self.raised.setdefault(fact.id, []).append(Raised(self.time, failure, fact.by, self.asker))
-        if fact.copy_of:
-            self._lose_copy(fact.id, fact.copy_of, failure, is_failure=True)
         if message := self.messages.get(lost.message_id if lost else fact.id):
             self._change(message, "failure", failure)
             self._seen_to.pop(message.id, None)
@@ -306,20 +301,10 @@ class History(ReactionFold):
         self._unqueue(fact.id)
         if fact.id not in self.messages:  # a copy, for a listener that left; who gave up a message may still handle it
             self._finish(fact.id)
-        if fact.copy_of:
-            self._lose_copy(fact.id, fact.copy_of, fact.why, is_failure=False)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         if message := self.messages.get(fact.id):
             circle = self.deadlocks.get((self.time, message.sender), "") if fact.why == Refusal.DEADLOCK else ""
             self._change(message, "dropped", circle or fact.why)
-
-    def _lose_copy(self, delivery: int, message_id: int, text: str, *, is_failure: bool) -> None:
-        """What one receiver of a message was to get came to nothing."""
-        if (message := self.messages.get(message_id)) is not None:
-            had = next((run for run in reversed(message.handlings) if run.delivery == delivery), None)
-            module = had.module if had is not None else ""
-            message.copies_lost = message.copies_lost or []
-            message.copies_lost.append(CopyEnd(delivery, self.time, module, is_failure, text))
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
@@ -381,49 +366,20 @@ class History(ReactionFold):
             self._touch(wait.by.message_id if isinstance(wait.by, Handling) else 0)
 
 
-# ruff: noqa: SLF001
 _TAKE: dict[type, Callable[[History, Any], None]] = {
-    facts.Opened: History._opened,
-    facts.Closed: History._closed,
-    facts.ModuleJoined: History._joined,
-    facts.ModuleLeft: History._left,
-    facts.ResourceChanged: History._resource,
-    facts.FormatDefined: History._format,
-    facts.HandlerAdded: History._handler,
-    facts.HandlerRemoved: History._no_handler,
-    facts.Received: History._received,
-    facts.Constrained: History._constrain,
-    facts.Queued: History._queue,
-    facts.Unqueued: History._leave_queue,
-    facts.Delivered: History._deliver,
-    facts.Returned: History._return,
-    facts.HandledDirectly: History._direct,
-    facts.LostDirectly: History._direct_lost,
-    facts.Reached: History._reach,
-    facts.Failed: History._fail,
-    facts.Killed: History._kill,
-    facts.Dropped: History._drop,
-    facts.Answered: History._answer,
-    facts.Awaited: History._await_answer,
-    facts.Attached: History._attached,
-    facts.Caught: History._caught,
-    facts.Reissued: History._reissued,
-    facts.Unhandled: History._unhandled,
-    facts.Recovered: History._recovered,
-    facts.Retried: History._retried,
-    facts.SuspendedOrResumed: History._suspended,
-    facts.DeadlineSet: History._deadline,
-    facts.KillPlanned: History._kill_planned,
-    facts.SendPlanned: History._send_planned,
-    facts.TapAdded: History._tap_added,
-    facts.TapFired: History._tap_fired,
-    facts.MonitorTested: History._tested,
-    facts.MonitorEnded: History._watched,
-    facts.TimedOut: History._timed_out,
-    facts.RequestRefused: History._refused,
-    facts.WaitBegan: History._wait_began,
-    facts.WaitEnded: History._wait_ended,
-    facts.Claimed: History._claimed,
-    facts.Granted: History._granted,
-    facts.ClaimEnded: History._claim_ended,
+    get_type_hints(take)["fact"]: take
+    for part in (History, ReactionFold)
+    for take in vars(part).values()
+    if "fact" in getattr(take, "__annotations__", ())
 }
+"""Each method that takes a ``fact`` takes all of the type that it names."""
+
+
+def folded(journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None) -> History:
+    """What was known at *time* (seconds on the run's clock; None: at the end, and of a run that goes on, now).
+
+    *entries* are those of the journal, if somebody wants to see them on the way. Raises UnusableLog if there are none.
+    """
+    history = History.until(journal if entries is None else entries, time)
+    history.go_on(journal.present(history.time), time)
+    return history

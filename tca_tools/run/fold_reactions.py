@@ -1,10 +1,12 @@
 """What facts of failures, wiretaps, monitors, suspensions and deadlines change in the records of a run. Pure.
 
-history.py says which fact writes what.
+Each method that takes a ``fact`` takes all of that type.
 """
 
+from math import inf
+
 from tca_tools.run.fold_records import RecordFold
-from tca_tools.run.records import Ahead, Exhausted, Failure, Farewell, Hold, Retry, Task
+from tca_tools.run.records import Ahead, Exhausted, Failure, Hold, Retry, Task
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point, TaskId
@@ -70,7 +72,12 @@ class ReactionFold(RecordFold):
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
         if fact.task > 0:
-            (self._suspend if fact.is_suspended else self._resume)(self._task(fact.task), fact.by)
+            task = self._task(fact.task)
+            if fact.is_suspended:
+                self._suspend(task, fact.by)
+            else:
+                for one in self._living(task):
+                    self._end_suspension(one, is_resumed=True, by=fact.by)
 
     def _refused(self, fact: facts.RequestRefused) -> None:
         if fact.refusal is Refusal.DEADLOCK:
@@ -87,17 +94,12 @@ class ReactionFold(RecordFold):
     def _timed_out(self, fact: facts.TimedOut) -> None:
         if (held := self.tasks.get(fact.constraint.after.task)) is not None:
             for hold in held.holds:
-                if hold.over is None and hold.constraint == fact.constraint:
+                if hold.over == inf and hold.constraint == fact.constraint:
                     hold.over = self.time
                     self._touch(held.id)
 
     def _attached(self, fact: facts.Attached) -> None:
         self.attached[fact.id] = fact
-        self._note_asker(fact.id)
-
-    def _note_asker(self, number: int) -> None:
-        if self.asker is not None:
-            self.askers[number] = self.asker
 
     def _reissued(self, fact: facts.Reissued) -> None:
         self.reissued[fact.handler] = self.time
@@ -105,24 +107,16 @@ class ReactionFold(RecordFold):
 
     def _exhaust(self, task: TaskId) -> None:
         """Note which exception handlers of a task, or above it, had been called as often as they may."""
-        failing = at = self._task(task)
-        while True:
-            for attachment, calls in self._called.get(TaskId(at.id), {}).items():
-                self._note_exhausted(failing.id, failing.failure.name, attachment, calls)
-            if at.parent == ROOT:
-                break
-            at = self.tasks[at.parent]
-        for attachment, calls in self._called.get(ROOT, {}).items():
-            self._note_exhausted(failing.id, failing.failure.name, attachment, calls)
-
-    def _note_exhausted(self, task: int, failure: str, attachment: int, calls: int) -> None:
-        known = self.attached.get(attachment)
-        if known is not None and 0 < known.maximum <= calls and known.failure in ("", failure):
-            self.exhausted.setdefault(task, []).append(Exhausted(self.time, known.handler, calls))
+        failure, at, above = self._task(task).failure.name, task, [task]
+        while at != ROOT:
+            above.append(at := self.tasks[at].parent)
+        for attachment, calls in (one for at in above for one in self._called.get(at, {}).items()):
+            known = self.attached.get(attachment)
+            if known is not None and 0 < known.maximum <= calls and known.failure in ("", failure):
+                self.exhausted.setdefault(task, []).append(Exhausted(self.time, known.handler, calls))
 
     def _tap_added(self, fact: facts.TapAdded) -> None:
         self.taps[fact.id] = fact
-        self._note_asker(fact.id)
 
     def _tap_fired(self, fact: facts.TapFired) -> None:
         """What has to be done before a task goes on holds it, as a constraint does."""
@@ -140,13 +134,9 @@ class ReactionFold(RecordFold):
     def _deadline(self, fact: facts.DeadlineSet) -> None:
         if (task := self.tasks.get(fact.task)) is not None:
             moment = next((moment for moment in Moment if fact.moment & moment), None)
-            self.ahead.setdefault(task.id, []).append(Ahead(self.time, fact.seconds, moment, asker=self.asker))
+            self.ahead.setdefault(task.id, []).append(Ahead(self.time, fact.seconds, moment))
 
     def _kill_planned(self, fact: facts.KillPlanned) -> None:
         if fact.task in self.tasks:
-            ahead = Ahead(self.time, fact.seconds, None, fact.after, fact.scope, fact.by, self.asker)
+            ahead = Ahead(self.time, fact.seconds, None, fact.after, fact.scope, fact.by)
             self.ahead.setdefault(fact.task, []).append(ahead)
-
-    def _send_planned(self, fact: facts.SendPlanned) -> None:
-        farewell = Farewell(self.time, fact.message, fact.body, self.asker)
-        self.farewells.setdefault(fact.task, []).append(farewell)

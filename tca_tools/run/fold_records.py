@@ -1,6 +1,6 @@
 """How the records of a run are made and written over, so that it stays known from when on what was so. Pure.
 
-history.py says which fact writes what.
+fold.py and fold_reactions.py say which fact writes what.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from tca_tools.run.records import (
     Task,
 )
 from tca_tools.run.whole_run import UNKNOWN, Run
-from tca_wire.points import END_ACHIEVING, END_PLANNING, ROOT, START_ACHIEVING, START_PLANNING, Moment, TaskId
+from tca_wire.points import END_ACHIEVING, END_PLANNING, ROOT, START_ACHIEVING, START_PLANNING, TaskId
 from tca_wire.vocabulary import MessageClass
 
 _STARTS, _ENDS = START_PLANNING | START_ACHIEVING, END_PLANNING | END_ACHIEVING
@@ -81,9 +81,8 @@ class RecordFold(Run):
         """It is about to be handled. A task that goes on, since its failure was dealt with or, where nobody handled it,
         since it survives what is above it, keeps that failure.
         """
-        if not isinstance(message, Task) or not (
-            message.is_recovering or message.is_dealt_with or message.is_unhandled
-        ):
+        goes_on = isinstance(message, Task) and (message.is_recovering or message.is_dealt_with or message.is_unhandled)
+        if not goes_on:
             self._forget_outcome(message)
 
     def _forget_outcome(self, message: Message) -> None:
@@ -110,9 +109,7 @@ class RecordFold(Run):
             task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension
-                task.suspensions.append(
-                    Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by, asker=above.asker)
-                )
+                task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by))
         else:
             task.parent, task.top = ROOT, TaskId(task.id)
             self.top.append(TaskId(task.id))
@@ -121,23 +118,15 @@ class RecordFold(Run):
         """Suspend a task with all that is under it."""
         ran: list[Handling] = []
         for task in self._living(top):
-            if not task.is_suspended:
-                task.suspensions.append(
-                    Suspension(TaskId(task.id), TaskId(top.id), self.time, ran, by=by, asker=self.asker)
-                )
+            if not task.suspension:
+                task.suspensions.append(Suspension(TaskId(task.id), TaskId(top.id), self.time, ran, by=by))
                 self._touch(task.id)
             if task.handling:
                 ran.append(task.handling)
 
-    def _resume(self, top: Task, by: str) -> None:
-        """Let a task go on, with all that is under it."""
-        for task in self._living(top):
-            self._end_suspension(task, is_resumed=True, by=by)
-
     def _end_suspension(self, task: Task, *, is_resumed: bool = False, by: str = "") -> None:
         if suspension := task.suspension:
             suspension.end, suspension.is_resumed, suspension.resumed_by = self.time, is_resumed, by
-            suspension.resumer = self.asker if is_resumed else None
             self._touch(task.id)
 
     def _living(self, top: Task) -> Iterator[Task]:
@@ -145,5 +134,4 @@ class RecordFold(Run):
         below = [top]
         for task in below:  # grows while it is walked
             yield task
-            children = (self.tasks[child] for child in task.children)
-            below += [child for child in children if Moment.END_ACHIEVING not in child.reached]
+            below += [self.tasks[child] for child in task.children if not self.tasks[child].has_ended]

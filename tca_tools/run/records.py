@@ -1,10 +1,16 @@
-"""What a history remembers: messages, tasks, and what each handler did when. Plain records; the fold fills them."""
+"""What a run remembers: messages, tasks, and what each handler did when. Plain records; the fold fills them.
 
+Many are spans: they start, and end unless they go on. Those of one thing lie in lists, oldest first.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
 from math import inf
-from typing import Any, NamedTuple, Self
+from operator import attrgetter, itemgetter
+from typing import Any, NamedTuple, Self, TypeVar
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
@@ -34,8 +40,45 @@ OVER = (State.ACHIEVED, State.FAILED, State.KILLED)
 """States of a task that has ended."""
 
 
+_LATELY = 32
+"""Waits of a coroutine that are looked at."""
+_START, _SINCE = attrgetter("start"), itemgetter(0)
+
+
+class Span:
+    """Something that starts, and ends unless it goes on."""
+
+    __slots__ = ()
+    start: float
+    end: float | None
+
+    @property
+    def until(self) -> float:
+        """When it ended; inf if it goes on."""
+        return inf if self.end is None else self.end
+
+    def goes_on(self, time: float) -> bool:
+        """Whether it had begun at a time, and not ended."""
+        return self.start <= time and (self.end is None or self.end > time)
+
+
+_Span = TypeVar("_Span", bound=Span)
+
+
+def going_on(spans: list[_Span], time: float) -> _Span | None:
+    """Of spans one after the other, the one that went on at a time."""
+    begun = bisect_right(spans, time, key=_START) if spans else 0
+    return spans[begun - 1] if begun and spans[begun - 1].goes_on(time) else None
+
+
+def lately(spans: list[_Span], time: float) -> list[_Span]:
+    """Those that went on at a time, of the last that had begun."""
+    begun = bisect_right(spans, time, key=_START) if spans else 0
+    return [span for span in spans[max(begun - _LATELY, 0) : begun] if span.end is None or span.end > time]
+
+
 @dataclass(slots=True)
-class HandlerWait:
+class HandlerWait(Span):
     """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment, or for a claim."""
 
     awaited: int
@@ -47,7 +90,7 @@ class HandlerWait:
 
 
 @dataclass(slots=True)
-class Queueing:
+class Queueing(Span):
     """A delivery waits for a resource, or for a handler (module "")."""
 
     message_id: int
@@ -59,7 +102,7 @@ class Queueing:
 
 
 @dataclass(slots=True)
-class Handling:
+class Handling(Span):
     """One run of a handler."""
 
     message_id: int
@@ -91,7 +134,7 @@ class Handling:
 
 
 @dataclass(slots=True)
-class Claim:
+class Claim(Span):
     """A lock or reservation of a module's resource: wanted, then granted, then over."""
 
     id: int
@@ -119,7 +162,7 @@ class Claim:
 
 
 @dataclass(slots=True)
-class Offer:
+class Offer(Span):
     """A module handles a message, in one of its resources."""
 
     module: str
@@ -146,29 +189,15 @@ class Failure(str):
 NO_FAILURE = Failure()
 
 
-@dataclass(frozen=True, slots=True)
-class Raised:
+class Raised(NamedTuple):
     """A failure was raised on a task beside its handler, which goes on."""
 
     time: float
     failure: Failure
     by: str
     """The module that raised it, or "central"."""
-    asker: Handling | None = field(default=None, repr=False, compare=False)
+    asker: Handling | None = None
     """The run of a handler that raised it."""
-
-
-@dataclass(frozen=True, slots=True)
-class CopyEnd:
-    """What one receiver was to get of a message to many came to nothing: it failed, or was dropped."""
-
-    delivery: int
-    time: float
-    module: str
-    """Who got it or was to get it; "" if that is not known."""
-    is_failure: bool
-    text: str
-    """The failure, with what was said of it; or why it was dropped."""
 
 
 class Retry(NamedTuple):
@@ -182,32 +211,22 @@ class Retry(NamedTuple):
     """The run of a handler that asked for it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Farewell:
-    """A message was to be sent if a task was killed."""
-
-    set_at: float
-    message: str
-    body: bytes
-    asker: Handling | None = field(default=None, repr=False, compare=False)
-
-
 Change = tuple[float, str, Any]
 
 
 @dataclass(slots=True)
 class Hold:
-    """A constraint on a moment of a task; its delay, if it has one, was over at *over*."""
+    """A constraint on a moment of a task."""
 
     constraint: Constraint
     added: float
-    over: float | None = None
+    over: float = inf
+    """When its delay was over, if it has one."""
     tap: TapAdded | None = None
     """The wiretap whose listener it waits for, if it is that."""
 
 
-@dataclass(slots=True)
-class Ahead:
+class Ahead(NamedTuple):
     """What is to happen to a task: it is killed, or fails if it has not reached a moment by then."""
 
     set_at: float
@@ -219,12 +238,9 @@ class Ahead:
     scope: Scope = Scope.TASK
     by: str = ""
     """The module that planned the kill."""
-    asker: Handling | None = field(default=None, repr=False, compare=False)
-    """The run of a handler that asked for it."""
 
 
-@dataclass(slots=True)
-class Exhausted:
+class Exhausted(NamedTuple):
     """An exception handler that had been called as often as it may, when a failure was not handled."""
 
     time: float
@@ -233,7 +249,7 @@ class Exhausted:
 
 
 @dataclass(slots=True)
-class Suspension:
+class Suspension(Span):
     """Nothing of a task was begun, from when it was suspended until it was resumed or ended."""
 
     task: TaskId
@@ -248,27 +264,17 @@ class Suspension:
     by: str = ""
     """The module that suspended *cause*, or "central"."""
     resumed_by: str = ""
-    asker: Handling | None = field(default=None, repr=False, compare=False)
-    """The run of a handler that suspended it."""
-    resumer: Handling | None = field(default=None, repr=False, compare=False)
 
     @property
     def standstill(self) -> float | None:
         """From when on none of those handlers worked any more (None: one still does)."""
-        since = self.start
-        for handling in self.still:
-            end = self._work_end(handling)
-            if end is None:
-                return None
-            since = max(since, end)
-        return since
+        since = max([self.start, *map(self._work_end, self.still)])
+        return since if since < inf else None
 
-    def _work_end(self, handling: Handling) -> float | None:
+    def _work_end(self, handling: Handling) -> float:
         """When a handler was done; or from when on it waited for a task until the suspension was over."""
-        for wait in handling.waits:
-            if wait.moment and (wait.end is None or (self.end is not None and wait.end >= self.end)):
-                return wait.start
-        return handling.end
+        blocked = (wait.start for wait in handling.waits if wait.moment and wait.until >= self.until)
+        return next(blocked, handling.until)
 
 
 @dataclass(slots=True)
@@ -302,8 +308,6 @@ class Message:
     """The run of a handler that sent it, if that went on then."""
     turns: list[float] = field(default_factory=list, repr=False, compare=False)
     """When something may have changed of what it waits for."""
-    copies_lost: "list[CopyEnd] | None" = None
-    """Of a message to many: which copies failed or were dropped."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
@@ -385,20 +389,39 @@ class Task(Message):
         """Why, and by whom; None if it was not killed."""
         return None if self.killed is None else kill_reason(self.killed, self.killed_by)
 
-    @property
-    def suspension(self) -> Suspension | None:
-        """The one that goes on now."""
-        return self.suspensions[-1] if self.suspensions and self.suspensions[-1].end is None else None
+    def time_of(self, moment: int) -> float:
+        """When it reached a moment; inf if it has not."""
+        reached: dict[Any, float] = self.reached
+        return reached.get(moment, inf)
 
     @property
-    def is_suspended(self) -> bool:
-        """Whether it is suspended, by itself or with what it is under."""
-        return self.suspension is not None
+    def has_ended(self) -> bool:
+        """Whether all of it is over, however it ended."""
+        return Moment.END_ACHIEVING in self.reached
+
+    def place_at(self, time: float) -> int:
+        """Which of its states it was in."""
+        return max(bisect_right(self.states, time, key=_SINCE) - 1, 0)
+
+    def state_at(self, time: float) -> State:
+        """What it was doing."""
+        since, state = self.states[-1]
+        return state if since <= time else self.states[self.place_at(time)][1]
+
+    def spans(self) -> Iterator[tuple[float, float, State]]:
+        """Its states, with from when until when it was in each."""
+        ends = [*(since for since, _ in self.states[1:]), inf]
+        return ((since, end, state) for (since, state), end in zip(self.states, ends, strict=True))
+
+    @property
+    def suspension(self) -> Suspension | None:
+        """The one that goes on now, of itself or of what it is under."""
+        return self.suspensions[-1] if self.suspensions and self.suspensions[-1].end is None else None
 
     @property
     def is_retried(self) -> bool:
         """Whether it is to be handled again, and has not been."""
-        return bool(self.retries and self.handlings) and self.retries[-1][0] > self.handlings[-1].start
+        return bool(self.retries and self.handlings) and self.retries[-1].time > self.handlings[-1].start
 
     @property
     def state(self) -> State:
@@ -406,7 +429,7 @@ class Task(Message):
         return self._end_state() or self._running_state()
 
     def _end_state(self) -> State | None:
-        has_ended = Moment.END_ACHIEVING in self.reached
+        has_ended = self.has_ended
         if not has_ended and self.killed is not None:
             return State.ENDING
         if self.is_recovering and not has_ended:
@@ -418,7 +441,7 @@ class Task(Message):
         return State.ACHIEVED if has_ended else None
 
     def _running_state(self) -> State:
-        if self.is_suspended and not self.handling:
+        if self.suspension and not self.handling:
             return State.SUSPENDED
         if self.is_queued:
             return State.QUEUED

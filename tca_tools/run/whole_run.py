@@ -12,7 +12,6 @@ from tca_tools.run.records import (
     Claim,
     Exhausted,
     Failure,
-    Farewell,
     HandlerWait,
     Handling,
     Message,
@@ -49,10 +48,6 @@ class Reactions:
         """For each monitor when its condition was tested, and whether it held."""
         self.conditions: dict[int, Message] = {}
         """For each monitor the first query that asked for its condition."""
-        self.farewells: dict[int, list[Farewell]] = {}
-        """By task the messages that were to be sent if it was killed."""
-        self.askers: dict[int, Handling] = {}
-        """By id of an exception handler or wiretap the run of a handler that attached it."""
         self.asked_by: list[Handling | str] = []
         """Who brought each entry about: the run of a handler, or a module outside of handlers; "" if nobody asked."""
         self.raised: dict[int, list[Raised]] = {}
@@ -108,8 +103,6 @@ class Run(Reactions):
         """For each message who offered to handle it, oldest first."""
         self.formats: dict[str, facts.FormatDefined] = {}
         """For each message its class and formats, as first declared."""
-        self.lost_directly: dict[str, int] = {}
-        """How many informs of each message were sent directly and lost."""
         self.memo: dict[object, Any] = {}
         """What others have worked out of the records, by whoever did; they look themselves whether it still holds."""
 

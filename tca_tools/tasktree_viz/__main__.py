@@ -7,8 +7,7 @@ import click
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.output import write_output
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.fold import History
-from tca_tools.run.folding import folded
+from tca_tools.run.fold import History, folded
 from tca_tools.run.journals import open_log
 from tca_tools.run.selection import Forest, check_modules, one_message, part_of, tasks_called
 from tca_tools.tasktree_viz import words

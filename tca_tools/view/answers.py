@@ -111,11 +111,8 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         "caughtBy": [_named(run, handler) for handler in task.caught_by],
         "spans": {interval.name.lower(): span(task, interval) for interval in Interval},
         "constraints": [
-            *(_constraint(at, task, hold) for hold in task.holds),
-            *(
-                _constraint(at, at.tasks[above], hold) | {"way": _named(run, above)}
-                for above, hold in held_above(at, task.id)
-            ),
+            *(_constraint(at, hold) for hold in task.holds),
+            *(_constraint(at, hold) | {"way": _named(run, above)} for above, hold in held_above(at, task.id)),
         ],
     }
 
@@ -143,7 +140,7 @@ def _last(last: Last) -> Data:
     return {"thing": thing, "number": last.number, "which": last.which, "that": last.that, "others": last.more}
 
 
-def _constraint(at: RunAt, task: TaskAt, hold: Hold) -> Data:
+def _constraint(at: RunAt, hold: Hold) -> Data:
     before, after, delay = hold.constraint.before, hold.constraint.after, hold.constraint.delay
     return {
         "number": before.task,
@@ -152,7 +149,7 @@ def _constraint(at: RunAt, task: TaskAt, hold: Hold) -> Data:
         "moment": int(after.moment),
         "delay": delay,
         "isOwn": before.task == after.task,
-        "isMet": task.is_over(hold) if delay else at.has_reached(before),
+        "isMet": hold.over <= at.moment if delay else at.has_reached(before),
     }
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import OVER
-from tca_tools.why.waits import Node, Wait, further, keeping, next_node, steps
+from tca_tools.why.waits import Node, next_node, steps
 from tca_wire.waits import WaitKind
 
 MOST = 100
@@ -65,7 +65,7 @@ class Ends:
         self._at = at
         self._ends: dict[Node, tuple[End, ...]] = {}
         self._circles: dict[int, list[int]] = {}
-        """By the first one in it."""
+        """All that wait for each other in a circle, by the first."""
         self.last: set[End] = set()
         """All ends that something else has been found to wait for."""
 
@@ -82,10 +82,11 @@ class Ends:
         return self.of_node(next_node(self._at, number), within)
 
     def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
-        """The same of who waits for this."""
-        if node not in self._ends and within != 0:
+        """The same of whatever waits for this."""
+        if (found := self._ends.get(node)) is None and within != 0:
             self._follow(node, within)
-        return self._ends.get(node, ())
+            found = self._ends.get(node)
+        return found or ()
 
     def _follow(self, start: Node, within: int | None) -> None:
         """Go on as long as each waits for one thing only, as in a long chain; from there on search."""
@@ -110,19 +111,6 @@ class Ends:
     def circle(self, number: int) -> list[int]:
         """All that wait for each other in a circle, by its first."""
         return self._circles[number]
-
-    def way(self, number: int, end: End) -> list[Wait]:
-        """The waits that lead from something to one of its ends, one after the other; few if they are a circle."""
-        node, seen, found = next_node(self._at, number), set[Node](), list[Wait]()
-        while node.number != end.number and node not in seen:
-            seen.add(node)
-            leads = ((wait, to) for wait in keeping(self._at, node) for to in further(self._at, wait))
-            step = next(((wait, to) for wait, to in leads if end in self.of_node(to) and to not in seen), None)
-            if step is None:
-                break
-            found.append(step[0])
-            node = step[1]
-        return found
 
     def _find(self, start: Node, within: int | None) -> None:
         """Go depth first to where something waits for nothing else; what waits for each other is found together
@@ -188,24 +176,24 @@ def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
     handles counts once a name; a task counts for its first ``MOST`` ends.
     """
     ends = Ends.at(at)
-    waiting, first = Counter[tuple[End, ...]](), dict[End, int]()
-    for task in at.tasks.values():
-        if task.state not in OVER:
-            found = ends.of(task.id)
-            if found[0].number != task.id or not found[0].goes_on:
-                waiting[found] += 1
-                first.setdefault(found[0], task.id)
+    waiting: dict[int, tuple[tuple[End, ...], list[int]]] = {}
+    for number in at.tasks:
+        if at.run.tasks[number].state_at(at.moment) not in OVER:
+            found = ends.of(number)
+            if found[0].number != number or not found[0].goes_on:
+                waiting.setdefault(id(found), (found, []))[1].append(number)  # as they are all kept
+    first: dict[End, int] = {}
     things: dict[object, list[End]] = {}
     counts: Counter[object] = Counter()
-    for found, tasks in waiting.items():
-        named = {_thing(at, end): end for end in reversed(found)}
-        for thing, end in named.items():
+    for found, tasks in waiting.values():
+        first[found[0]] = min(tasks[0], first.get(found[0], tasks[0]))
+        for thing, end in {_thing(at, end): end for end in reversed(found)}.items():
             things.setdefault(thing, []).append(end)
-            counts[thing] += tasks
+            counts[thing] += len(tasks)
     ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:_TOLD]
     told = [tuple(sorted(set(things[thing]))) for thing in ranked]
     return (
-        sum(waiting.values()),
+        sum(len(tasks) for _, tasks in waiting.values()),
         len({*things, *(_thing(at, end) for end in ends.last)}),
         [Cause(one, counts[thing], first.get(one[0], one[0].number)) for one, thing in zip(told, ranked, strict=True)],
     )

@@ -26,7 +26,7 @@ from tca_tools.terminal import cut
 from tca_tools.why.deciding import decisions, exhausted, retried_for
 from tca_tools.why.keepers import Part, parts_in_queue, parts_of_claim
 from tca_tools.why.wait_words import NAMED, of_ahead, of_claim, of_query, of_queueing, told, wait_for
-from tca_tools.why.waits import NO_TIME, Wait, of_handler_wait, states_of, told_waits
+from tca_tools.why.waits import NO_TIME, Wait, of_handler_wait, told_waits
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
 from tca_wire.text.measures import counted, listed, numbered
@@ -388,7 +388,7 @@ def _plans(run: Run, task: Task) -> Iterator[Sentence]:
 def _states(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
     """The states that nothing else tells of, with what ended them or keeps them up."""
     waits = told_waits(run, task)
-    for number, (start, end, state) in enumerate(states_of(task)):
+    for number, (start, end, state) in enumerate(task.spans()):
         is_told = state in _IS_TOLD and state not in OVER
         if is_told or end - start < NO_TIME:
             continue

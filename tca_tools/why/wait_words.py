@@ -216,7 +216,7 @@ def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
 
 def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
     """The queries that its handler has sent, and goes on, without their replies."""
-    if task.wait or not task.handling:
+    if task.waits or not task.handling:
         return []
     return [of_query(at, query) for query in task.asking[:NAMED]]
 

@@ -20,17 +20,28 @@ itself suspended. Words come last: wait_words.py.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from functools import reduce
-from itertools import chain
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from math import inf
-from operator import attrgetter, itemgetter, or_
-from typing import Any, NamedTuple, TypeVar
+from operator import attrgetter, itemgetter
+from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.fates import watching
-from tca_tools.run.records import OVER, Claim, HandlerWait, Handling, Hold, Message, Queueing, State, Suspension, Task
+from tca_tools.run.fates import watches, watching
+from tca_tools.run.records import (
+    OVER,
+    Claim,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    Queueing,
+    State,
+    Suspension,
+    Task,
+    going_on,
+    lately,
+)
 from tca_tools.run.whole_run import Run
 from tca_tools.why.keepers import Keepers, ahead_of_claim, kept_out, kept_since
 from tca_wire.points import (
@@ -47,17 +58,17 @@ NO_TIME = 1e-6
 """Seconds: what lasts no longer is no wait to tell of."""
 _BEFORE = {
     is_goal: {
-        0: (),
-        START_HANDLING: (START_HANDLING, first),
-        START_PLANNING: (START_HANDLING, first),
-        END_HANDLING: (START_HANDLING, first, END_HANDLING),
-        END_PLANNING: (START_HANDLING, first, END_HANDLING, END_PLANNING),
-        START_ACHIEVING: (START_HANDLING, first, START_ACHIEVING),
-        END_ACHIEVING: (START_HANDLING, first, END_HANDLING, planned, START_ACHIEVING, END_ACHIEVING),
+        0: 0,
+        START_HANDLING: START_HANDLING | first,
+        START_PLANNING: START_HANDLING | first,
+        END_HANDLING: START_HANDLING | first | END_HANDLING,
+        END_PLANNING: START_HANDLING | first | END_HANDLING | END_PLANNING,
+        START_ACHIEVING: START_HANDLING | first | START_ACHIEVING,
+        END_ACHIEVING: START_HANDLING | first | END_HANDLING | planned | START_ACHIEVING | END_ACHIEVING,
     }
     for is_goal, first, planned in ((True, START_PLANNING, END_PLANNING), (False, START_ACHIEVING, END_HANDLING))
 }
-"""All that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
+"""As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
 _NEXT = {
     State.HELD: START_HANDLING,
     State.QUEUED: END_HANDLING,  # once more
@@ -73,8 +84,6 @@ _NEXT = {
 _ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 """The moments that come after its handler has returned."""
 _BEGINNING = START_HANDLING | START_PLANNING | START_ACHIEVING
-_LATELY = 32
-"""Waits of a handler that are looked at, of those that had begun at a moment."""
 _OF_ITS_STATE = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.DELAY, WaitKind.SUBTASK)
 """What keeps a task only since it is in its state: before that something else did."""
 _OF_POINTS = (
@@ -85,7 +94,6 @@ _TO_LOOK_UP = (WaitKind.RESOURCE, WaitKind.REPLY, WaitKind.TASK)
 _LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING)
 
 _START, _SINCE = attrgetter("start"), itemgetter(0)
-_Span = TypeVar("_Span", Queueing, Handling, HandlerWait, Suspension)
 
 
 class Node(NamedTuple):
@@ -127,25 +135,33 @@ class Wait(NamedTuple):
 def waits_of(run: Run, number: int) -> list[Wait]:
     """All that a task or message ever waited for, oldest first; nothing of what is unknown."""
     message = run.messages.get(number)
-    found = sorted(_all(run, message, None), key=_START) if message else []
-    return [wait._replace(since=wait.start) for wait in found]
+    found = list(_of_message(run, message)) if message else []
+    if isinstance(message, Task):
+        found = [*_of_task(run, message), *_subtasks(run, message, END_ACHIEVING),
+                 *_subtasks(run, message, END_PLANNING), *found]  # fmt: skip
+    return [wait._replace(since=wait.start) for wait in sorted(found, key=_START)]
 
 
-def waits_of_handling(run: Run, handling: Handling, time: float | None = None) -> Iterator[Wait]:
-    """One run of a handler: that it runs, and what it blocks for meanwhile; or what it does so at a *time*."""
-    end = inf if handling.end is None else handling.end
-    waits = handling.waits if time is None else _lately(handling.waits, time)
-    if time is None or not waits:
-        yield Wait(handling.start, end, WaitKind.RUNNING, node_of(run, handling), _ENDS, handling)
-    for wait in waits:
-        yield of_handler_wait(run, wait)
+def _of_message(run: Run, message: Message, time: float | None = None) -> Iterator[Wait]:
+    """In queues, and while it is handled; only what goes on at a *time*."""
+    for queueing in (*message.queueings, *run.copies.get(message.id, ())):
+        if time is None or queueing.goes_on(time):
+            kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
+            is_first = isinstance(message, Task) and message.time_of(START_HANDLING) > queueing.start
+            holds = START_HANDLING if is_first else _ENDS
+            yield Wait(queueing.start, queueing.until, kind, Node(message.id), holds, queueing)
+    for handling in message.handlings:
+        if time is None or handling.goes_on(time):
+            waits = handling.waits if time is None else lately(handling.waits, time)
+            if time is None or not waits:
+                yield Wait(handling.start, handling.until, WaitKind.RUNNING, node_of(run, handling), _ENDS, handling)
+            yield from (of_handler_wait(run, wait) for wait in waits)
 
 
 def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
     """What a handler or program blocks for: a reply, a task or a lock."""
-    end = inf if wait.end is None else wait.end
     kind = WaitKind.TASK if wait.moment else WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
-    return Wait(wait.start, end, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS, wait, wait.start)
+    return Wait(wait.start, wait.until, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS, wait, wait.start)
 
 
 def node_of(run: Run, handling: Handling) -> Node:
@@ -156,77 +172,32 @@ def node_of(run: Run, handling: Handling) -> Node:
     return Node(handling.message_id, 0, handling.delivery if is_one_of_many else 0)
 
 
-def _all(run: Run, message: Message, time: float | None, wanted: int = -1) -> Iterable[Wait]:
-    """All waits of a message; or those at a *time* that hold one of the *wanted* moments, if it is a task."""
-    if not isinstance(message, Task):
-        return _of_message(run, message, time)
-    return chain(_of_task(run, message, time, wanted), _of_message(run, message, time))
+def _subtasks(run: Run, task: Task, moment: int, time: float | None = None) -> Iterator[Wait]:
+    """What is right under a task and keeps it from being planned or achieved; only what does so at a *time*."""
+    last = task.time_of(moment)
+    for number in task.children:
+        child = run.tasks[number]
+        start, end = child.received, min(child.time_of(moment), last)
+        if start < end if time is None else start <= time < end:
+            yield Wait(start, end, WaitKind.SUBTASK, Node(number, moment), moment)
 
 
-def _of_message(run: Run, message: Message, time: float | None) -> Iterator[Wait]:
-    """In queues, and while it is handled."""
-    queueings, handlings = message.queueings, message.handlings
-    if time is not None:
-        queueings = _going_on(queueings, time)
-        is_to_many = message.message_class.asks_many
-        handlings = [one for one in handlings if _is_on(one, time)] if is_to_many else _going_on(handlings, time)
-    for queueing in queueings:
-        yield _of_queueing(message, queueing)
-    for queueing in run.copies.get(message.id, ()):
-        if time is None or _is_on(queueing, time):
-            yield _of_queueing(message, queueing)
-    for handling in handlings:
-        yield from waits_of_handling(run, handling, time)
-
-
-def _of_queueing(message: Message, queueing: Queueing) -> Wait:
-    end = inf if queueing.end is None else queueing.end
-    kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
-    is_first = isinstance(message, Task) and _time(message, START_HANDLING) > queueing.start
-    holds = START_HANDLING if is_first else _ENDS
-    return Wait(queueing.start, end, kind, Node(message.id), holds, queueing)
-
-
-def _of_task(run: Run, task: Task, time: float | None, wanted: int) -> Iterator[Wait]:
-    """What keeps a task from its moments, beside queues and handlers."""
-    for wait in _of_its_own(run, task):
-        if (wait.holds & wanted or wanted < 0) and (
-            wait.start < wait.end if time is None else wait.start <= time < wait.end
-        ):
-            yield wait
-    moments = [moment for moment in (END_ACHIEVING, END_PLANNING) if moment & wanted]
-    for moment in moments if time is None else moments[:1]:  # what is achieved is planned
-        last = _time(task, moment)
-        for number in task.children:
-            child = run.tasks[number]
-            start, end = child.received, min(_time(child, moment), last)
-            if start < end if time is None else start <= time < end:
-                yield Wait(start, end, WaitKind.SUBTASK, Node(number, moment), moment)
-
-
-def _of_its_own(run: Run, task: Task) -> Iterator[Wait]:
+def _of_task(run: Run, task: Task) -> Iterator[Wait]:
+    """What keeps a task from its moments beside queues, handlers and what is under it."""
     killed = inf if task.killed is None else task.written("killed")
-    for hold in task.holds:
-        yield from _of_constraint(run, task, hold, killed)
+    found = [wait for hold in task.holds for wait in _of_constraint(run, task, hold, killed)]
     parent = run.tasks.get(task.parent)
     if parent is not None and not task.role:
         for moment in (START_PLANNING, START_ACHIEVING):
-            end = min(_time(parent, moment), _time(task, moment), killed)
-            if end > task.received:
-                yield Wait(task.received, end, WaitKind.PARENT, Node(parent.id, moment), moment)
-    if task.suspensions or task.retries or task.failure or task.changes or task.message_class.is_monitor:
-        yield from _of_the_rare(run, task)
-
-
-def _of_the_rare(run: Run, task: Task) -> Iterator[Wait]:
-    """Suspensions, failures and conditions, of which most tasks have none."""
-    for suspension in task.suspensions:
-        yield _of_suspension(task, suspension)
-    for retry in task.retries:
-        yield from _of_retry(run, task, retry.time)
-    yield from _of_recovery(run, task)
-    for start, end in watching(task) if task.message_class.is_monitor else ():
-        yield Wait(start, end, WaitKind.CONDITION, Node(task.id), _ENDS)
+            end = min(parent.time_of(moment), task.time_of(moment), killed)
+            found.append(Wait(task.received, end, WaitKind.PARENT, Node(parent.id, moment), moment))
+    found += [_of_suspension(task, suspension) for suspension in task.suspensions]
+    found += [wait for retry in task.retries for wait in _of_retry(run, task, retry.time)]
+    if task.caught_by or task.is_recovering or task.changes:
+        found += _of_recovery(run, task)
+    if task.message_class.is_monitor:
+        found += [Wait(start, end, WaitKind.CONDITION, Node(task.id), _ENDS) for start, end in watching(task)]
+    return (wait for wait in found if wait.start < wait.end)
 
 
 def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[Wait]:
@@ -234,59 +205,45 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     is none of its own: what holds the first holds the second, too (``_moments``).
     """
     before, moment, delay = hold.constraint.before, hold.constraint.after.moment, hold.constraint.delay
-    other, last = run.tasks.get(before.task), min(_time(task, moment), killed)
-    met = -inf if other is None else _time(other, before.moment)
+    other, last = run.tasks.get(before.task), min(task.time_of(moment), killed)
+    met = -inf if other is None else other.time_of(before.moment)
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
         yield Wait(hold.added, min(met, last), kind, Node(other.id, int(before.moment)), int(moment), hold)
     if delay:
-        over = inf if hold.over is None else hold.over
-        yield Wait(max(met, hold.added), min(over, last), WaitKind.DELAY, Node(task.id), int(moment), hold)
+        yield Wait(max(met, hold.added), min(hold.over, last), WaitKind.DELAY, Node(task.id), int(moment), hold)
 
 
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     """None of its moments that begin something is reached meanwhile; nor is it handled once more."""
-    start, end = suspension.start, inf if suspension.end is None else suspension.end
-    starts = _BEFORE[task.message_class.is_goal][START_ACHIEVING]
-    holds = reduce(or_, (one for one in starts if _time(task, one) > start), 0)
+    start = suspension.start
+    holds = _BEFORE[task.message_class.is_goal][START_ACHIEVING] & ~_past(task, start)
     if not holds and _is_to_be_handled_again(task, start):
         holds = _ENDS
-    return Wait(start, end, WaitKind.RESUME, Node(suspension.cause), holds, suspension)
+    return Wait(start, suspension.until, WaitKind.RESUME, Node(suspension.cause), holds, suspension)
 
 
 def _of_retry(run: Run, task: Task, retried: float) -> Iterator[Wait]:
     """What is under a task that is to be handled again ends first, in whatever way."""
     place = bisect_right(task.handlings, retried, key=_START)
     if place:
-        begun = task.handlings[place].start if place < len(task.handlings) else _time(task, END_ACHIEVING)
+        begun = task.handlings[place].start if place < len(task.handlings) else task.time_of(END_ACHIEVING)
         for number in task.children:
             child = run.tasks[number]
-            start, end = max(retried, child.received), min(_time(child, END_ACHIEVING), begun)
+            start, end = max(retried, child.received), min(child.time_of(END_ACHIEVING), begun)
             yield Wait(start, end, WaitKind.SUBTASK, Node(number, END_ACHIEVING), _ENDS)
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     """The exception handlers that decide, one after the other."""
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
-    for since, over, state in states_of(task):
+    for since, over, state in task.spans():
         if state is State.RECOVERING:
             if not called:  # the journal begins later
                 yield Wait(since, over, WaitKind.RECOVERY, Node(0), _ENDS)
             for handler, later in zip(called, [*(one.received for one in called[1:]), inf], strict=False):
                 start, end = max(since, handler.received), min(over, later)
                 yield Wait(start, end, WaitKind.RECOVERY, Node(handler.id, END_ACHIEVING), _ENDS)
-
-
-def states_of(task: Task) -> Iterator[tuple[float, float, State]]:
-    """The states of a task, with from when until when it was in each."""
-    ends = [*(since for since, _ in task.states[1:]), inf]
-    return ((since, end, state) for (since, state), end in zip(task.states, ends, strict=True))
-
-
-def _time(task: Task, moment: int) -> float:
-    """When a task reached that; inf if it has not."""
-    reached: dict[Any, float] = task.reached
-    return reached.get(moment, inf)
 
 
 def _is_to_be_handled_again(task: Task, time: float) -> bool:
@@ -299,58 +256,13 @@ def _is_to_be_handled_again(task: Task, time: float) -> bool:
     return is_cut_off or any(last.start < retry.time <= time for retry in task.retries)
 
 
-def _is_on(span: _Span, time: float) -> bool:
-    return span.start <= time and (span.end is None or span.end > time)
-
-
-def _going_on(spans: list[_Span], time: float) -> list[_Span]:
-    """The last of some spans, one after the other, that had begun, if it goes on."""
-    begun = bisect_right(spans, time, key=_START) if spans else 0
-    return spans[begun - 1 : begun] if begun and _is_on(spans[begun - 1], time) else []
-
-
-def _lately(waits: list[HandlerWait], time: float) -> list[HandlerWait]:
-    """Those of a handler's waits that go on, of the last that had begun: several, of a coroutine."""
-    begun = bisect_right(waits, time, key=_START) if waits else 0
-    return [wait for wait in waits[max(begun - _LATELY, 0) : begun] if wait.end is None or wait.end > time]
-
-
 # --- at a moment -----------------------------------------------------------------------------------------------------
-
-
-def next_node(at: RunAt, number: int) -> Node:
-    """What a task, message or claim comes to next."""
-    if number not in at.tasks:
-        return Node(number)
-    task = at.tasks[number]
-    state = task.state
-    if state is State.ENDING:
-        return Node(number, END_ACHIEVING)
-    if (task.handling or task.watches) and _time(at.run.tasks[number], END_HANDLING) > at.moment:
-        return Node(number, END_HANDLING)
-    return Node(number, _next_moment(at.run.tasks[number], state, at.moment))
-
-
-def _next_moment(task: Task, state: State, time: float) -> int:
-    """What a task comes to next from a state; of what is handled once more that again."""
-    if state is State.QUEUED and _time(task, START_HANDLING) > time:
-        return START_HANDLING
-    moment = _NEXT.get(state, END_ACHIEVING)
-    return END_ACHIEVING if moment == END_HANDLING and _time(task, END_HANDLING) <= time else moment
-
-
-def keeping(at: RunAt, node: Node) -> list[Wait]:
-    """What keeps a task from a moment, or a message from being answered."""
-    message = at.run.messages.get(node.number)
-    return [] if message is None or message.received > at.moment else _kept(at, message, node).waits
 
 
 @dataclass(slots=True)
 class _Kept:
-    """What keeps a node between two turns of its message. So walks through all that waits cost what has changed."""
+    """What keeps a node from coming about."""
 
-    turns: int
-    """How many there were."""
     waits: list[Wait]
     nodes: list[Node]
     """What surely has to come about first."""
@@ -359,17 +271,72 @@ class _Kept:
     """Waits whose further nodes are to be looked up at each moment."""
 
 
+@dataclass(slots=True)
+class _Turn:
+    """A message between two of its turns, when nothing changes that it waits for. So walks through all that waits cost
+    what has changed.
+    """
+
+    number: int
+    """How many turns there had been."""
+    next: Node
+    """What it comes to next."""
+    waits: list[Wait]
+    """What keeps it, but for what is under it."""
+    kept: dict[Node, _Kept] = field(default_factory=dict)
+
+
+def _turn(run: Run, message: Message, time: float) -> _Turn:
+    turns = message.turns
+    number = len(turns) if not turns or turns[-1] <= time else bisect_right(turns, time)
+    known: _Turn | None = run.memo.get(message.id)
+    if known is None or known.number != number:
+        waits, following = list(_of_message(run, message, time)), Node(message.id)
+        if isinstance(message, Task):
+            waits = [*(one for one in _of_task(run, message) if one.start <= time < one.end), *waits]
+            following = _next(message, time)
+        known = run.memo[message.id] = _Turn(number, following, waits)
+    return known
+
+
+def next_node(at: RunAt, number: int) -> Node:
+    """What a task, message or claim comes to next."""
+    task = at.run.tasks.get(number)
+    return Node(number) if task is None or task.received > at.moment else _turn(at.run, task, at.moment).next
+
+
+def _next(task: Task, time: float) -> Node:
+    state = task.state_at(time)
+    runs = bool(going_on(task.handlings, time)) or watches(task, state, time)
+    if runs and state is not State.ENDING and task.time_of(END_HANDLING) > time:
+        return Node(task.id, END_HANDLING)
+    return Node(task.id, _next_moment(task, state, time))
+
+
+def _next_moment(task: Task, state: State, time: float) -> int:
+    """What a task comes to next from a state; of what is handled once more that again."""
+    if state is State.QUEUED and task.time_of(START_HANDLING) > time:
+        return START_HANDLING
+    moment = _NEXT.get(state, END_ACHIEVING)
+    return END_ACHIEVING if moment == END_HANDLING and task.time_of(END_HANDLING) <= time else moment
+
+
+def keeping(at: RunAt, node: Node) -> list[Wait]:
+    """What keeps a task from a moment, or a message from being answered."""
+    message = at.run.messages.get(node.number)
+    return [] if message is None or message.received > at.moment else _kept(at, message, node).waits
+
+
 def _kept(at: RunAt, message: Message, node: Node) -> _Kept:
-    memo, turns, time = at.run.memo, message.turns, at.moment
-    place = len(turns) if not turns or turns[-1] <= time else bisect_right(turns, time)
-    known: _Kept | None = memo.get(node)
-    if known is None or known.turns != place:
-        waits = _look(at.run, message, node, time)
+    turn = _turn(at.run, message, at.moment)
+    kept = turn.kept.get(node)
+    if kept is None:
+        waits = _look(at.run, message, node, turn.waits, at.moment)
         nodes = dict.fromkeys(wait.on for wait in waits if wait.kind in _OF_POINTS and not _is_leaf(wait))
         leaves = dict.fromkeys(wait.kind for wait in waits if _is_leaf(wait))
         others = [wait for wait in waits if wait.kind in _TO_LOOK_UP]
-        known = memo[node] = _Kept(place, waits, list(nodes), list(leaves), others)
-    return known
+        kept = turn.kept[node] = _Kept(waits, list(nodes), list(leaves), others)
+    return kept
 
 
 def _is_leaf(wait: Wait) -> bool:
@@ -377,13 +344,15 @@ def _is_leaf(wait: Wait) -> bool:
     return wait.kind in _LEAVES or is_own
 
 
-def _look(run: Run, message: Message, node: Node, time: float) -> list[Wait]:
-    if isinstance(message, Task):
-        wanted = _moments(message, node.moment, time) if node.moment else -1
-        waits = [one for one in _all(run, message, time, wanted) if one.holds & wanted or wanted < 0]
-        return waits if node.moment else [one for one in waits if one.kind is WaitKind.RESUME]
-    waits = list(_all(run, message, time))
-    return [one for one in waits if _delivery(one) == node.delivery] if node.delivery else waits
+def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float) -> list[Wait]:
+    if not isinstance(message, Task):
+        return [one for one in waits if not node.delivery or _delivery(one) == node.delivery]
+    if not node.moment:
+        return [one for one in waits if one.kind is WaitKind.RESUME]
+    wanted = _moments(message, node.moment, time)
+    last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
+    under = _subtasks(run, message, last, time) if last else ()
+    return [*(one for one in waits if one.holds & wanted), *under]
 
 
 def _delivery(wait: Wait) -> int:
@@ -396,18 +365,24 @@ def _moments(task: Task, moment: int, time: float) -> int:
     """The moments that a task has to reach before that one, and that one, unless it has. A constraint between two of
     its own moments adds what comes before the first.
     """
-    if _time(task, moment) <= time:
+    if task.time_of(moment) <= time:
         return 0
     before = _BEFORE[task.message_class.is_goal]
-    found = reduce(or_, (one for one in before[moment] if _time(task, one) > time), 0)
+    left = ~_past(task, time)
+    found = before[moment] & left
     own = [one.constraint for one in task.holds if one.constraint.before.task == task.id and one.added <= time]
-    while own:
-        added = [one for its in own if its.after.moment & found for one in before[its.before.moment]]
-        more = reduce(or_, (one for one in added if _time(task, one) > time), found)
-        if more == found:
-            break
-        found = more
+    for _ in own:  # each may add what the next one needs
+        for one in own:
+            found |= before[one.before.moment] & left if one.after.moment & found else 0
     return found
+
+
+def _past(task: Task, time: float) -> int:
+    """The moments that a task had reached, as bits."""
+    past = 0
+    for moment, since in task.reached.items():
+        past |= int(moment) if since <= time else 0
+    return past
 
 
 def further(at: RunAt, wait: Wait) -> list[Node]:
@@ -416,7 +391,7 @@ def further(at: RunAt, wait: Wait) -> list[Node]:
         return [] if _is_leaf(wait) else [wait.on]
     if wait.kind is WaitKind.TASK:
         task = at.run.tasks.get(wait.on.number)
-        return [wait.on] if task is not None and _time(task, wait.on.moment) > at.moment else []
+        return [wait.on] if task is not None and task.time_of(wait.on.moment) > at.moment else []
     if wait.kind is WaitKind.REPLY:
         message = at.run.messages.get(wait.on.number)
         return [next_node(at, message.id)] if message and message.received <= at.moment else []
@@ -436,8 +411,8 @@ def _nodes(at: RunAt, by: Keepers) -> list[Node]:
     """A lock; or the runs of which the first that returns makes room: those that wait for nothing, if there are any."""
     if by.claim is not None:
         return [Node(by.claim.id)]
-    going_on = [one for one in by.runs if not at.waits_of(one)]
-    return [node_of(at.run, one) for one in going_on or by.runs]
+    free = [one for one in by.runs if not lately(one.waits, at.moment)]
+    return [node_of(at.run, one) for one in free or by.runs]
 
 
 def steps(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
@@ -463,10 +438,12 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
         by = ahead_of_claim(at, claim)
         return [*(node_of(at.run, one) for one in by.runs), *([Node(by.claim.id)] if by.claim else [])], []
     if claim.by is None:
-        nodes = [node for wait in at.waits_outside(claim.sender) for node in further(at, of_handler_wait(at.run, wait))]
+        sender = at.run.modules.get(claim.sender)
+        waits = lately(sender.waits, at.moment) if sender else []
+        nodes = [node for wait in waits for node in further(at, of_handler_wait(at.run, wait))]
         return nodes, [] if nodes else [WaitKind.LOCKED]
     task = at.tasks.get(claim.by.message_id)
-    if claim.by.end is None or claim.by.end > at.moment:
+    if claim.by.until > at.moment:
         return [node_of(at.run, claim.by)], []
     if task is not None and task.state not in OVER:
         return [Node(task.id, END_HANDLING if task.is_retried else END_ACHIEVING)], []
@@ -491,7 +468,7 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     """
     waits = keeping(at, next_node(at, number))
     task = at.run.tasks.get(number)
-    place = bisect_right(task.states, at.moment, key=_SINCE) - 1 if task else 0
+    place = task.place_at(at.moment) if task else 0
     if task is not None and task.states[place][1] is State.SUSPENDED:
         waits = [*_still_running(at, task), *waits]
     return [_told(at, number, task, place, wait) for wait in waits]
@@ -520,7 +497,7 @@ def told_waits(run: Run, task: Task) -> list[Wait]:
     """What kept a task from what came next in each of its states, oldest first."""
     found: list[Wait] = []
     waits = waits_of(run, task.id)
-    for place, (since, over, state) in enumerate(states_of(task)):
+    for place, (since, over, state) in enumerate(task.spans()):
         if state in OVER or over - since < NO_TIME:
             continue
         wanted = _moments_in_state(task, state, since)
@@ -554,5 +531,4 @@ def _begun(task: Task, place: int) -> float:
 def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
     """The handlers under a suspended task that still work."""
     for run in at.ran_on(at.tasks[task.id]):
-        end, start = inf if run.end is None else run.end, at.tasks[task.id].since
-        yield Wait(start, end, WaitKind.RUNNING, node_of(at.run, run), 0, run)
+        yield Wait(at.tasks[task.id].since, run.until, WaitKind.RUNNING, node_of(at.run, run), 0, run)

@@ -107,14 +107,14 @@ def assert_causes_come_first(run: Run, answers: Answers) -> None:
             _assert_told(run, failing(run, handling), handling.end)
     for kind in failures(run):
         for case in kind.cases:
-            assert case.fate is Fate.UNTOLD or not case.why.startswith(Fate.UNTOLD)
+            assert case.fate is Fate.UNTOLD or not case.why.startswith(Fate.UNTOLD.words)
             assert case.recovery >= 0
 
 
 def _assert_told(run: Run, failed: Failing, time: float) -> None:
     """Who is told had not ended, nor given up; with what nobody is told of nothing fails."""
     told = told_to(run, failed, time)
-    if told.startswith(Fate.UNTOLD):
+    if told.startswith(Fate.UNTOLD.words):
         assert not went_on(run, failed, time)
         assert fate(run, failed, time) is Fate.UNTOLD
     elif told:

@@ -50,7 +50,7 @@ def assert_same(central: Central, history: History) -> None:
         assert sum(folded.reached) == task.reached
         assert folded.parent == (task.parent.id if task.parent else ROOT)
         assert (folded.why_killed or "") == task.killed
-        assert task.killed or folded.is_suspended == task.suspended
+        assert task.killed or bool(folded.suspension) == task.suspended
         assert bool(folded.handling) == task.is_running
         if folded.parent != ROOT and not task.killed and not task.retrying:  # one at the top has those under it, too
             assert folded.failure.partition(":")[0] == (task.failure[0] if task.failure else "")

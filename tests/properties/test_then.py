@@ -80,7 +80,6 @@ class WatchedPlayer(Player):
                 "body",
                 "result",
                 "failure_data",
-                "is_suspended",
                 "caught_by",
                 "reached",
                 "children",

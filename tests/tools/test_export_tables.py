@@ -33,9 +33,9 @@ def test_every_failure_has_a_row_with_what_became_of_it() -> None:
         (row["message"], row["time"], row["failure"], row["text"], row["fate"]) for row in rows(history, "failures")
     ]
     assert told == [
-        (3, 2.0, "blind", "fog", "told to the asker, who went on"),
-        (2, 3.0, "blind", "fog", "told to the asker, who went on"),
-        (1, 4.0, "blind", "fog", "dealt with"),
+        (3, 2.0, "blind", "fog", "coped"),
+        (2, 3.0, "blind", "fog", "coped"),
+        (1, 4.0, "blind", "fog", "recovered"),
     ]
     for name in ("failures", "messages", "handlings"):
         assert {

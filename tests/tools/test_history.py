@@ -339,7 +339,6 @@ def test_direct_messages_are_counted_and_shown_though_central_never_saw_them() -
         ("height", "walker", 1.25, 1.5, Outcome.DONE),
         ("height", "walker", 1.5, 1.75, Outcome.FAILED),
     ]
-    assert history.lost_directly == {"pose": 3}
     assert not history.messages
     (row,) = chart(history).rows
     assert [bar.ending for bar in row.handled] == ["", "failed"]
