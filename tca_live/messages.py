@@ -15,7 +15,7 @@ from tca_module.checks import name_of
 from tca_module.client import Client
 from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.sending.replies import QUERY_TIMEOUT
-from tca_module.sending.sent_task import SentTask
+from tca_module.sending.task_ref import SentTask
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Broadcast, Command, Goal, Message, MultiQuery, Query, Variable

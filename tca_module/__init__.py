@@ -25,11 +25,10 @@ from tca_module.sending.directory import HandlerInfo, ModuleInfo, ResourceInfo
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.replies import Notification, PendingReplies, PendingReply
 from tca_module.sending.sender import Sender
-from tca_module.sending.sent_task import SentTask
 from tca_module.sending.task import Task
 from tca_module.sending.task_options import TaskOptions
 from tca_module.sending.task_points import this
-from tca_module.sending.task_ref import AttachmentRef, TaskInfo, TaskRef
+from tca_module.sending.task_ref import AttachmentRef, SentTask, TaskInfo, TaskRef
 from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.callbacks import Callback
 from tca_wire.constraints import Constraint

@@ -1,17 +1,17 @@
 """Checks of what users give to calls, before anything leaves: a MisuseError says what, which, and what it must be."""
 
+import contextlib
 import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
-from tca_wire.messages.controls import ExceptionHandler, Monitor, PollingMonitor
+from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import (
     Broadcast,
     Command,
     Failure,
-    FailureRaised,
     Goal,
     Inform,
     Message,
@@ -25,21 +25,17 @@ from tca_wire.points import Point
 from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope
 
 BRIEF = 1.0
-"""Seconds: a wait that is to be shorter ends soon by itself, and is no deadlock."""
+"""Seconds: central takes a wait with a shorter timeout for no deadlock."""
 
 HIGHEST_PRIORITY = 1_000_000
 MOST_PENDING = 10_000  # what central keeps for one resource anyway
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e7  # seconds; the longest is some months
 
-_CALLS: dict[type[Message[Any, Any]], str] = {
-    Goal: "goal()",
-    Command: "command()",
-    Query: "query()",
-    MultiQuery: "multi_query()",
-    Inform: "inform()",
-    Broadcast: "broadcast()",
-    Variable: "set_variable()",
-}
+EXECUTED: dict[type[Message[Any, Any]], str] = {
+    Goal: "goal", Command: "command", Query: "query", MultiQuery: "multi_query", Inform: "inform",
+    Broadcast: "broadcast",
+}  # fmt: skip
+"""The classes of messages that are sent, and the calls that do it."""
 
 
 class Kind(NamedTuple):
@@ -56,13 +52,20 @@ def check(call: str, kind: Kind, **values: Any) -> None:
             raise MisuseError(f"{call}: {name} must be {kind.words}, not {value!r:.60}")
 
 
-def is_whole(value: Any) -> bool:
-    """Whether it is a whole number; True and False are none."""
+def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, Kind]) -> None:
+    """Raise MisuseError for an option that *what* does not have, or whose value is of another kind."""
+    if unknown := sorted(options.keys() - kinds.keys()):
+        raise MisuseError(f"{what} has no option {unknown[0]}: the options are {', '.join(kinds)}")
+    for name in options:
+        check(what, kinds[name], **{name: options[name]})
+
+
+def _is_whole(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _is_count(value: Any) -> bool:
-    return is_whole(value) and 1 <= value < 2**63
+    return _is_whole(value) and 1 <= value < 2**63
 
 
 def _is_from(value: Any, least: float, most: float = float("inf")) -> bool:
@@ -70,7 +73,7 @@ def _is_from(value: Any, least: float, most: float = float("inf")) -> bool:
 
 
 def _is_text(text: Any) -> bool:
-    """Not so with half a character, as Python makes them of names of files."""
+    """Python's names of files may have half a character, which can't be sent."""
     return isinstance(text, str) and (text.isascii() or not any("\ud800" <= one <= "\udfff" for one in text))
 
 
@@ -107,16 +110,16 @@ PATIENCE = Kind("0 or more seconds", lambda value: _is_from(value, 0))
 TIMEOUT = Kind("0 or more seconds, or None to wait for ever", lambda value: value is None or _is_from(value, 0))
 COUNT = Kind("1 or more", _is_count)
 MAXIMUM = Kind("1 or more, or None for any number", lambda value: value is None or _is_count(value))
-CAPACITY = Kind("1 to 64", lambda value: is_whole(value) and 1 <= value <= 64)
+CAPACITY = Kind("1 to 64", lambda value: _is_whole(value) and 1 <= value <= 64)
 PENDING = Kind(
-    f"1 to {MOST_PENDING:,}, or None", lambda value: value is None or (is_whole(value) and 1 <= value <= MOST_PENDING)
+    f"1 to {MOST_PENDING:,}, or None", lambda value: value is None or (_is_whole(value) and 1 <= value <= MOST_PENDING)
 )
-PLAN_AHEAD = Kind("0 or more, or None for any number", lambda v: v is None or (is_whole(v) and 0 <= v < 2**63))
+PLAN_AHEAD = Kind("0 or more, or None for any number", lambda v: v is None or (_is_whole(v) and 0 <= v < 2**63))
 PRIORITY = Kind(
     f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}",
-    lambda value: is_whole(value) and abs(value) <= HIGHEST_PRIORITY,
+    lambda value: _is_whole(value) and abs(value) <= HIGHEST_PRIORITY,
 )
-NUMBER = Kind("a number, as in the journal", lambda value: is_whole(value) and 0 <= value < 2**63)
+NUMBER = Kind("a number, as in the journal", lambda value: _is_whole(value) and 0 <= value < 2**63)
 POINT = Kind("a point of a task, such as task.achieving.end", lambda value: isinstance(value, Point))
 POINT_OR_NONE = Kind(f"{POINT.words}, or None", lambda value: value is None or isinstance(value, Point))
 CONSTRAINT = Kind("a constraint, such as a.achieving.end <= b.planning.start", lambda v: isinstance(v, Constraint))
@@ -141,13 +144,8 @@ CENTRAL = Kind(
 )
 
 
-def one_of(options: Any) -> Kind:
-    """The kind of what a Literal allows."""
-    return Kind(f"one of {', '.join(get_args(options))}", lambda value: value in get_args(options))
-
-
 def is_brief(call: str, timeout: float | None) -> bool:
-    """Whether a wait is so short that central need not look at it. Raises MisuseError if *timeout* is none."""
+    """Whether a wait is too short to be a deadlock. Raises MisuseError for a wrong *timeout*."""
     check(call, TIMEOUT, timeout=timeout)
     return timeout is not None and timeout < BRIEF
 
@@ -161,7 +159,7 @@ def name_of(message: Message[Any, Any]) -> str:
 
 
 def check_message(message: Any) -> None:
-    """Raise MisuseError for what is no message: a name, mostly."""
+    """Raise MisuseError for what is no message, such as its name."""
     if not isinstance(message, Message):
         raise MisuseError(f"{message!r:.60} is no message: give the declaration, such as Goal('walk', Path)")
 
@@ -169,49 +167,14 @@ def check_message(message: Any) -> None:
 def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") -> None:
     """Raise MisuseError for a message of another class than those that *call* takes."""
     if not isinstance(message, wanted):
-        advice = f": use {_CALLS[type(message)]}" if type(message) in _CALLS and not call else ""
-        classes = " or ".join(kind.__name__ for kind in wanted)
-        raise MisuseError(f"{call or _CALLS[wanted[0]]} takes messages of class {classes}, not {message!r:.60}{advice}")
-
-
-def check_executable(message: Any) -> None:
-    """Raise MisuseError for what can't be sent whatever its class."""
-    if not isinstance(message, Goal | Command | Query | MultiQuery | Inform | Broadcast):
-        classes = "a Goal, Command, Query, MultiQuery, Inform or Broadcast"
-        raise MisuseError(f"execute() takes {classes}, not {message!r:.60}")
-
-
-def check_known(what: str, options: Mapping[str, object], known: Collection[str]) -> None:
-    """Raise MisuseError for an option that there is not."""
-    if unknown := sorted(options.keys() - set(known)):
-        raise MisuseError(f"{what} has no option {unknown[0]}: the options are {', '.join(known)}")
-
-
-def check_monitor_options(monitor: Monitor[Any], options: Mapping[str, Any]) -> None:
-    """Raise MisuseError for options that the monitor can't have."""
-    what = name_of(monitor)
-    if not isinstance(monitor, PollingMonitor):
-        for name in ("period", "initial_wait"):
-            if name in options:
-                raise MisuseError(f"{what} can't have {name}: only polling monitors test again and again")
-    elif options.get("period") is None:
-        raise MisuseError(f"{what} needs period: the seconds from one test of its condition to the next")
-    check(what, DURATION_OR_NONE, period=options.get("period"), duration=options.get("duration"))
-    check(what, MAXIMUM, maximum=options.get("maximum"))
-    check(what, COUNT, fire_every=options.get("fire_every", 1))
-    check(what, FLAG, **{name: options[name] for name in ("initial_wait", "for_ever", "sequential") if name in options})
-    check(what, POINT_OR_NONE, until=options.get("until"))
-    check(what, CONSTRAINTS, constraints=options.get("constraints", []))
-
-
-# --- failures --------------------------------------------------------------------------------------------------------
+        advice = f": use {EXECUTED[type(message)]}()" if type(message) in EXECUTED and not call else ""
+        classes, call = " or ".join(kind.__name__ for kind in wanted), call or EXECUTED[wanted[0]]
+        raise MisuseError(f"{call}() takes messages of class {classes}, not {message!r:.60}{advice}")
 
 
 def check_handles(failure: Any, handler: Any) -> None:
-    """Raise MisuseError for an exception handler that can't take the data of a failure.
-
-    It gets the failure's data, which must fit, or none. A handler of any failure (None) must take None: what central
-    raises, such as "timeout", has no data.
+    """Raise MisuseError for an exception handler that can't take the data of *failure*. One of any failure (None) must
+    take None: what central raises, such as "timeout", has no data.
     """
     if not isinstance(handler, ExceptionHandler):
         raise MisuseError(f"{handler!r:.60} is no ExceptionHandler: declare the message as one")
@@ -227,22 +190,6 @@ def check_handles(failure: Any, handler: Any) -> None:
         raise MisuseError(f"{wants}, and failure '{failure.name}' has {failure.data}: {advice}")
 
 
-def checked_pairs(what: str, pairs: Any) -> Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]:
-    """The value of ``on_failure=``. Raises MisuseError if it is no list of pairs."""
-    check(what, PAIRS, on_failure=pairs)
-    for failure, handler in pairs:
-        check_handles(failure, handler)
-    pairs_: Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]] = pairs
-    return pairs_
-
-
-def check_raised(failure: Any) -> None:
-    """Raise MisuseError for what can't be raised on a task."""
-    if not isinstance(failure, FailureRaised):
-        hint = f"'{failure.name}' is only declared, call it" if isinstance(failure, Failure) else "COLLISION(contact)"
-        raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
-
-
 # --- functions -------------------------------------------------------------------------------------------------------
 
 
@@ -250,7 +197,6 @@ def check_function(
     what: str, function: Any, wanted: str, possible: Sequence[int] = (), *, may_be_async: bool = False
 ) -> int:
     """How many arguments a function takes, of the *possible* numbers; *wanted* shows them, such as "(sender, reply)".
-
     Raises MisuseError for what can't be called so, or must be awaited.
     """
     if not callable(function):
@@ -258,33 +204,19 @@ def check_function(
     name = getattr(function, "__qualname__", repr(function))
     if is_async(function) and not may_be_async:
         raise MisuseError(f"{what}: {name} is 'async def', and nobody awaits it: make it a plain function")
-    arguments = arguments_taken(function, possible or (wanted.count(",") + 1,))
-    if arguments is None:
-        raise MisuseError(f"{what}: {name} is declared with {inspect.signature(function)}: declare it with {wanted}")
-    return arguments
+    possible = possible or (wanted.count(",") + 1,)
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return possible[-1]  # some functions written in C do not say
+    for number in possible:
+        with contextlib.suppress(TypeError):
+            signature.bind(*(None,) * number)
+            return number
+    raise MisuseError(f"{what}: {name} is declared with {signature}: declare it with {wanted}")
 
 
 def is_async(function: Callable[..., object]) -> bool:
     """Whether it is an ``async def`` function, or an object that is called like one."""
     called = getattr(function, "__call__", None)  # noqa: B004
     return any(map(inspect.iscoroutinefunction, (function, called)))
-
-
-def arguments_taken(function: Callable[..., object], possible: Sequence[int]) -> int | None:
-    """The first of these numbers of arguments that it can be called with; None: with none of them.
-
-    Of a function that says nothing about itself, such as some written in C, the last is believed.
-    """
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):
-        return possible[-1]
-    return next((number for number in possible if _fits(signature, number)), None)
-
-
-def _fits(signature: inspect.Signature, arguments: int) -> bool:
-    try:
-        signature.bind(*(None,) * arguments)
-    except TypeError:
-        return False
-    return True

@@ -1,19 +1,19 @@
 """Client: a script that handles nothing sends with it."""
 
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import check, one_of
+from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError, NoCentral
-from tca_module.link.asking import ask
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection, ask
 from tca_module.link.opening import CentralAddress, hello, new_incarnation, open_connection
 from tca_module.sending.sender import Sender
 from tca_wire.packets.headers import Ask
 
 Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
+_TOPIC = checks.Kind(f"one of {', '.join(get_args(Topic))}", lambda topic: topic in get_args(Topic))
 
 
 class Client(Sender):
@@ -39,7 +39,7 @@ class Client(Sender):
         (how busy everything is, and the longest waits) or "attached" (exception handlers, wiretaps and monitors, at
         most 10,000 of each). Raises Timeout.
         """
-        check("status()", one_of(Topic), topic=topic)
+        check("status()", _TOPIC, topic=topic)
         answer = ask(self._connection(), Ask(0, topic), f"the question for {topic}", within=timeout)
         return msgspec.msgpack.decode(answer)
 

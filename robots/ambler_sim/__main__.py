@@ -32,7 +32,7 @@ from robots.ambler_sim.robot import pybullet_is_installed
 from robots.ambler_sim.terrain import scattered_rocks
 from robots.ambler_sim.vocabulary import Rock
 from tca_module import Outcome, TaskFailed, TcaError, Timeout
-from tca_module.sending.sent_task import SentTask
+from tca_module.sending.task_ref import SentTask
 
 MODULES = ("perception", "leg planner", "body planner", "gait planner")
 REACTIONS = ("monitoring", "error recovery")

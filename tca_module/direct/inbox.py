@@ -1,9 +1,8 @@
-"""A slot's entrance for direct messages: its senders, what has arrived, and what was answered.
+"""A slot's entrance for direct messages.
 
-Theory of operation. Senders greet with the key that central gave them, and number their messages: duplicates are not
-handled twice, and an answer that may be lost with a line is kept for a while. Messages wait here in order; the slot
-takes one when it handles nothing else. When this is full, the rest waits in the socket and with the senders. Bad bytes,
-unknown messages and strangers are refused; nothing sent here can end the module.
+Senders greet with the key that central gave them, and number their messages: none is handled twice, and an answer is
+kept for a while in case it is lost with a line. The slot takes a message when it handles nothing else. When this is
+full, the rest waits in the socket and with the senders. Bad bytes, unknown messages and strangers are refused.
 """
 
 import hmac
@@ -21,17 +20,10 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Deliver, Fail, Gi
 from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
-MOST_WAITING = 2000
-MOST_BYTES = 128 << 20
-"""Messages, and bytes of their data, that wait in here; what comes then stays in the socket."""
-
+MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # messages, and bytes of their data; what comes then stays in the socket
 MOST_SENDERS = 256
-ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20
-"""Answers kept for each sender in case the line breaks; of long ones fewer."""
-
-TAKEN_EVERY, TAKEN_BYTES = 64, 1 << 20
-"""After how many informs, or bytes, their sender is told that they were begun with."""
-
+ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # for each sender
+TAKEN_EVERY, TAKEN_BYTES = 64, 1 << 20  # informs, or bytes, begun with before their sender is told
 PACKETS = 256  # read at a time
 _MOST_MISSING = 2000  # numbers; senders have fewer on their way
 

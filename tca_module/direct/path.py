@@ -1,9 +1,8 @@
-"""A sender's way to one entrance: what was sent, what has come back, what must be said again.
+"""A sender's way to one entrance.
 
-Theory of operation. Messages are numbered. The slot reports which it has begun (Taken, an Answer), so the sender knows
-how much is on its way, and refuses more than a bound. After a break or a silence the sender greets again; the slot says
-what has not arrived: queries are sent again under their numbers, informs are lost. Closing is a slot's last word: it
-has not begun what it has not answered by then.
+Messages are numbered. The slot says which it has begun (Taken, an Answer), so the sender knows how much is on its way,
+and refuses more than a bound. After a break or a silence the sender greets again; the slot says what has not arrived:
+queries are sent again under their numbers, informs are lost. After Closing a slot begins nothing.
 """
 
 from collections.abc import Callable
@@ -11,6 +10,7 @@ from typing import Any, ClassVar, Protocol
 
 from tca_module.errors import NIL
 from tca_module.session.request import Request
+from tca_module.sockets.transport import Beside
 from tca_wire.errors import ProtocolError
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets import direct, headers
@@ -20,29 +20,14 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Refused
 from tca_wire.packets.routes import Entrance
 from tca_wire.vocabulary import Outcome, Refusal
 
-MOST_UNDER_WAY = 1000
-"""Messages that may be on their way, or wait at the entrance, at a time."""
-
-MOST_BYTES = 64 << 20
-"""And how much data they may have; a single message may always go."""
-
-REPEAT = 1.0
-"""Seconds of silence after which a waiting sender asks whether all has arrived."""
-
-LAST_WORDS = 2.0
-"""Seconds that a slot which has left may take to answer or close."""
-
+MOST_UNDER_WAY, MOST_BYTES = 1000, 64 << 20  # messages that are not begun, and their data; one may always go
+REPEAT = 1.0  # seconds of silence after which a waiting sender asks whether all has arrived
+LAST_WORDS = 2.0  # seconds that a slot which has left may take to answer or close
 PACKETS = 256  # read at a time
 
 
-class LineSocket(Protocol):
+class LineSocket(Beside, Protocol):
     """Carries packets to an entrance and back."""
-
-    def fileno(self) -> int:
-        """Of a file that becomes readable when something arrives."""
-
-    def has_arrived(self) -> bool:
-        """Whether there is a packet to receive."""
 
     @property
     def is_connected(self) -> bool:

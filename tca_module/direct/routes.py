@@ -1,19 +1,19 @@
-"""Which messages a connection sends directly, as central tells it, and the paths they take.
+"""Which messages a connection may send directly, as central tells it, and the paths they take.
 
-Central's word is a licence: a message goes through central until an entrance of its route has answered a greeting, and
-whenever none can be reached. Paths are kept while a route leads there or a query is open.
+A message goes through central until an entrance of its route has answered a greeting, and whenever none can be reached.
+Paths are kept while a route leads there or a query is open.
 """
 
 import itertools
 import logging
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
 
 from tca_module.direct.note_batch import NoteBatch
 from tca_module.direct.path import DirectPath, LineSocket
 from tca_module.session.request import Request
 from tca_module.session.session import Session
+from tca_module.sockets.transport import DealerTransport
 from tca_wire.packets.headers import Send, Welcome
 from tca_wire.packets.routes import Entrance, EntranceGone, Route, WatchEntrance
 
@@ -21,21 +21,11 @@ OpenSocket = Callable[[str], LineSocket]
 """Opens the way to an endpoint. Raises OSError if it is none."""
 
 
-class Waits(Protocol):
-    """Waits for packets from central, and for others beside them."""
-
-    def add(self, beside: LineSocket) -> None:
-        """Wait for this, too."""
-
-    def remove(self, beside: LineSocket) -> None:
-        """Wait for it no longer."""
-
-
 class DirectRoutes:
     """The sending side of direct messages, for one connection."""
 
     def __init__(
-        self, session: Session, way: str, transport: Waits | None, notes: NoteBatch, open_socket: OpenSocket
+        self, session: Session, way: str, transport: DealerTransport | None, notes: NoteBatch, open_socket: OpenSocket
     ) -> None:
         self._session = session
         self._way = way  #: names this connection among all

@@ -1,7 +1,7 @@
 """One connection to central: its requests and its waits. Every blocking call of the package ends up here.
 
-For one thread only. Messages that central delivers while it waits are handled within the wait: so a
-handler may ask its own resource something.
+For one thread only. What central delivers while it waits is handled within the wait: so a handler may ask its own
+resource.
 """
 
 import contextlib
@@ -48,10 +48,10 @@ class Connection:
         self.direct = direct or DirectMessages(session)  #: what goes without central
         self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.root_sender: Any = None  #: the Sender with which callbacks send
-        self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due; one after the other
+        self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
         self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None  #: in asyncio
         self.patience = patience
-        self._clock = clock
+        self.now = clock  #: seconds; it never jumps
         self._is_calling_back = False
         self.line = PacketLine(session, transport, self.direct, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
@@ -65,9 +65,7 @@ class Connection:
         return self.transport.address
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
-        """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped* comes
-        true first.
-        """
+        """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
         session = self.session
         self._wait(lambda: session.is_welcome or session.refused is not None or is_stopped(), None)
         if session.refused is not None:
@@ -121,16 +119,16 @@ class Connection:
             request = self.request(header, body, is_awaited=True)
             if not self.wait(request, within, what):
                 self.abandon(request)
-                msg = f"{what} was not acknowledged within {within:g} s, though central at {self.address} \
-is alive: it is overloaded; {what} {self.session.fate_of(request)}"
-                raise Timeout(msg)
+                where = f"though central at {self.address} is alive: it is overloaded"
+                fate = f"{what} {self.session.fate_of(request)}"
+                raise Timeout(f"{what} was not acknowledged within {within:g} s, {where}; {fate}")
             return request.accepted or 0
 
     def request(
         self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
     ) -> Request:
-        """Ask central for something. With *is_awaited*, ``wait`` follows at once and its timeout counts; otherwise this
-        waits a little if central takes nothing now.
+        """Ask central for something. This waits a little if central takes nothing now; not with *is_awaited*: ``wait``
+        follows, whose timeout counts.
         """
         self.check_thread()
         with self._lock:
@@ -156,8 +154,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
     ) -> bool:
         """Wait until a request is over, or *is_over* says that enough has come; whether it did in time.
 
-        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long, and once for
-        each handler TaskKilled if its task was killed, Stopped if the module ends.
+        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; in a handler
+        once TaskKilled if its task was killed, and once Stopped if its module ends.
         """
         self.check_thread()
         is_done = is_over or (lambda: request.is_over)
@@ -242,8 +240,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             return asked.answers[-1][0].text if asked.answers else ""
 
     def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
-        """Release the lock of a request; whether it was still held. With *at_once*, tell central without waiting.
-        Raises CentralLost if central does not answer; it is told as soon as it does.
+        """Release the lock of a request; whether it was still held. With *at_once*, without waiting. Raises CentralLost
+        if central does not answer; it is told as soon as it does.
         """
         header = Release(0, request.header.number, origin_of(request.header))
         if self.is_taken(request) or at_once:
@@ -291,10 +289,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         self.check_thread()
         with self._lock:
             self.line.catch_up()
-            open_deliveries = self.session.open_deliveries
-            if is_cancelled := open_deliveries.is_cancelled(delivery):
-                open_deliveries.mark_told_of(delivery)
-            return is_cancelled
+            return self.session.open_deliveries.read_cancelled(delivery)
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of an open delivery is suspended."""
@@ -307,7 +302,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
 
     def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None) -> None:
         """Handle what is delivered until *is_over*, however long central is silent. *idle* is called in between, with
-        the seconds that it may take; False if it did nothing.
+        the seconds that it may take; False: it did nothing.
         """
         self.check_thread()
         with self._lock:
@@ -317,10 +312,6 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Keep the connection alive while its own thread is busy; the seconds of central's silence."""
         with self._lock:
             return self.line.tend(since, within)
-
-    def now(self) -> float:
-        """Seconds on a clock that never jumps."""
-        return self._clock()
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait until *is_over*, calling callbacks meanwhile; whether it is. Raises what ``wait`` does."""
@@ -357,7 +348,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         self, is_over: Callable[[], bool], timeout: float | None, *, patience: float | None = None,
         idle: Callable[[float], bool] | None = None,
     ) -> bool:  # fmt: skip
-        session, since = self.session, self._clock()
+        session, since = self.session, self.now()
         now, deadline = since, _FOR_EVER if timeout is None else since + timeout
         patience = self.patience if patience is None else patience
         while not is_over():
@@ -371,11 +362,11 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             left = max(0.0, deadline - now)
             send_wait = SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
             self.line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
-            step = self.direct.patience(min(STEP, max(0.0, deadline - self._clock())))
+            step = self.direct.patience(min(STEP, max(0.0, deadline - self.now())))
             self.line.listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.handle_delivery is not None and (message := self.direct.take()) is not None:
                 self.handle_delivery(*message)  # one at a time, and central is heard in between
-            before, now = now, self._clock()
+            before, now = now, self.now()
             if now - before > STALL:
                 since = now  # this process stood still, and central's words have yet to be read: blame nobody
             if now >= deadline:
@@ -392,7 +383,29 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
     def check_thread(self) -> None:
         """Raise MisuseError in another thread; before taking the lock, which a serving thread keeps for ever."""
         if threading.get_ident() != self._owner:
-            msg = f"a connection of module '{self.session.module}' is used from thread \
-'{threading.current_thread().name}', but belongs to the one that \
-opened it: a handler sends with its task, other threads open a connection of their own with connect()"
+            where = f"a connection of module '{self.session.module}' is used from thread"
+            msg = (
+                f"{where} '{threading.current_thread().name}', but belongs to the one that opened it: a handler sends \
+with its task, other threads open a connection of their own with connect()"
+            )
             raise MisuseError(msg)
+
+
+def ask(
+    connection: Connection, header: ToCentral, what: str, body: bytes = b"",
+    within: float | None = ACKNOWLEDGED_WITHIN,
+) -> bytes:  # fmt: skip
+    """What central itself answers, at once. Raises Timeout if that does not come *within* so many seconds."""
+    return answered(connection, header, what, body, within).answers[-1][1]
+
+
+def answered(
+    connection: Connection, header: ToCentral, what: str, body: bytes = b"",
+    within: float | None = ACKNOWLEDGED_WITHIN,
+) -> Request:  # fmt: skip
+    """A question that central itself answers, with the answer. Raises what ``ask`` does."""
+    request = connection.request(header, body, wants_answer=True, is_awaited=True)
+    if not connection.wait(request, within, what):
+        connection.abandon(request)
+        raise Timeout(f"{what} was not answered within {within:g} s, though central is alive: it is overloaded")
+    return request

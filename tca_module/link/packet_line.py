@@ -6,8 +6,7 @@ from collections.abc import Callable
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
 from tca_module.session.session import QUIET, Session
-from tca_module.sockets.probe import is_anybody_there
-from tca_module.sockets.transport import Transport
+from tca_module.sockets.transport import Transport, is_anybody_there
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 
@@ -35,7 +34,7 @@ class PacketLine:
 
     @property
     def silence(self) -> str:
-        """Why central counts as silent: it has said nothing for too long, or takes nothing. "" if all is well."""
+        """Why central counts as silent, for errors: it says, or takes, nothing. "" if all is well."""
         session, silent = self._session, self._clock() - self._session.heard
         if session.is_welcome and not session.outgoing and silent < QUIET:
             return ""

@@ -9,8 +9,7 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import check, is_brief
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
-from tca_module.link.asking import ask
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection, ask
 from tca_module.sending.claim import Claim
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.messages.controls import ExceptionHandler, Monitor

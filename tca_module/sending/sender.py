@@ -5,16 +5,15 @@ from contextlib import AbstractContextManager
 from typing import Any, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import check, check_class, check_executable, check_function, checked_pairs, is_brief, name_of
+from tca_module.checks import EXECUTED, check, check_class, check_function, check_options, is_brief, name_of
 from tca_module.errors import Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
-from tca_module.sending.sent_task import SentTask
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_options import TaskOptions, check_options, flags_of
-from tca_module.sending.task_ref import TaskRef, attachment
+from tca_module.sending.task_options import KINDS, TaskOptions, flags_of
+from tca_module.sending.task_ref import SentTask, TaskRef, attachment
 from tca_module.sending.watching import Watching
-from tca_module.session.request import Request, unsent
+from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before
 from tca_wire.messages.declarations import NOTHING, Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Constrain, Send
@@ -26,10 +25,11 @@ _TASK = checks.Kind("a task that was sent or found, such as tasks(WALK)[0]", lam
 class Sender(Watching):
     """Sends messages. Task, Module, Client and Callback are Senders."""
 
-    def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
+    def __init__(self, parent: TaskId = ROOT, origin: int = 0, *, is_shared: bool = False) -> None:
+        """*is_shared*: others send under the same *parent*, as everybody does under the root."""
         self._parent = parent
         self._origin = origin
-        self._ordering = SiblingOrder(is_shared=parent == ROOT)
+        self._ordering = SiblingOrder(is_shared=is_shared or parent == ROOT)
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
@@ -56,20 +56,19 @@ class Sender(Watching):
 
     def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> SentTask[R] | None:
         """The new task; None if *handled* and nobody handles the message."""
-        check_options(message, options)
-        body = message.encode_data(data)
-        pairs = checked_pairs(name_of(message), options.get("on_failure", ()))
+        check_options(name_of(message), options, KINDS)
+        body, pairs = message.encode_data(data), options.get("on_failure", ())
+        attachments = [attachment(*pair) for pair in pairs]
         connection = self._declare(message, *(handler for _, handler in pairs))
         sequential = options.get("sequential", True)
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
-        flags |= flags_of(options)
         constraints += options.get("constraints", ())
         if delay := options.get("delay"):
             constraints.append(not_before(THIS, delay))
         header = Send(
-            0, message.name, self._parent, self._origin, flags, constraints, options.get("priority", 0),
-            attachments=[attachment(*pair) for pair in pairs], deadline=options.get("deadline") or 0,
+            0, message.name, self._parent, self._origin, flags | flags_of(options), constraints,
+            options.get("priority", 0), attachments=attachments, deadline=options.get("deadline") or 0,
             if_handled=handled, keep=options.get("keep", False),
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
@@ -108,8 +107,8 @@ class Sender(Watching):
         return self._ordering.parallel()
 
     def constrain(self, *constraints: Constraint) -> None:
-        """Add constraints between tasks that exist: all of them, or with an error none. Raises Refused if one comes too
-        late or would close a circle.
+        """Add constraints between tasks that exist: all, or with an error none. Raises Refused if one comes too late or
+        would close a circle.
         """
         for constraint in constraints:
             check("constrain()", checks.CONSTRAINT, each=constraint)
@@ -124,8 +123,8 @@ class Sender(Watching):
     ) -> R:
         """Ask, and wait for the reply, at most *timeout* seconds (None: for ever).
 
-        Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that waits here is woken
-        once with TaskKilled if its task is killed, and with Stopped if its module ends.
+        Raises QueryFailed if the handler fails, Timeout if no reply comes in time; in a handler once TaskKilled if its
+        task is killed, and Stopped if its module ends.
         """
         brief = is_brief("query()", timeout)
         check_class(message, Query)
@@ -145,10 +144,11 @@ class Sender(Watching):
         self, message: Query[D, R], data: D, callback: "Callable[[Sender, R], object]",
         on_failure: "Callable[[Sender, Exception], object] | None" = None, *, priority: int = 0,
     ) -> Notification[R]:  # fmt: skip
-        """Ask, and have *callback* called with the reply, or *on_failure* with the error that ``query`` would raise.
+        """Ask, and have *callback* called with a Sender under the root and the reply, or *on_failure* with a Sender and
+        the error that ``query`` would raise.
 
-        Both get a Sender first, which sends under the root. They are called in this thread, one at a time, while it
-        waits for central or for its next message. Errors in them are logged, and so is a failure without *on_failure*.
+        They are called in this thread, one at a time, while it waits for central or its next message. Errors in them
+        are logged, and so is a failure without *on_failure*.
         """
         check_function("query_notify()", callback, "(sender, reply)")
         if on_failure is not None:
@@ -180,8 +180,8 @@ class Sender(Watching):
         """Ask every module that handles the message; the replies in the order they came.
 
         Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
-        the replies so far. Modules that fail or are late are left out. If nobody replied and somebody failed, raises
-        QueryFailed with the first failure and a text that names all.
+        the replies so far. If nobody replied and somebody failed, raises QueryFailed with the first failure and a text
+        that names all; otherwise modules that fail are left out.
         """
         return list(self._ask_all(message, data, maximum, timeout, blocking=True))
 
@@ -203,7 +203,9 @@ class Sender(Watching):
         try:
             left = self._declare_within(timeout, message)
         except Timeout:
-            return PendingReplies(self._connection(), unsent(), message, 0)
+            unsent = Request(Send(0, message.name), b"", wants_answer=True)
+            unsent.is_over = True
+            return PendingReplies(self._connection(), unsent, message, 0)
         connection, request = self._question(message, data, blocking=blocking, maximum=maximum or 0)
         return PendingReplies(connection, request, message, left)
 
@@ -211,15 +213,14 @@ class Sender(Watching):
 
     def inform(self, message: Inform[D], data: D = NOTHING) -> None:
         """Tell the one module that handles the message: at most once, in order, without waiting."""
-        check_class(message, Inform)
-        self._tell(message, data)
+        self._tell(message, Inform, data)
 
     def broadcast(self, message: Broadcast[D], data: D = NOTHING) -> None:
         """Tell every module that handles the message: at most once, in order, without waiting."""
-        check_class(message, Broadcast)
-        self._tell(message, data)
+        self._tell(message, Broadcast, data)
 
-    def _tell(self, message: Message[D, None], data: D) -> None:
+    def _tell(self, message: Message[D, None], kind: type[Message[Any, Any]], data: D) -> None:
+        check_class(message, kind)
         body = message.encode_data(data)
         connection = self._declare(message)
         connection.post(Send(0, message.name, origin=self._origin, flags=Flags.NONE), body)
@@ -239,17 +240,11 @@ class Sender(Watching):
     @overload
     def execute(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
     def execute(self, message: Any, data: Any = NOTHING) -> Any:
-        """Send a message of any class with the usual options; returns what ``goal``, ``command``, ``query``,
-        ``multi_query``, ``inform`` or ``broadcast`` does (TCA 8.5: tcaExecute).
+        """Send a message of any class with the usual options; returns what the call for that class does (TCA 8.5:
+        tcaExecute).
         """
-        check_executable(message)
-        if isinstance(message, Goal | Command):
-            return self._task(message, data, {})
-        if isinstance(message, Query):
-            return self.query(message, data)
-        if isinstance(message, MultiQuery):
-            return self.multi_query(message, data)
-        return self._tell(message, data)
+        check_class(message, *EXECUTED, call="execute")
+        return next(getattr(self, call) for kind, call in EXECUTED.items() if isinstance(message, kind))(message, data)
 
     @overload
     def execute_if_handled(self, message: Goal[D], data: D = NOTHING) -> SentTask[None] | None: ...
@@ -267,10 +262,10 @@ class Sender(Watching):
         """Send a message only if somebody handles it now; central decides and sends in one step (TCA 8.5:
         tcaMaybeExecute).
 
-        Returns what ``execute`` does, or None if nobody handles the message. For an inform or broadcast: whether it was
+        Returns what ``execute`` does, or None if nobody handles the message; of an inform or broadcast, whether it was
         sent. The handler may still be lost afterwards.
         """
-        check_executable(message)
+        check_class(message, *EXECUTED, call="execute_if_handled")
         if isinstance(message, Goal | Command):
             return self._task_if(message, data, {}, handled=True)
         if isinstance(message, Query | MultiQuery):
@@ -295,8 +290,7 @@ class _Under(Sender):
     """Sends under a task that others may handle."""
 
     def __init__(self, sender: Sender, origin: int, task: TaskRef) -> None:
-        super().__init__(task.id, origin)
-        self._ordering = SiblingOrder(is_shared=True)
+        super().__init__(task.id, origin, is_shared=True)
         self._sender = sender
 
     def _connection(self) -> Connection:

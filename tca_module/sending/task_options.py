@@ -1,13 +1,12 @@
 """The options with which goals and commands are sent."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
 
 from tca_module import checks
-from tca_module.checks import check, check_known, name_of
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import ExceptionHandler
-from tca_wire.messages.declarations import Failure, Message
+from tca_wire.messages.declarations import Failure
 
 
 class TaskOptions(TypedDict, total=False):
@@ -35,28 +34,25 @@ class TaskOptions(TypedDict, total=False):
     """Its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle."""
 
 
-def check_options(message: Message[Any, Any], options: TaskOptions) -> None:
-    """Raise MisuseError for options that the message can't have."""
-    what = name_of(message)
-    check_known(what, options, TaskOptions.__annotations__)
-    given: dict[str, Any] = {**options}
-    check(what, checks.FLAG, **{name: given[name] for name in _FLAGS if name in given})
-    check(what, checks.PRIORITY, priority=options.get("priority", 0))
-    check(what, checks.SECONDS, delay=options.get("delay", 0))
-    check(what, checks.DURATION_OR_NONE, deadline=options.get("deadline"))
-    check(what, checks.CONSTRAINTS, constraints=options.get("constraints", ()))
+KINDS = dict.fromkeys(TaskOptions.__annotations__, checks.FLAG) | {
+    "priority": checks.PRIORITY,
+    "constraints": checks.CONSTRAINTS,
+    "on_failure": checks.PAIRS,
+    "deadline": checks.DURATION_OR_NONE,
+    "delay": checks.SECONDS,
+}
+"""What each option must be."""
+
+_FLAGS = {
+    "sequential_planning": Flags.SEQ_PLANNING,
+    "plan_first": Flags.PLAN_FIRST,
+    "delay_planning": Flags.DELAY_PLANNING,
+}
 
 
-_FLAGS = ("sequential", "sequential_planning", "plan_first", "delay_planning", "keep")
-
-
-def flags_of(options: TaskOptions) -> Flags:
+def flags_of(options: Mapping[str, object]) -> Flags:
     """The options that are constraints between siblings, as central knows them."""
     flags = Flags.NONE
-    if options.get("sequential_planning"):
-        flags |= Flags.SEQ_PLANNING
-    if options.get("plan_first"):
-        flags |= Flags.PLAN_FIRST
-    if options.get("delay_planning"):
-        flags |= Flags.DELAY_PLANNING
+    for name, flag in _FLAGS.items():
+        flags |= flag if options.get(name) else Flags.NONE
     return flags

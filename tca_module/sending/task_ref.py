@@ -1,20 +1,19 @@
-"""A task of the tree, as anybody who knows its number can use it."""
+"""A task of the tree, as anybody who knows its number can use it, and as its sender can."""
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Generator, Iterator
+from typing import Any, Generic, NamedTuple
 
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import check, check_class, check_handles, check_message, check_raised, is_brief, name_of
-from tca_module.errors import CentralLost, MisuseError, Timeout
-from tca_module.link.asking import answered
-from tca_module.link.connection import Connection
+from tca_module.checks import check, check_class, check_handles, check_message, is_brief, name_of
+from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
+from tca_module.link.connection import Connection, answered
 from tca_module.sending.task_points import TaskIntervals
 from tca_module.session.epoch_numbers import first_foreign, with_epoch
 from tca_module.session.request import Request
 from tca_wire.messages.controls import ExceptionHandler
-from tca_wire.messages.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
+from tca_wire.messages.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message, R
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Point, TaskId
@@ -44,28 +43,21 @@ class TaskInfo(NamedTuple):
     result: bytes
     """Of an ended one: what its handler returned, or the failure's data."""
 
-
-_ROW = (
-    "task", "message", "class", "parent", "reached", "held", "module", "suspended", "killed", "failure", "data",
-    "outcome", "result",
-)  # fmt: skip
-
-
-def _known_from(row: dict[str, Any], epoch: str) -> TaskInfo:
-    """A row of central's answer as a TaskInfo of that central."""
-    info = TaskInfo(*(row[key] for key in _ROW))
-    return info._replace(
-        id=with_epoch(info.id, epoch, numbered(info.message, info.id)),
-        parent=with_epoch(info.parent, epoch, numbered("task", info.parent)),
-    )
+    @classmethod
+    def known_from(cls, row: dict[str, Any], epoch: str) -> "TaskInfo":
+        """From a row of the answer of that central."""
+        task = with_epoch(row["task"], epoch, numbered(row["message"], row["task"]))
+        parent = with_epoch(row["parent"], epoch, numbered("task", row["parent"]))
+        return cls(task, row["message"], row["class"], parent, *(row[key] for key in cls._fields[4:]))
 
 
+_DEALT_WITH = "an exception handler dealt with it, so there is no result"
 _RELATIONS = {"self": "state", "kept": "kept tasks"}
 
 
 class AttachmentRef:
-    """An exception handler or wiretap that was attached; ``remove()`` takes it away. One of a message or of the root is
-    attached anew when central was restarted.
+    """An exception handler or wiretap that was attached; ``remove()`` takes it away. That of a message or of the root
+    is attached anew when central was restarted.
     """
 
     def __init__(self, connection: Connection, number: int, header: headers.Attach | headers.Tap) -> None:
@@ -81,9 +73,7 @@ class AttachmentRef:
         return self._standing.number if self._standing is not None else self._number
 
     def remove(self) -> None:
-        """Take it away, unless another module wants it too. What it has sent stays. A central that is restarted later
-        does not get it again.
-        """
+        """Take it away for good, unless another module wants it too. What it has sent stays."""
         connection = self._connection
         if self._standing is not None:
             self._attachments.forget(self._standing, connection.session.epoch)
@@ -105,9 +95,8 @@ def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], max
 class TaskRef(TaskIntervals):
     """A task of the tree: wait for it, kill, suspend or retry it, raise a failure on it, look at its relatives.
 
-    A task may end just before a call. ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return
-    True if they took effect, False if the task had ended. Promises for later (``on_failure``, ``on_termination``,
-    ``keep``) raise Refused ("too late") then.
+    ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took effect, False if
+    the task had ended. Promises for later (``on_failure``, ``on_termination``, ``keep``) raise Refused ("too late").
     """
 
     def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
@@ -185,11 +174,10 @@ class TaskRef(TaskIntervals):
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
         """Send *message* if the task is killed after its start, to leave things safe (TDL: ON TERMINATE).
 
-        It is sent at once, waits only for a free slot, and so may run beside handlers that have yet to return: good for
-        a "stop". To run it after a handler, give both the same resource of capacity 1. The tasks that follow wait for
-        it. Raises Refused ("too late") if the task has ended.
+        It is sent at once and may run beside handlers that have yet to return, unless both share a resource of capacity
+        1. The tasks that follow wait for it. Raises Refused ("too late") if the task has ended.
         """
-        check_class(message, Goal, Command, call="on_termination()")
+        check_class(message, Goal, Command, call="on_termination")
         body = message.encode_data(data)
         self._connection.declare(message)
         header = headers.Send(0, message.name, self.id, self._origin, when_killed=True)
@@ -211,11 +199,7 @@ class TaskRef(TaskIntervals):
         self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
     ) -> AttachmentRef:
         """Let *handler* handle *failure* (None: any) raised on the task or below it, at most *maximum* times (None: any
-        number).
-
-        The newest handler on a task is called first, then those of its message, then those of the task above. It gets
-        the failure's data, or none if declared without. Raises MisuseError if it can't take them. Attaching the same
-        pair again replaces the first.
+        number); see ``on_failure`` of Sender.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
@@ -227,15 +211,16 @@ class TaskRef(TaskIntervals):
         """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A running handler goes on.
         Returns False if the task had ended or been killed.
         """
-        check_raised(failure)
+        if not isinstance(failure, FailureRaised):
+            hint = f"'{failure.name}' is only declared, call it" if isinstance(failure, Failure) else "COLLISION(data)"
+            raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
         header = headers.Raise(0, self.id, failure.name, failure.text, failure.kinds, self._origin)
         return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
     def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
         """Kill what is under the task, except monitors of others, and handle it again, when that and the calling
-        exception handler have ended. With its *message* it gets new *data*.
-
-        Returns False if the task had ended or been killed.
+        exception handler have ended. With its *message* it gets new *data*. Returns False if the task had ended or been
+        killed.
         """
         if message is not None:
             check_message(message)
@@ -261,11 +246,9 @@ class TaskRef(TaskIntervals):
     # --- what is remembered ----------------------------------------------------------------------------------------
 
     def keep(self) -> None:
-        """Remember the task after its end (TCM: SetPersistence; TDL: PERSISTENT), so that ``info()``, ``data()``,
-        ``wait()`` and ``parent()`` still answer, and ``kept()`` of the task above lists it.
-
-        Kept are its message, data, outcome, result or failure, and parent; not its constraints, and not the tasks under
-        it. It is kept until ``release()``, until this module leaves, or until the task above is forgotten.
+        """Remember the task after its end (TCM: SetPersistence; TDL: PERSISTENT), until ``release()``, until this
+        module leaves, or until the task above is forgotten: ``info()``, ``data()``, ``wait()`` and ``parent()`` still
+        answer, and ``kept()`` of the task above lists it. Its constraints and the tasks under it are not kept.
 
         At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too late") if the task
         has ended. Beyond 64 MiB the oldest records are forgotten, with all under them.
@@ -319,9 +302,54 @@ class TaskRef(TaskIntervals):
         asked = f"{_RELATIONS.get(relation, relation)} of {self}" if self.id != ROOT else "tasks"
         request = answered(self._connection, header, f"the question for the {asked}")
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
-            info = _known_from(row, request.epoch)
+            info = TaskInfo.known_from(row, request.epoch)
             yield info, TaskRef(self._connection, info.message, info.id, self._origin)
 
     def _steer(self, header: Any, what: str, body: bytes = b"") -> bool:
         """Call central; whether that changed anything: else it answers with id 0."""
         return bool(self._connection.call(header, what, body))
+
+
+class SentTask(TaskRef, Generic[R]):
+    """A task that was sent. Its points, such as ``sent.achieving.end``, are for constraints.
+
+    In an async handler ``await sent`` gives what ``sent.result()`` does; ``asyncio.timeout`` limits the wait.
+    """
+
+    def __init__(self, connection: Connection, message: Message[Any, R], task_id: TaskId, origin: int) -> None:
+        super().__init__(connection, message.name, task_id, origin)
+        self._message = message
+
+    def result(self, timeout: float | None = None) -> R:
+        """The value that the handler returned; waits for the task's end, at most *timeout* seconds. Raises TaskFailed,
+        TaskKilled or Timeout.
+        """
+        is_new = self._end is None
+        answer, body = self._ended(timeout)
+        if is_new and answer.outcome is not Outcome.DONE:
+            self._connection.mark_told()
+        return self._result(answer, body)
+
+    def __await__(self) -> Generator[Any, None, R]:
+        if self._end is None:
+            what, request = self._ask(self.achieving.end, blocking=False)
+            yield from self._connection.until_over(request, f"the wait for {what}")
+            self._end = request.answers[-1]
+        return self._result(*self._end)
+
+    def _result(self, answer: headers.Answer, body: bytes) -> R:
+        if answer.outcome is Outcome.FAILED:
+            raise TaskFailed(repr(self), answer.failure, answer.text, body)
+        if answer.outcome is Outcome.KILLED:
+            raise TaskKilled(repr(self), answer.text)
+        if answer.failure and not body and self._message.reply.kind is not type(None):
+            first, newline, rest = answer.text.partition("\n")
+            text = (f"{first} ({_DEALT_WITH})" if first else _DEALT_WITH) + newline + rest
+            raise TaskFailed(repr(self), answer.failure, text, b"")
+        try:
+            return self._message.decode_reply(body or NIL)
+        except BadData as error:
+            if body:
+                raise
+            msg = f"the result of {self} is no longer kept: call result() sooner after its end ({error})"
+            raise BadData(msg) from None

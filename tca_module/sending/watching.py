@@ -1,16 +1,17 @@
 """Watching tasks: exception handlers, wiretaps and monitors, from any Sender."""
 
+from collections.abc import Mapping
 from typing import Any, TypedDict, Unpack
 
 from tca_module import checks
-from tca_module.checks import check, check_class, check_known, check_message, check_monitor_options, name_of
+from tca_module.checks import check, check_class, check_message, check_options, name_of
 from tca_module.errors import MisuseError
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import MonitorRef
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.sending.task_ref import AttachmentRef, TaskRef, attachment
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.messages.controls import ExceptionHandler, Monitor, PointMonitor
+from tca_wire.messages.controls import ExceptionHandler, Monitor, PointMonitor, PollingMonitor
 from tca_wire.messages.declarations import NOTHING, D, Failure, Message
 from tca_wire.packets.headers import Attach, Send, Tap
 from tca_wire.packets.parts import WatchOptions
@@ -43,6 +44,18 @@ class MonitorOptions(Watched, total=False):
     sequential: bool
     """Of a point monitor: it tests after the sibling before it has been achieved; True unless said otherwise."""
     constraints: list[Constraint]
+
+
+_WATCHED = {
+    "period": checks.DURATION_OR_NONE,
+    "maximum": checks.MAXIMUM,
+    "fire_every": checks.COUNT,
+    "initial_wait": checks.FLAG,
+    "duration": checks.DURATION_OR_NONE,
+    "until": checks.POINT_OR_NONE,
+    "for_ever": checks.FLAG,
+}
+_OPTIONS = _WATCHED | {"sequential": checks.FLAG, "constraints": checks.CONSTRAINTS}
 
 
 class Watching(CentralServices):
@@ -107,9 +120,7 @@ class Watching(CentralServices):
         check_message(listener)
         watch = None
         if isinstance(listener, Monitor):
-            check_known(name_of(listener), options, Watched.__annotations__)
-            check_monitor_options(listener, options)
-            watch = _watch_options(options)
+            watch = _watch_options(listener, options, _WATCHED)
         elif options:
             raise MisuseError(f"tap(): {min(options)} is for monitors that listen, not for {listener!r:.60}")
         if isinstance(tapped, TaskRef):
@@ -124,10 +135,8 @@ class Watching(CentralServices):
         """Start a monitor under the task being handled. Without an end of its own (maximum, duration, until) it ends
         when all else under its parent has ended.
         """
-        check_class(monitor, Monitor, call="monitor()")
-        check_known(name_of(monitor), options, MonitorOptions.__annotations__)
-        check_monitor_options(monitor, options)
-        watch, body = _watch_options(options), monitor.encode_data(data)
+        check_class(monitor, Monitor, call="monitor")
+        watch, body = _watch_options(monitor, options, _OPTIONS), monitor.encode_data(data)
         connection = self._declare(monitor)
         is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
         flags, constraints = Flags.NONE, list[Constraint]()
@@ -143,7 +152,17 @@ class Watching(CentralServices):
         return MonitorRef(connection, monitor.name, task_id, self._origin, action.name if action is not None else "")
 
 
-def _watch_options(options: Watched | MonitorOptions) -> WatchOptions:
+def _watch_options(
+    monitor: Monitor[Any], options: Watched | MonitorOptions, kinds: Mapping[str, checks.Kind]
+) -> WatchOptions:
+    """The options as central knows them. Raises MisuseError for those that the monitor can't have."""
+    what = name_of(monitor)
+    check_options(what, options, kinds)
+    for name in ("period", "initial_wait"):
+        if name in options and not isinstance(monitor, PollingMonitor):
+            raise MisuseError(f"{what} can't have {name}: only polling monitors test again and again")
+    if isinstance(monitor, PollingMonitor) and options.get("period") is None:
+        raise MisuseError(f"{what} needs period: the seconds from one test of its condition to the next")
     return WatchOptions(
         options.get("period", 0), options.get("maximum") or 0, options.get("fire_every", 1),
         options.get("initial_wait", False), options.get("duration") or 0, options.get("until"),

@@ -1,18 +1,78 @@
 """Functions that a module's thread calls between messages: at a time, or when a file has something to read."""
 
 import logging
+import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 from tca_module.checks import DELAY, PERIOD, check, check_function
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import ORDINARY
 from tca_module.sending.sender import Sender
-from tca_module.serving.timers import Timers
+
+T = TypeVar("T")
+
+
+class _Timer:
+    """When something is due: at *start* plus a multiple of *period*, or without period once, at *start*."""
+
+    def __init__(self, start: float, period: float) -> None:
+        self.due = start + period
+        self._start = start
+        self._period = period
+        self._turn = 1
+
+    def go_on(self, now: float) -> bool:
+        """Be due at the next multiple of the period, whatever was missed; False if it was due once and for all."""
+        if self._period:
+            self._turn = max(self._turn, math.floor((now - self._start) / self._period)) + 1
+            self.due = self._start + self._turn * self._period
+        return self._period > 0
+
+
+class Timers(Generic[T]):
+    """Things that are due at a time: once, or over and over at multiples of a period, without drift. Times are in
+    seconds, and passed in.
+    """
+
+    def __init__(self) -> None:
+        self._timers: dict[T, _Timer] = {}
+
+    def once(self, thing: T, at: float) -> None:
+        """Let it be due once."""
+        self._timers[thing] = _Timer(at, 0.0)
+
+    def every(self, thing: T, period: float, now: float) -> None:
+        """Let it be due whenever *period* has passed since now."""
+        self._timers[thing] = _Timer(now, period)
+
+    def remove(self, thing: T) -> None:
+        """Let it not be due any more, if it ever was."""
+        self._timers.pop(thing, None)
+
+    def next(self) -> float:
+        """When something becomes due; infinity if nothing ever does."""
+        return min((timer.due for timer in self._timers.values()), default=math.inf)
+
+    def take_due(self, now: float) -> list[T]:
+        """The things that have become due, in that order. None is due again before it ``was_done``."""
+        due = [thing for thing, timer in self._timers.items() if timer.due <= now]
+        due.sort(key=lambda thing: self._timers[thing].due)
+        for thing in due:
+            self._timers[thing].due = math.inf
+        return due
+
+    def was_done(self, thing: T, now: float) -> bool:
+        """A thing that was due has been done, by now; whether it will be due again."""
+        timer = self._timers.pop(thing, None)
+        if timer is None or not timer.go_on(now):
+            return False
+        self._timers[thing] = timer
+        return True
 
 
 class HasFileno(Protocol):
@@ -32,7 +92,7 @@ class Callback(Sender):
         self.name = getattr(function, "__qualname__", repr(function))
         self.function = function
         self.is_once = is_once
-        self._arguments = check_function("a callback", function, "(callback) or ()", (1, 0))
+        self.arguments = check_function("a callback", function, "(callback) or ()", (1, 0))
         self._owner = owner
 
     def __repr__(self) -> str:
@@ -46,10 +106,6 @@ class Callback(Sender):
     def cancel(self) -> None:
         """Call it no more; from any thread, also from inside. Twice does no harm."""
         self._owner.remove(self)
-
-    def call(self) -> None:
-        """Call the function."""
-        self.function(*(self,)[: self._arguments])
 
     def _connection(self) -> Connection:
         if self._owner.connection is None:
@@ -170,7 +226,7 @@ class Callbacks:
 
     def _call(self, callback: Callback) -> None:
         try:
-            callback.call()
+            callback.function(*(callback,)[: callback.arguments])
         except ORDINARY:  # its author reads the log
             self._log.exception("%s failed", callback)
 

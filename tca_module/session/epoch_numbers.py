@@ -1,10 +1,8 @@
 """Numbers that know which central gave them.
 
-Theory of operation. A central that was restarted counts from 1 again, so an old number is somebody else's task by now.
-Numbers get into headers in many ways: references, points, the order among siblings, the task of a handler. So the
-number itself carries the epoch of its central (``EpochNumber``), and one place checks each header as it leaves
-(``Connection.request`` and ``post``). On the wire it is a plain number; a plain number is taken as one of the central
-that gets it.
+A restarted central counts from 1 again, so an old number is somebody else's task by now. Numbers get into headers in
+many ways; so each carries the epoch of its central, and ``Connection`` checks all headers that leave. A plain number is
+taken as one of the central that gets it.
 """
 
 from collections.abc import Callable, Iterable
@@ -26,7 +24,7 @@ class EpochNumber(int):
     what: str
 
     def __new__(cls, number: int, epoch: str = "", what: str = "") -> Self:
-        """The defaults are for copies, which get the rest afterwards."""
+        """Copies give *number* alone, and get the rest afterwards."""
         self = super().__new__(cls, number)
         self.epoch, self.what = epoch, what
         return self
@@ -36,9 +34,7 @@ N = TypeVar("N", bound=int)
 
 
 def with_epoch(number: N, epoch: str, what: str) -> N:
-    """The number as that central's. Unchanged where it names nothing (0), or no central is ever restarted (epoch "", in
-    the explorer).
-    """
+    """The number as that central's; unchanged if it names nothing (0), or central is never restarted (epoch "")."""
     named: Any = EpochNumber(number, epoch, what)
     return named if number > 0 and epoch else number
 

@@ -1,7 +1,5 @@
 """The exception handlers and wiretaps that a program has attached to messages and to the root: a restarted central is
-told of them anew.
-
-All connections of a program share one list, from several threads.
+told of them anew. All connections of a program share one list, from several threads.
 """
 
 import threading
@@ -35,9 +33,7 @@ class LastingAttachment:
 
 
 def is_lasting(header: Any) -> bool:
-    """Whether a request attaches something to a message or to the root: what is attached to a task ends with its
-    central.
-    """
+    """Whether a request attaches something to a message or to the root; what is attached to a task ends with it."""
     if isinstance(header, Attach):
         return bool(header.message) or header.task == ROOT
     return isinstance(header, Tap) and bool(header.message)
@@ -52,9 +48,7 @@ class LastingAttachments:
         self._unwanted: list[LastingAttachment] = []  #: another connection than the one that removed them may know them
 
     def add(self, header: Attach | Tap, known: dict[str, MessageFormat], number: EpochNumber) -> None:
-        """Central has accepted it. The same wiretap stays the one from before; anything else attached alike replaces
-        the one before, as the newest.
-        """
+        """Central has accepted it. The same wiretap keeps its place, anything else attached alike is the newest."""
         header, key = msgspec.structs.replace(header, number=0, origin=0), _key(header)
         with self._lock:
             before = self._wanted.get(key)
@@ -70,8 +64,8 @@ class LastingAttachments:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
     def unknown_to(self, epoch: str) -> list[LastingAttachment]:
-        """The attachments that the central of that epoch must be told, oldest first; also newer ones that it knows, so
-        that the order stays.
+        """The attachments that the central of that epoch must be told, oldest first; to keep the order also newer ones
+        that it knows.
         """
         with self._lock:
             wanted = list(self._wanted.values())
@@ -93,8 +87,8 @@ class LastingAttachments:
                 self._unwanted.append(standing)
 
     def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
-        """The attachments that the central of that epoch still has, though a connection that did not know it removed
-        them; each once.
+        """The attachments that the central of that epoch still has, though they were removed by a connection that did
+        not know it; each once.
         """
         if not self._unwanted:
             return []

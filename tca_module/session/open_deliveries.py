@@ -1,9 +1,8 @@
 """The deliveries that are not answered yet, and what their handlers have been told.
 
-Theory of operation. A handler is woken once because its task was killed or is to be handled again, and once because its
-module ends: by its present wait or its next one. Reading ``task.cancelled`` as true counts as being told. After that
-its waits work as ever, so that it can clean up. The context tells which handler waits: of nested handlers the inner
-one, and for asyncio tasks the handler that started them.
+A handler is woken from its present or next wait once because its task was killed or is to be handled again, and once
+because its module ends. Reading ``task.cancelled`` as true counts as being told. Later waits work as ever, so that it
+can clean up. The context tells which handler waits: for asyncio tasks, the one that started them.
 """
 
 from collections.abc import Callable, Iterator
@@ -94,9 +93,7 @@ class OpenDeliveries:
         return True
 
     def _of(self, delivery: int) -> OpenDelivery | None:
-        """The open delivery of that number. A handler that asks for its own gets that, not a newer one with the same
-        number.
-        """
+        """The open delivery of that number; a handler that asks for its own never gets a newer one of that number."""
         mine = current_delivery()
         if mine is not None and mine.owner is self and mine.delivery == delivery:
             return mine
@@ -111,6 +108,12 @@ class OpenDeliveries:
         """Whether a delivery's handler is to clean up and return: its task was killed, or the module ends."""
         return self.is_killed(delivery) or self.is_ending()
 
+    def read_cancelled(self, delivery: int) -> bool:
+        """Whether it ``is_cancelled``, for its handler, which has been told everything by then."""
+        if is_cancelled := self.is_cancelled(delivery):
+            self.mark_told(self._of(delivery))
+        return is_cancelled
+
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of a delivery is suspended; a killed one is to end instead."""
         one = self._of(delivery)
@@ -124,8 +127,8 @@ class OpenDeliveries:
     # --- who is woken ----------------------------------------------------------------------------------------------
 
     def wake_reason(self, one: OpenDelivery | None) -> str:
-        """Why a handler is to be woken: KILLED, ENDS or "". A waiting callback (None) is woken each time while the
-        module ends.
+        """Why a handler is to be woken: KILLED, ENDS or "". A waiting callback (None) is woken whenever the module
+        ends.
         """
         if one is not None and one.is_killed and not one.is_told_of_kill:
             return KILLED
@@ -136,10 +139,6 @@ class OpenDeliveries:
         if one is not None:
             one.is_told_of_kill = one.is_killed
             one.is_told_of_end = self.is_ending()
-
-    def mark_told_of(self, delivery: int) -> None:
-        """The handler of a delivery has been told everything by now."""
-        self.mark_told(self._of(delivery))
 
     def waiting_handler(self) -> OpenDelivery | None:
         """The handler that waits now; None for a callback, or outside of handlers."""

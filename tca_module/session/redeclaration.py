@@ -1,8 +1,8 @@
 """Tells a restarted central anew what it has forgotten, in order.
 
-First the messages; then the exception handlers and wiretaps, oldest first; then the module waits for the messages it
-requires. Only when all that is accepted are its handlers declared: other modules may rely on its attachments. What is
-refused is logged and tried again. Knows no socket and no clock.
+First the messages; then exception handlers and wiretaps, oldest first; then the module waits for the messages it
+requires. Only then are its handlers declared: other modules may rely on its attachments. What is refused is logged and
+tried again.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""One request of central and its answers; and the kinds of requests. Knows no socket, clock or thread."""
+"""One request of central and its answers; and the kinds of requests."""
 
 from collections import deque
 from collections.abc import Callable
@@ -15,35 +15,25 @@ from tca_wire.vocabulary import Outcome, Refusal
 
 _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
-_HARMLESS = (
-    headers.AwaitPoint | headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
-)
-"""Requests that may be made twice: the second changes nothing."""
-
 _ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled
 """Questions of how things stand now: after a restart as before."""
 
-_WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled
+HARMLESS = _ABOUT_CENTRAL | headers.WaitFor | headers.Lock
+"""Requests that may be made twice: the second changes nothing."""
+
+_WAITS_FOR_OTHERS = Send | headers.WaitFor | headers.Lock | headers.WaitUntilHandled
 """Requests that central answers when others have done something."""
 
 _WITHOUT_TASKS = (
-    Register
-    | headers.Unregister
-    | headers.Ask
-    | headers.GetVariable
-    | SetVariable
-    | headers.WaitUntilHandled
-    | headers.Unlock
-)
+    Register, headers.Unregister, headers.Ask, headers.GetVariable, SetVariable, headers.WaitUntilHandled,
+    headers.Unlock,
+)  # fmt: skip
 """Requests that any central understands, whatever it remembers."""
 
 
 class Request:
-    """A numbered request and its answers.
-
-    It is over when it was accepted (*accepted*), its last answer is there (*answers*), it was refused (*refused*), or
-    it was lost with central's memory (*lost* says how). A query that nobody handles, sent only if somebody does, is
-    accepted with id 0.
+    """A numbered request and its answers. It is over when it was accepted, its last answer is there, it was refused, or
+    it was lost with central's memory. A query that was not sent, because nobody handles it, is accepted with id 0.
     """
 
     __slots__ = ("__weakref__", "accepted", "answers", "body", "epoch", "gone", "header", "is_announced", "is_over",
@@ -62,7 +52,7 @@ class Request:
         self.accepted: EpochNumber | None = None  #: the id of the task or message that it became
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
-        self.lost = ""
+        self.lost = ""  #: how it was lost with central's memory
         self.gone = ""  #: what it was about, where a restarted central has forgotten that
         self.taken = ""  #: of a lock that was granted: how it was lost
         self.path: Any = None  #: the way that it went directly, under that way's *number*
@@ -91,26 +81,9 @@ class Request:
         if self.gone:
             raise CentralLost(forgotten_text(self.gone))
         if self.lost:
-            raise CentralLost(f"{what} is lost: {self.lost}; {_advice(self.header)}")
-
-
-def _advice(header: Any) -> str:
-    """Advice for a request that was lost."""
-    if isinstance(header, headers.AwaitPoint):
-        return "send the task again"
-    return "begin anew" if refers_to_tasks(header) else "ask again"
-
-
-def unsent() -> Request:
-    """A question that could not be sent in time: over, without an answer."""
-    request = Request(Send(0, ""), b"", wants_answer=True)
-    request.is_over = True
-    return request
-
-
-def may_be_asked_again(header: Any) -> bool:
-    """Whether asking twice does no harm."""
-    return isinstance(header, _HARMLESS)
+            advice = "begin anew" if refers_to_tasks(self.header) else "ask again"
+            advice = "send the task again" if isinstance(self.header, headers.WaitFor) else advice
+            raise CentralLost(f"{what} is lost: {self.lost}; {advice}")
 
 
 def is_for_any_central(header: Any) -> bool:

@@ -1,14 +1,12 @@
 """One connection's side of the protocol: what was asked, what must be said again, what was delivered.
 
-Theory of operation. Headers go in through ``receive``, headers come out in ``outgoing``; time is passed in. Until
-central's Welcome nothing but Hello leaves. Every numbered request is kept until its answer is there, and after a
-break it is repeated in order: central knows it by its number and never does it twice. What is not numbered (informs)
-may be lost with a connection. A Welcome with another epoch says that central was restarted and its tree is lost: what
-was outstanding is lost too, while messages and handlers are declared again (``renewal``) and the module serves on.
-Not lost is what names nothing of the old tree, and only asks how things stand, or certainly never reached the old
-central: it did not leave, or left once and was answered by Unknown. The new central gets that.
+Headers go in through ``receive`` and come out in ``outgoing``; time is passed in. Until central's Welcome nothing but
+Hello leaves. A numbered request is kept until its answer is there; after a break it is repeated in order: central knows
+it by its number and never does it twice. What is not numbered (informs) may be lost.
 
-Knows no socket, clock or thread.
+A Welcome with another epoch says that central was restarted and its tree is lost. Open requests are lost too, unless
+they name nothing of the old tree and only ask how things stand, or certainly never reached the old central: they did
+not leave, or left once and were answered by Unknown. Messages and handlers are declared again (``redeclaration``).
 """
 
 from collections import deque
@@ -23,10 +21,10 @@ from tca_module.session.lasting_attachments import LastingAttachments, is_lastin
 from tca_module.session.open_deliveries import OpenDeliveries
 from tca_module.session.redeclaration import Redeclaration
 from tca_module.session.request import (
+    HARMLESS,
     Request,
     check_fields,
     is_for_any_central,
-    may_be_asked_again,
     origin_of,
     refers_to_tasks,
 )
@@ -67,7 +65,7 @@ class Session:
         self._handlers: dict[str, HandlerFormat] = {}
         self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
         self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
-        self._replies: list[Item] = []  #: central may not have got these yet
+        self._replies: list[tuple[headers.Reply | headers.Fail, bytes]] = []  #: central may not have got these yet
         self._asked = float("-inf")  #: when central was last asked for a word
         self.heard = float("-inf")  #: when central last said anything
         self.outgoing: list[Item] = []
@@ -92,9 +90,7 @@ class Session:
         """Make a numbered request of central. Raises MisuseError if central could not read it."""
         check_fields(header)
         request = Request(header, body, wants_answer=wants_answer)
-        self._number(request)
-        if self.is_welcome:
-            self._send(request)
+        self.adopt(request)
         return request
 
     def _send(self, request: Request) -> None:
@@ -102,7 +98,7 @@ class Session:
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
-        """Ask central what was asked directly, and not begun there."""
+        """Ask central; also what was asked directly, and not begun there."""
         request.path = None
         self._number(request)
         if self.is_welcome:
@@ -115,7 +111,6 @@ class Session:
 
     def post(self, header: headers.ToCentral, body: bytes = b"") -> bool:
         """Say something that has no answer; False if it is lost because central is not there."""
-        check_fields(header)
         if not self.is_welcome:
             self.dropped += isinstance(header, headers.Send | headers.SetVariable)
             return False
@@ -171,9 +166,9 @@ class Session:
 
     def is_recalled(self, header: Any) -> bool:
         """Whether a request that is given up unheard is killed: a task is, for nobody else could find it."""
-        declared = (
-            self._messages.get(header.message) if isinstance(header, headers.Send) and not header.when_killed else None
-        )
+        if not isinstance(header, headers.Send) or header.when_killed:
+            return False
+        declared = self._messages.get(header.message)
         return declared is not None and declared.message_class.is_task
 
     @property
@@ -200,10 +195,8 @@ class Session:
         """Begin with Hello again: the connection broke, or central does not know it."""
         self.breaks += 1
         self.is_welcome = False
-        self.dropped += sum(
-            isinstance(h, headers.Send | headers.SetVariable) and not h.number for h, _ in self.outgoing
-        )
         for header, _ in self.outgoing:
+            self.dropped += isinstance(header, headers.Send | headers.SetVariable) and not header.number
             if (request := self._requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
         self.outgoing.clear()
@@ -224,7 +217,6 @@ class Session:
         self.epoch, self.module, self.refused = header.epoch, header.module, None
         if is_back and is_new:
             self._forget()
-        if is_back and is_new:
             self._renew()
         self.is_welcome = True
         if is_back and (self._messages or self._handlers) and (self.redeclaration.is_over or not is_new):
@@ -308,7 +300,7 @@ class Session:
 
     def _ask_again(self, request: Request) -> None:
         """Central dropped what was asked when the connection broke."""
-        if may_be_asked_again(request.header):
+        if isinstance(request.header, HARMLESS):
             del self._requests[request.header.number]
             self._number(request)
             self._send(request)
@@ -343,17 +335,11 @@ class Session:
             self.news.append(request.notify)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
-        if header.delivery in self.open_deliveries or any(
-            reply.delivery == header.delivery for reply, _ in self._said()
-        ):
+        if header.delivery in self.open_deliveries or any(one.delivery == header.delivery for one, _ in self._replies):
             return  # central repeats after a reconnect what it does not know to have arrived
         self._replies.clear()  # a slot gets its next message only after the reply to the one before
         self.open_deliveries.came(header.delivery, is_suspended=header.suspended)
         self.deliveries.append((header, body))
-
-    def _said(self) -> list[tuple[headers.Reply | headers.Fail, bytes]]:
-        """The replies that central may not have got yet."""
-        return [(reply, body) for reply, body in self._replies if isinstance(reply, headers.Reply | headers.Fail)]
 
     def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
         self.open_deliveries.kill(header.delivery, header.why)

@@ -1,6 +1,7 @@
 """Carries packets between one connection and central, and waits for them together with other files."""
 
 import contextlib
+import errno
 import functools
 import os
 import select
@@ -28,7 +29,20 @@ _OPTIONS = (
 )
 
 
-class Transport(Protocol):
+_PROBED_WITHIN = 0.2  # seconds
+
+
+class Beside(Protocol):
+    """Something that is waited for together with packets from central."""
+
+    def fileno(self) -> int:
+        """Of a file that becomes readable when there may be something: ask ``has_arrived`` before each wait for it."""
+
+    def has_arrived(self) -> bool:
+        """Whether there is something to do."""
+
+
+class Transport(Beside, Protocol):
     """Carries packets to one central and back; may lose them when the connection breaks, but keeps their order."""
 
     @property
@@ -41,12 +55,6 @@ class Transport(Protocol):
     def receive(self, timeout_seconds: float) -> bytes | None:
         """The next packet; None if there is none in time."""
 
-    def has_arrived(self) -> bool:
-        """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
-
-    def fileno(self) -> int:
-        """Of a file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
-
     def waker(self) -> "Waker":
         """Ends waits from other threads; from now on ``wake`` takes effect at once."""
 
@@ -55,16 +63,6 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Close; what was sent still leaves, for a second."""
-
-
-class Beside(Protocol):
-    """Something that is waited for together with packets from central."""
-
-    def fileno(self) -> int:
-        """Of the file that becomes readable when there may be something: ask ``has_arrived`` before each wait."""
-
-    def has_arrived(self) -> bool:
-        """Whether there is something to do about it."""
 
 
 class Waker:
@@ -104,9 +102,29 @@ class Waker:
             self._far.close()
 
 
+def is_anybody_there(address: str) -> bool:
+    """Whether the operating system takes connections to *address* (``ipc://`` or ``tcp://``), as it does for a stopped
+    process, but not for one that has ended.
+    """
+    try:
+        if address.startswith("ipc://"):
+            path = address.removeprefix("ipc://")
+            with sockets.socket(sockets.AF_UNIX) as probe:
+                probe.settimeout(_PROBED_WITHIN)
+                probe.connect(f"\0{path[1:]}" if path.startswith("@") else path)
+        else:
+            host, _, port = address.removeprefix("tcp://").rpartition(":")
+            sockets.create_connection((host.strip("[]"), int(port)), _PROBED_WITHIN).close()
+    except OSError as error:
+        return error.errno == errno.EAGAIN  # of a Unix socket: more have come than a process that stands still took
+    except ValueError:
+        return False
+    return True
+
+
 def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:
-    """Wait until *transport* or one of the *files* (their numbers) has something to read, at most so many seconds.
-    Returns the files that do; False: that one is not open.
+    """Wait, at most so many seconds, until *transport* or one of the *files* (their numbers) has something to read.
+    Returns the files that have; False: that one is not open.
     """
     poll = select.poll()
     for file in (transport.fileno(), transport.waker().fileno(), *files):

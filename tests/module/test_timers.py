@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tca_module.serving.timers import Timers
+from tca_module.serving.callbacks import Timers
 
 
 @pytest.fixture
@@ -86,10 +86,3 @@ def test_removing_from_within_ends_a_period(timers: Timers[str]) -> None:
     timers.take_due(1.0)
     timers.remove("beat")
     assert not timers.was_done("beat", 1.0)
-
-
-def test_a_watchdog_that_is_set_and_removed_all_the_time_needs_no_memory(timers: Timers[int]) -> None:
-    for number in range(10_000):
-        timers.once(number, 1e6)
-        timers.remove(number)
-    assert len(timers._heap) < 200
