@@ -8,7 +8,7 @@ from tca_module import checks
 from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError, NoCentral
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection, ask
-from tca_module.link.opening import CentralAddress, hello, new_incarnation, open_connection
+from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.sending.sender import Sender
 from tca_wire.packets.headers import Ask
 
@@ -69,8 +69,7 @@ def connect(name: str = "script", central: CentralAddress = None, patience: floa
     """
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience)
-    greeting = hello(name, new_incarnation())
     try:
-        return Client(open_connection(central, greeting, patience))
+        return Client(open_connection(central, hello(name), patience))
     except CentralLost as error:
         raise NoCentral(str(error)) from None

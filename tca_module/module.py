@@ -14,15 +14,14 @@ from tca_module.checks import check, check_function
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped
 from tca_module.link.connection import PATIENCE, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
-from tca_module.link.opening import CentralAddress, hello, new_incarnation, open_connection
-from tca_module.sending.central_services import wait_until_handled
+from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.sending.sender import Sender
 from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
-from tca_module.serving.slot import Slot
-from tca_module.serving.slots import CALLBACKS, Slots
+from tca_module.serving.slot import CALLBACKS, Slot, Slots
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_wire.messages.declarations import D, Message, R
+from tca_wire.packets.headers import WaitUntilHandled
 
 _WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
 
@@ -43,10 +42,10 @@ class Module(Sender):
 
         planner.run()
 
-    With *requires*, it serves only when all of these messages are handled, by itself or others; so too after a restart
-    of central. Two modules that require each other's messages wait for ever: see 'tca status'.
+    With *requires*, it serves only when all of these messages are handled, by itself or others. Modules that require
+    each other wait for ever: see 'tca status'.
 
-    A running module is also a Sender: ``planner.goal(...)`` sends under the root, from the thread that started it.
+    A running module is also a Sender under the root, for the thread that started it.
     """
 
     def __init__(
@@ -104,10 +103,8 @@ class Module(Sender):
 
         The newest module that declares a handler gets the messages; modules that name the same *pool* share them. With
         *pending*, at most that many wait for this handler; one more displaces the oldest: an inform or broadcast is
-        dropped, a query fails with "overload", a goal or command is killed.
-
-        With *direct*, this inform or query may come straight from its senders: faster, but without priority, and in the
-        journal without data. It goes through central while a wiretap or another handler wants it.
+        dropped, a query fails with "overload", a goal or command is killed. With *direct*, this inform or query may
+        come straight from its senders: faster, but without priority, and in the journal without data.
         """
         self._check_not_running("handles()")
         check("handles()", checks.NAME_OR_NONE, resource=resource, pool=pool)
@@ -125,10 +122,8 @@ class Module(Sender):
 
     def at_start(self, function: Start) -> Start:
         """Have the decorated function called with the module once it has joined, before it gets any message: to attach
-        exception handlers and wiretaps.
-
-        An error in it ends the module. It is not called again after a restart of central: what it attached to messages
-        and to the root is attached anew by itself.
+        exception handlers and wiretaps. An error in it ends the module. It is not called again when central is
+        restarted: what it attached to messages and to the root is attached anew by itself.
         """
         self._check_not_running("at_start()")
         check_function("at_start()", function, "(module)")
@@ -138,11 +133,11 @@ class Module(Sender):
     # --- callbacks -------------------------------------------------------------------------------------------------
 
     def every(self, period: float, *, resource: str | None = None) -> Callable[[F], F]:
-        """Have the decorated function called every *period* seconds while the module runs, first after one period.
+        """Have the decorated function called every *period* seconds while the module runs, first after one period,
+        without drift; missed calls are skipped.
 
-        Calls come at multiples of the period, without drift; missed ones are skipped. The function takes the Callback,
-        to send with and to ``cancel()``, or nothing. The thread of *resource* calls it between messages; by default a
-        thread for callbacks alone. Errors in it are logged.
+        The function takes the Callback, to send with and to ``cancel()``, or nothing. The thread of *resource* calls it
+        between messages; by default a thread for callbacks alone. Errors in it are logged.
         """
         check("every()", checks.NAME_OR_NONE, resource=resource)
 
@@ -162,10 +157,7 @@ class Module(Sender):
         self, source: int | HasFileno, function: CallbackFunction, *, resource: str | None = None
     ) -> Callback:
         """Have a function called whenever a socket, pipe or other file (or its number) has something to read; otherwise
-        like ``every``. May be called at any time, from any thread.
-
-        The function reads it, or is called again at once. At the end of the file, or before closing it, call
-        ``cancel()``.
+        like ``after``. The function reads it, or is called again at once. ``cancel()`` it before closing the file.
         """
         return self._called_by("on_readable()", resource).on_readable(source, function)
 
@@ -191,65 +183,56 @@ class Module(Sender):
         Raises CentralLost if no central answers within *patience* seconds; uncaught it ends the program with one line
         and exit code 1. If central goes away later, waits for it; with *reconnect* False, raises CentralLost.
         """
-        try:
-            self._prepare()
-            with _stopped_by_signals(self._stop), contextlib.suppress(Stopped):
-                self._begin(patience, reconnect=reconnect)
-                self._stop.wait()
-                self._end()
-        except CentralLost as error:
-            raise self._no_central(error) from None
+        running = self.running(patience=patience, reconnect=reconnect)
+        with _stopped_by_signals(self._stop), contextlib.suppress(Stopped), running:
+            self._stop.wait()
 
     @contextmanager
     def running(self, *, patience: float = PATIENCE, reconnect: bool = True) -> Iterator["Module"]:
-        """Handle messages in the background while the block lasts. Its end tells running handlers as ``run`` does.
-        Raises what ``run`` does.
+        """Handle messages in the background while the block lasts; otherwise like ``run``.
 
         The module may end earlier: by ``stop``, or by an error in a handler that is no Exception, such as
         KeyboardInterrupt. The log says so at once, and the end of the block raises it. (SystemExit and
         asyncio.CancelledError are handler errors.)
         """
-        self._prepare()
-        try:
-            self._begin(patience, reconnect=reconnect)
-        except CentralLost as error:
-            raise self._no_central(error) from None
-        try:
-            yield self
-        except BaseException as error:
-            self._end_with(error)
-            raise
-        self._end()
-
-    def stop(self) -> None:
-        """Have the module end: ``run`` returns. May be called from any thread.
-
-        A ``running`` block goes on, without handlers and callbacks: messages go to the modules that handled them
-        before. The block can still send. To begin again, leave it first.
-        """
-        self._stop.set()
-
-    @property
-    def stopping(self) -> bool:
-        """Whether the module is about to end; long handlers may check it."""
-        return self._stop.is_set()
-
-    def _no_central(self, error: CentralLost) -> NoCentral:
-        return NoCentral(f"module '{self.name}': {error}")
-
-    def _prepare(self) -> None:
         if self._link is not None:
             msg = f"module '{self.name}' runs already"
             if self._stop.is_set():
                 msg = f"module '{self.name}' ends: it can begin again when its 'with module.running():' has been left"
             raise MisuseError(msg)
         self._stop.clear()
+        try:
+            self._begin(patience, reconnect=reconnect)
+        except CentralLost as error:
+            raise NoCentral(f"module '{self.name}': {error}") from None
+        try:
+            yield self
+        except BaseException as error:
+            for earlier in self._leave(error):
+                if isinstance(error, Exception) and not isinstance(earlier, Exception):
+                    raise earlier from error  # one that must be noticed
+                error.add_note(f"module '{self.name}' had ended before: {type(earlier).__name__}: {earlier}")
+            raise
+        for earlier in self._leave():
+            raise earlier
+
+    def stop(self) -> None:
+        """Have the module end: ``run`` returns. May be called from any thread.
+
+        A ``running`` block goes on without handlers and callbacks, and can still send; messages go to the modules that
+        handled them before.
+        """
+        self._stop.set()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the module is about to end."""
+        return self._stop.is_set()
 
     def _begin(self, patience: float, *, reconnect: bool) -> None:
         check(f"module '{self.name}'", checks.PATIENCE, patience=patience)
         check(f"module '{self.name}'", checks.FLAG, reconnect=reconnect)
-        incarnation = new_incarnation()
-        greeting = hello(self.name, incarnation)
+        greeting = hello(self.name)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
         link.root_sender = self
         try:
@@ -258,7 +241,7 @@ class Module(Sender):
                 function(self)
             handlers = self._handlers.values()
             link.declare(*(handler.message for handler in handlers), handlers=[handler.format for handler in handlers])
-            self._open_slots(incarnation, patience, link.session.attachments)
+            self._open_slots(greeting.incarnation, patience, link.session.attachments)
         except BaseException:
             self._leave()
             raise
@@ -270,7 +253,7 @@ class Module(Sender):
             return
         link.declare(*required)
         link.session.redeclaration.required = [message.name for message in required]
-        wanted = wait_until_handled(required, self._handlers)
+        wanted = WaitUntilHandled(0, [message.name for message in required], list(self._handlers))
         request, since, warned = link.request(wanted, wants_answer=True), time.monotonic(), False
         while not link.wait(request, TEND_PERIOD, "the wait for required messages"):
             if self._stop.is_set():
@@ -286,28 +269,12 @@ class Module(Sender):
 
     def _open_slots(self, incarnation: str, patience: float, attachments: LastingAttachments) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
-            greeting = hello(self.name, incarnation, number, resource)
+            greeting = hello(self.name, number, resource, incarnation)
             return Slot(self.central, greeting, patience, self._handlers, callbacks, self._stop, attachments)
 
         self._resources.setdefault(CALLBACKS, 1)  # after() may have been called while required messages were awaited
-        resources = self._resources.items()
-        self._slots.open([name for name, capacity in resources for _ in range(capacity) if self._uses(name)], open_slot)
-
-    def _uses(self, resource: str) -> bool:
-        handles = any(handler.resource == resource for handler in self._handlers.values())
-        return handles or self._slots.has_callbacks(resource)
-
-    def _end(self) -> None:
-        """Leave. Raises the error that ended the module early, if there was one."""
-        for error in self._leave():
-            raise error
-
-    def _end_with(self, error: BaseException) -> None:
-        """Leave because of an error that will be raised, unless one that must be noticed came first."""
-        for earlier in self._leave(error):
-            if isinstance(error, Exception) and not isinstance(earlier, Exception):
-                raise earlier from error
-            error.add_note(f"module '{self.name}' had ended before: {type(earlier).__name__}: {earlier}")
+        used = {handler.resource for handler in self._handlers.values()} | self._slots.with_callbacks
+        self._slots.open([name for name in self._resources if name in used], self._resources, open_slot)
 
     def _leave(self, why: BaseException | None = None) -> list[BaseException]:
         """Take nothing new, finish what runs, say goodbye; the errors that ended the module early."""

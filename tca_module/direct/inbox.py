@@ -148,7 +148,9 @@ class Inbox:
         sender = self._sessions.pop(header.session, None)
         if sender is None:
             sender = _RemoteSender(address, header)
-            self._forget_oldest()
+            if len(self._sessions) >= MOST_SENDERS:
+                session = next((name for name, one in self._sessions.items() if not one.open), None)
+                del self._senders[self._sessions.pop(session or next(iter(self._sessions))).address]
         self._sessions[header.session] = sender
         repeated = [*sender.answers.values()] if sender.is_behind or sender.address != address else []
         self._senders.pop(sender.address, None)
@@ -161,12 +163,6 @@ class Inbox:
         self._socket.send(address, pack([*repeated, (greeting, b"")]))
         sender.missing = {number for number in sender.missing if number > header.newest - _MOST_MISSING}
 
-    def _forget_oldest(self) -> None:
-        if len(self._sessions) >= MOST_SENDERS:
-            session = next((name for name, sender in self._sessions.items() if not sender.open), None)
-            session = session or next(iter(self._sessions))
-            del self._senders[self._sessions.pop(session).address]
-
     def _on_direct(self, sender: _RemoteSender, header: Direct, body: bytes) -> None:
         number, message = header.number, header.message
         if number <= sender.newest and number not in sender.missing:
@@ -176,9 +172,9 @@ class Inbox:
         sender.missing.discard(number)
         sender.newest = max(sender.newest, number)
         if message not in self._messages:
-            refused = Refused(number, Refusal.UNKNOWN, f"nothing here takes '{message:.60}' directly")
-            sender.remember(refused, b"")
-            self._refuse(sender.address, refused.text, number, refused.refusal)
+            text = f"nothing here takes '{message:.60}' directly"
+            sender.remember(Refused(number, Refusal.UNKNOWN, text), b"")
+            self._refuse(sender.address, text, number, Refusal.UNKNOWN)
             return
         waiting = _Waiting(sender, header, body, is_query=self._messages[message])
         if waiting.is_query:
@@ -198,38 +194,35 @@ class Inbox:
                 sender.open.pop(number, None)
                 continue
             if not waiting.is_query:
-                self._tell_taken(sender, number, len(waiting.body))
+                sender.untold += 1
+                sender.untold_bytes += len(waiting.body)
+            if sender.untold >= TAKEN_EVERY or sender.untold_bytes >= TAKEN_BYTES:
+                sender.untold = sender.untold_bytes = 0
+                self._socket.send(sender.address, pack_item(Taken(number)))
             self._current = waiting
             waiting.began = self._clock()
             self._delivery -= 1
             return Deliver(self._delivery, waiting.header.message), waiting.body
         return None
 
-    def _tell_taken(self, sender: _RemoteSender, number: int, size: int) -> None:
-        sender.untold += 1
-        sender.untold_bytes += size
-        if sender.untold >= TAKEN_EVERY or sender.untold_bytes >= TAKEN_BYTES:
-            sender.untold = sender.untold_bytes = 0
-            self._socket.send(sender.address, pack_item(Taken(number)))
-
     def reply(self, header: Reply | Fail, body: bytes) -> None:
         """The handler has ended."""
         done, self._current = self._current, None
         if done is None:
             return
-        is_done = isinstance(header, Reply)
-        outcome, failure = (Outcome.DONE, "") if isinstance(header, Reply) else (Outcome.FAILED, header.failure)
-        sender, now = done.sender, self._clock()
+        outcome, failure, text = Outcome.DONE, "", ""
+        if isinstance(header, Fail):
+            outcome, failure, text = Outcome.FAILED, header.failure, header.text
+        asked, sender, now = done.header, done.sender, self._clock()
         if done.is_query:
-            text = "" if isinstance(header, Reply) else header.text
-            answer = Answer(done.header.number, outcome, failure, text)
-            sender.open.pop(done.header.number, None)
+            answer = Answer(asked.number, outcome, failure, text)
+            sender.open.pop(asked.number, None)
             sender.remember(answer, body)
             sender.is_behind |= not self._socket.send(sender.address, pack_item(answer, body))
-        elif not is_done:
-            self._log.warning("inform '%s' from %s failed: %s", done.header.message, sender.module, failure)
-        header_, seconds = done.header, now - done.began
-        note = Note(header_.message, sender.module, header_.origin, len(done.body), 0.0, seconds, outcome, failure)
+        elif outcome is Outcome.FAILED:
+            self._log.warning("inform '%s' from %s failed: %s", asked.message, sender.module, failure)
+        seconds = now - done.began
+        note = Note(asked.message, sender.module, asked.origin, len(done.body), 0.0, seconds, outcome, failure)
         self._notes.handled(note, now)
 
     # --- the end ---------------------------------------------------------------------------------------------------

@@ -1,6 +1,4 @@
-"""The direct messages of one connection: those it sends, and those its slot takes. Only for a central behind a socket;
-with a LocalCentral all messages go through its core.
-"""
+"""The direct messages of one connection: those it sends, and those its slot takes. With a LocalCentral there are none."""
 
 import logging
 import time
@@ -80,10 +78,8 @@ class DirectMessages:
     @property
     def has_delivery(self) -> bool:
         """Whether ``next_delivery`` gives something."""
-        deliveries = self._session.deliveries
-        if not deliveries or self._inbox is None or not self._inbox.is_busy:
-            return bool(deliveries)
-        return any(header.own for header, _ in deliveries)
+        is_busy = self._inbox is not None and self._inbox.is_busy
+        return any(header.own or not is_busy for header, _ in self._session.deliveries)
 
     @property
     def _may_take(self) -> bool:

@@ -7,14 +7,9 @@ import msgspec
 from tca_module.session.session import Session
 from tca_wire.packets.routes import MOST_NOTES, Loss, Note, Noted
 
-WITHIN = 0.1
-"""Seconds after which notes are sent even if there is nothing else to send."""
-
-FAR = float("inf")
-"""When nothing is due."""
-
-NOTES_LOST = ""
-"""Stands for a message's name where notes themselves were lost."""
+WITHIN = 0.1  # seconds after which notes are sent even if there is nothing else to send
+FAR = float("inf")  # when nothing is due
+NOTES_LOST = ""  # stands for a message's name where notes themselves were lost
 
 
 class NoteBatch:
@@ -33,9 +28,9 @@ class NoteBatch:
         self._notes.append((now - note.ago, note))
         self.due = min(self.due, now + WITHIN)
 
-    def lost(self, message: str, now: float) -> None:
-        """Note that a direct inform was lost."""
-        self._losses[message] += 1
+    def lost(self, message: str, now: float, number: int = 1) -> None:
+        """Note that so many direct informs were lost."""
+        self._losses[message] += number
         self.due = min(self.due, now + WITHIN)
 
     def report(self, session: Session, now: float, *, at_once: bool = False) -> None:
@@ -53,5 +48,4 @@ class NoteBatch:
         for note in said.notes:
             self.handled(note, now)
         for loss in said.losses:
-            self._losses[loss.message] += loss.number
-            self.due = min(self.due, now + WITHIN)
+            self.lost(loss.message, now, loss.number)

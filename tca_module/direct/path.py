@@ -76,10 +76,8 @@ class DirectPath:
     def ask(self, request: Request, now: float) -> bool:
         """Send a query; False if it must go another way. Refused if too much is on its way."""
         if self._is_full(len(request.body)):
-            text = (
-                f"{len(self._under_way)} direct messages wait for the handler of '{request.header.message}': try later"
-            )
-            request.refused = Refused(0, Refusal.OVERLOAD, text)
+            text = f"{len(self._under_way)} direct messages wait for the handler of '{request.header.message}'"
+            request.refused = Refused(0, Refusal.OVERLOAD, f"{text}: try later")
             self._end(request)
             return True
         if not self._send(request.header, request.body, inform=""):
@@ -118,7 +116,9 @@ class DirectPath:
     def tend(self, now: float) -> None:
         """Greet when that is due; end the wait for a slot that is gone."""
         if self._gives_up is not None and now >= self._gives_up[0]:
-            self._fail(self._gives_up[1])
+            for request in self._all_requests():
+                request.answers.append((Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up[1]), NIL))
+                self._end(request)
         if self.is_over or now - self._said < REPEAT or not (self.requests or not self._is_open):
             return
         if self.socket.is_connected:
@@ -134,20 +134,15 @@ class DirectPath:
         self._gives_up = now + (0 if lost else LAST_WORDS), text
         self.tend(now)
 
-    def _fail(self, text: str) -> None:
-        self.is_over = True
-        for request in self._all_requests():
-            request.answers.append((Answer(0, Outcome.FAILED, MODULE_LOST, text), NIL))
-            self._end(request)
-
     def lose_all(self, why: str) -> None:
         """Fail all queries: nobody knows what becomes of them."""
-        self.is_over = True
         for request in self._all_requests():
             request.lost = why
             self._end(request)
 
     def _all_requests(self) -> list[Request]:
+        """All queries, of which this is the end."""
+        self.is_over = True
         requests = list(self.requests.values())
         self.requests.clear()
         return requests
@@ -178,7 +173,6 @@ class DirectPath:
         self._is_open, self._said = False, float("-inf")
 
     def _on_closing(self, _header: headers.Closing, _: bytes) -> None:
-        self.is_over = True
         for request in self._all_requests():
             self._hand_over(request)
 

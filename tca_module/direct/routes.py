@@ -15,7 +15,7 @@ from tca_module.session.request import Request
 from tca_module.session.session import Session
 from tca_module.sockets.transport import DealerTransport
 from tca_wire.packets.headers import Send, Welcome
-from tca_wire.packets.routes import Entrance, EntranceGone, Route, WatchEntrance
+from tca_wire.packets.routes import Entrance, Route, WatchEntrance
 
 OpenSocket = Callable[[str], LineSocket]
 """Opens the way to an endpoint. Raises OSError if it is none."""
@@ -81,11 +81,12 @@ class DirectRoutes:
             self._is_tidy = False
             header = self._session.routing.popleft()
             if isinstance(header, Route):
-                self._on_route(header)
-            elif isinstance(header, EntranceGone):
-                self._on_gone(header)
-            else:
+                paths = [path for entrance in header.entrances if (path := self._path_to(entrance)) is not None]
+                self._routes[header.message] = deque(paths)
+            elif isinstance(header, Welcome):
                 self._on_welcome(header)
+            elif (gone := self._paths.get(header.endpoint)) is not None:
+                gone.gone(header.text, now, lost=header.lost)
         for path in self._paths.values():
             path.receive()
             path.tend(now)
@@ -94,12 +95,6 @@ class DirectRoutes:
             self._is_tidy &= not path.is_over
         if not self._is_tidy:
             self._close_unused()
-
-    def _on_route(self, header: Route) -> None:
-        self._routes.pop(header.message, None)
-        paths = [self._path_to(entrance) for entrance in header.entrances]
-        if found := [path for path in paths if path is not None]:
-            self._routes[header.message] = deque(found)
 
     def _path_to(self, entrance: Entrance) -> DirectPath | None:
         """The path to an entrance; None if there can be none from here."""
@@ -123,10 +118,6 @@ class DirectRoutes:
         self._paths[entrance.endpoint] = path
         self._transport.add(socket)
         return path
-
-    def _on_gone(self, header: EntranceGone) -> None:
-        if (path := self._paths.get(header.endpoint)) is not None:
-            path.gone(header.text, self._now, lost=header.lost)
 
     def _on_welcome(self, header: Welcome) -> None:
         """Forget all routes: central tells them anew."""

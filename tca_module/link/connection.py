@@ -18,7 +18,7 @@ from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeou
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
 from tca_module.session.epoch_numbers import first_foreign, numbers_in
 from tca_module.session.open_deliveries import KILLED, wake_error, working_on
-from tca_module.session.request import Request, check_addressee, origin_of, waits_for_others
+from tca_module.session.request import Request, check_addressee, waits_for_others
 from tca_module.session.session import Session
 from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
@@ -214,7 +214,7 @@ class Connection:
                 self.line.catch_up()
             if request.is_unannounced:
                 request.is_announced = self.session.post(
-                    Await(request.header.number, blocking, origin_of(request.header))
+                    Await(request.header.number, blocking, getattr(request.header, "origin", 0))
                 )
                 self.line.flush()
 
@@ -243,7 +243,7 @@ class Connection:
         """Release the lock of a request; whether it was still held. With *at_once*, without waiting. Raises CentralLost
         if central does not answer; it is told as soon as it does.
         """
-        header = Release(0, request.header.number, origin_of(request.header))
+        header = Release(0, request.header.number, getattr(request.header, "origin", 0))
         if self.is_taken(request) or at_once:
             self.session.request(header)
             self.line.flush()

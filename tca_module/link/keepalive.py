@@ -1,25 +1,23 @@
-"""The thread that keeps a module's first connection alive, while the module's own thread may be busy.
-
-When the module has stopped and its block goes on, this thread also tells central that nothing is handled any more.
+"""The thread that keeps a module's first connection alive, while the module's own thread may be busy. It tells central
+when the module has stopped and its block goes on.
 """
 
 import logging
 import threading
 import time
 
-from tca_module.errors import TcaError
+from tca_module.errors import NoCentral
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL
 
-TEND_PERIOD = 0.5
-"""Seconds between two looks at the connection."""
+TEND_PERIOD = 0.5  # seconds between two looks at the connection
 
 
 class KeepAlive:
     """The thread; runs from its creation to ``end``."""
 
     def __init__(self, link: Connection, patience: float, stop: threading.Event, *, reconnect: bool) -> None:
-        self.error: TcaError | None = None  #: what ended the module before its time
+        self.error: NoCentral | None = None  #: what ended the module before its time
         self._link = link
         self._patience = patience
         self._reconnect = reconnect
@@ -56,8 +54,9 @@ class KeepAlive:
             self._since = self._looked  # it was this process that stood still
             return
         if silence > self._patience and not self._reconnect and not self._stop.is_set():
-            self.error = link.line.lost()
-            self._log.error("module '%s' ends: %s", link.session.module, self.error)
+            module, lost = link.session.module, link.line.lost()
+            self.error = NoCentral(f"module '{module}': {lost}")
+            self._log.error("module '%s' ends: %s", module, lost)
             self._stop.set()
         elif silence > self._patience and not self._warned:
             self._log.warning(

@@ -35,7 +35,7 @@ def open_connection(
     central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False,
     direct: Iterable[Message[Any, Any]] = (), attachments: LastingAttachments | None = None,
 ) -> Connection:  # fmt: skip
-    """A connection that central has welcomed. It takes the messages *direct* straight from their senders, too. Raises
+    """A connection that central has welcomed; it takes the messages *direct* straight from their senders, too. Raises
     CentralLost if nobody answers for *patience* seconds.
     """
     check(f"'{hello.module}'", CENTRAL, central=central)
@@ -69,12 +69,7 @@ def _connection_by_socket(
     return Connection(transport, session, patience=patience, direct=without_central)
 
 
-def hello(module: str, incarnation: str, connection: int = 0, resource: str = "") -> Hello:
-    """The introduction of a connection."""
+def hello(module: str, connection: int = 0, resource: str = "", incarnation: str = "") -> Hello:
+    """The introduction of a connection; *incarnation* names one run of a module ("": a new one)."""
     process = f"{socket.gethostname()}:{os.getpid()}"
-    return Hello(0, PROTOCOL_VERSION, module, incarnation, connection, resource, process)
-
-
-def new_incarnation() -> str:
-    """A name for one run of a module."""
-    return token_hex(8)
+    return Hello(0, PROTOCOL_VERSION, module, incarnation or token_hex(8), connection, resource, process)

@@ -7,7 +7,7 @@ from typing import Any, TypeVar, overload
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import check, is_brief
+from tca_module.checks import check, is_brief, name_of
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection, ask
 from tca_module.sending.claim import Claim
@@ -40,7 +40,7 @@ class CentralServices:
         return self._connection()  # which may have lost its central meanwhile
 
     def _declare_within(self, timeout: float | None, *messages: Message[Any, Any]) -> float | None:
-        """Declare messages within the *timeout* of the wait that follows; the seconds left of it. Raises Timeout."""
+        """Declare messages; the seconds left of the *timeout* of the wait that follows. Raises Timeout."""
         if timeout is None or timeout >= ACKNOWLEDGED_WITHIN:
             return timeout
         began = self._connection().now()
@@ -50,11 +50,10 @@ class CentralServices:
     # --- variables -------------------------------------------------------------------------------------------------
 
     def set_variable(self, variable: Variable[D], value: D, *, wait: bool = True) -> None:
-        """Give a variable a new value (TCA 7.7: SetVar). Returns when central has it: later gets see this value or a
-        newer one.
+        """Give a variable a new value (TCA 7.7: SetVar). Returns when central has it; with *wait* False at once, for
+        values that come many times a second: one may be lost while central is away.
 
-        With *wait* False returns at once, for values that come many times a second; one may be lost while central is
-        away. Raises BadData if *value* does not fit, Refused if all values together would be too large.
+        Raises BadData if *value* does not fit, Refused if all values together would be too large.
         """
         check("set_variable()", checks.VARIABLE, variable=variable)
         check("set_variable()", checks.FLAG, wait=wait)
@@ -108,10 +107,9 @@ class CentralServices:
             with task.lock("sensors"):
                 ...
 
-        ``release()`` or the end of a ``with`` block releases it, and raises LockLost if it was taken away before;
-        ``held`` says whether it still holds. Otherwise it ends with the task being handled, or with this module.
-        *module* is needed where several modules have a resource of that name. It waits among the resource's messages by
-        *priority*.
+        ``release()`` or the end of a ``with`` block releases it, and raises LockLost if it was taken away before.
+        Otherwise it ends with the task being handled, or with this module. *module* is needed where several modules
+        have a resource of that name. It waits among the resource's messages by *priority*.
 
         Raises Timeout after *timeout* seconds (0: unless it is free now), Deadlock if it would wait for itself, Refused
         if there is no such resource.
@@ -121,14 +119,11 @@ class CentralServices:
     def reserve(
         self, resource: str, module: str | None = None, *, timeout: float | None = None, priority: int = 0
     ) -> Claim:
-        """Let nothing into a resource except what this module sends (TCA 8.5: ReserveResource); otherwise like
-        ``lock``.
-        """
+        """Let in only what this module sends (TCA 8.5: ReserveResource); otherwise like ``lock``."""
         return self._claim(resource, module, timeout, priority, reserve=True)
 
     def unlock(self, resource: str, module: str | None = None) -> bool:
         """Take a lock or reservation away from its holder; whether there was one (TCA 8.5: ``unlock``). For operators.
-
         The holder is told: its handler or client with LockLost, else its task with the failure "lock lost".
         """
         check("unlock()", checks.NAME, resource=resource)
@@ -140,10 +135,8 @@ class CentralServices:
 
     def detach(self, number: int) -> bool:
         """Take away the exception handler or wiretap of that *number* (``tca attached``) whoever wants it, or end that
-        monitor; whether it was still there. For operators.
-
-        A module removes its own with ``AttachmentRef.remove`` and ``MonitorRef.end``. Raises Refused if there has never
-        been that number, or it is a task.
+        monitor; whether it was still there. For operators. Raises Refused if there has never been that number, or it is
+        a task.
         """
         check("detach()", checks.NUMBER, number=number)
         header = Remove(0, number, for_all=True, origin=self._origin)
@@ -176,10 +169,8 @@ class CentralServices:
         return handlers_of(ask(connection, Ask(0, "messages"), "the question for messages"))[message.name]
 
     def declared(self, name: str) -> Message[Any, Any]:
-        """The message or variable of that name, as some module has declared it: for programs that send what they are
-        told to. Its data and replies are plain values.
-
-        Raises NotDeclared if there is none, MisuseError for a monitor, which is more than its name.
+        """The message or variable of that name, as some module has declared it, with plain values as data and replies.
+        Raises NotDeclared if there is none, MisuseError for a monitor.
         """
         check("declared()", checks.TEXT, name=name)
         known = msgspec.msgpack.decode(ask(self._connection(), Ask(0, "messages"), "the question for messages"))
@@ -197,9 +188,8 @@ class CentralServices:
         return message
 
     def wait_until_handled(self, *messages: Message[Any, Any], timeout: float | None = None) -> None:
-        """Wait until somebody handles each of the messages, all at the same time.
-
-        Raises Timeout, naming those that nobody handles. A handler may leave again at any time.
+        """Wait until somebody handles each of the messages, all at the same time. Raises Timeout, naming those that
+        nobody handles.
         """
         check("wait_until_handled()", checks.TIMEOUT, timeout=timeout)
         try:
@@ -208,7 +198,8 @@ class CentralServices:
             why = self._connection().silence or "central had not heard of them yet"
             raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {why}") from None
         connection = self._declare(*messages)
-        request = connection.request(wait_until_handled(messages), wants_answer=True, is_awaited=True)
+        wanted = WaitUntilHandled(0, [message.name for message in messages], [])
+        request = connection.request(wanted, wants_answer=True, is_awaited=True)
         if not connection.wait(request, left, "the wait for handlers"):
             connection.abandon(request)
             if silence := connection.silence:
@@ -216,13 +207,11 @@ class CentralServices:
             raise Timeout(f"{self._unhandled(messages, timeout)}; start the module that does, see 'tca messages'")
 
     def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
-        named = {message.name: f"{message.message_class} '{message.name}'" for message in messages}
+        named = {message.name: name_of(message) for message in messages}
         try:
             answer = ask(self._connection(), Ask(0, "messages"), "the question for messages", within=_WHY_WITHIN)
         except Timeout:
-            return (
-                f"not all handled within {timeout:g} s: {', '.join(named.values())}; central did not say at once which"
-            )
+            return f"not all handled within {timeout:g} s: {', '.join(named.values())}"
         known = handlers_of(answer)
         missing = [name for name in named if not any(handler.capacity for handler in known.get(name, ()))]
         return f"not handled within {timeout:g} s: {', '.join(named[name] for name in missing)}"
@@ -232,10 +221,3 @@ _KINDS: dict[str, Any] = {
     str(kind.message_class): kind
     for kind in (Inform, Query, Broadcast, MultiQuery, Goal, Command, Variable, ExceptionHandler)
 }
-
-
-def wait_until_handled(messages: Iterable[Message[Any, Any]], promised: Iterable[str] = ()) -> WaitUntilHandled:
-    """The request that is answered when each of the messages is handled. *promised*: what the sender will handle from
-    then on.
-    """
-    return WaitUntilHandled(0, [message.name for message in messages], list(promised))

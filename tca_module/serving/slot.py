@@ -1,12 +1,13 @@
-"""One place where messages are handled: a thread with a connection of its own."""
+"""The threads of a module: as many for each resource as its capacity, one of which calls the resource's callbacks."""
 
 import contextlib
 import logging
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from tca_module.errors import Stopped
+from tca_module.errors import MisuseError, Stopped
 from tca_module.link.connection import Connection
 from tca_module.link.opening import CentralAddress, open_connection
 from tca_module.sending.handler_errors import module_ended
@@ -21,6 +22,11 @@ from tca_module.session.open_deliveries import working_on
 from tca_module.sockets.transport import wait
 from tca_wire.messages.failures import HANDLER_ERROR, MODULE_LOST
 from tca_wire.packets.headers import Deliver, Fail, Hello, Reply, Unregister
+
+CALLBACKS = "callbacks"
+"""The resource whose thread calls the callbacks for which no other is named."""
+
+_PATIENCE = 1.0  # seconds that handlers have for their end before it is said that they are waited for
 
 
 class Slot:
@@ -41,19 +47,13 @@ class Slot:
         self._callbacks = callbacks
         self._stop = stop
         self._attachments = attachments  #: of the module, which its first connection attaches anew
-        self._opened = threading.Event()
+        self.opened = threading.Event()  #: messages are handled, or *error* says why not
         self._connection: Connection | None = None
         self._loop: EventLoop | None = None  #: made when it is first needed
         self._owed: list[LaterReply[Any]] = []  #: answers that handlers left to others
         self._log = logging.getLogger(f"tca.{hello.module}")
         self._thread = threading.Thread(target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True)
         self._thread.start()
-
-    def wait_until_open(self) -> None:
-        """Wait until messages are handled. Raises what prevents it."""
-        self._opened.wait()
-        if self.error is not None:
-            raise self.error
 
     def join(self, timeout: float | None = None) -> bool:
         """Wait, at most *timeout* seconds, until the thread has ended; whether it has. *stop* is set."""
@@ -69,11 +69,11 @@ class Slot:
             stopped, attachments = self._stop.is_set, self._attachments
             self._serve(open_connection(self._central, self._hello, self._patience, stopped, direct, attachments))
         except Stopped:
-            self._opened.set()
+            self.opened.set()
         except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
             self.error = error
             self._stop.set()
-            self._opened.set()
+            self.opened.set()
 
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
@@ -81,13 +81,16 @@ class Slot:
         connection.session.open_deliveries.is_ending = self._stop.is_set
         connection.root_sender = RootSender(connection)
         self._callbacks.begin(connection)
-        self._opened.set()
+        self.opened.set()
         with contextlib.ExitStack() as stack:
             stack.callback(connection.drop)  # without goodbye if even that has an error
             try:
                 connection.serve(self._stop.is_set, self._idle)
             except BaseException as error:
-                self._end_module(connection, error)
+                self._stop.set()
+                what, module = type(error).__name__, self._hello.module
+                self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
+                connection.post(Unregister(0, []), b"")  # now the senders find the handlers of other modules
                 stack.callback(self._say_goodbye, connection, error)
                 raise
             finally:
@@ -95,13 +98,6 @@ class Slot:
                 if self._loop is not None:
                     self._loop.close()
             self._say_goodbye(connection)
-
-    def _end_module(self, connection: Connection, error: BaseException) -> None:
-        """An error ends the module. Senders whose messages fail by it then find the handlers of other modules."""
-        self._stop.set()
-        what, module = type(error).__name__, self._hello.module
-        self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
-        connection.post(Unregister(0, []), b"")
 
     def _say_goodbye(self, connection: Connection, error: BaseException | None = None) -> None:
         while connection.session.news:  # answers of others, perhaps
@@ -151,8 +147,10 @@ class Slot:
             hint = "await that one: task.query_send(...)"
             self._end(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, f"{text}: {hint}"), b""))
         else:
+            if self._loop is None:
+                self._loop = EventLoop(connection, self._attend_in_loop)
             # The reply leaves when the loop has stopped: the next message must not be handled inside of this one's.
-            answer = self._event_loop(connection).run(begun, handler.handle_async(task, body))
+            answer = self._loop.run(begun, handler.handle_async(task, body))
             with working_on(begun):
                 self._end(handler, task, answer)
 
@@ -166,15 +164,11 @@ class Slot:
         assert self._loop is not None
         task = Task(self._connection, delivery, handler.message)
         begun = self._connection.session.open_deliveries.begin(delivery.delivery, repr(task))
-        self._loop.start(begun, self._attend_async(handler, task, body))
 
-    async def _attend_async(self, handler: Handler, task: Task, body: bytes) -> None:
-        self._end(handler, task, await handler.handle_async(task, body))
+        async def attend() -> None:
+            self._end(handler, task, await handler.handle_async(task, body))
 
-    def _event_loop(self, connection: Connection) -> EventLoop:
-        if self._loop is None:
-            self._loop = EventLoop(connection, self._attend_in_loop)
-        return self._loop
+        self._loop.start(begun, attend())
 
     def _end(self, handler: Handler, task: Task, answer: Answer) -> None:
         """A handler has returned: tell central, or see that somebody will."""
@@ -201,3 +195,74 @@ class RootSender(Sender):
 
     def _connection(self) -> Connection:
         return self._link
+
+
+OpenSlot = Callable[[int, str, Callbacks], Slot]
+"""Opens the slot of that number (from 1) for a resource."""
+
+
+class Slots:
+    """The slots of a module while it runs, and its callbacks at any time."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+        self._log = logging.getLogger(f"tca.{module}")
+        self._callbacks: dict[str, Callbacks] = {}  #: by resource
+        self._lock = threading.Lock()
+        self._slots: list[Slot] = []
+        self._threads: set[str] = set()  #: resources that have a thread
+        self._open_slot: OpenSlot | None = None  #: while the module runs
+
+    def open(self, resources: Iterable[str], capacities: Mapping[str, int], open_slot: OpenSlot) -> None:
+        """Open the slots of these resources, and wait until messages are handled. Raises what prevents it."""
+        with self._lock:
+            self._open_slot = open_slot
+            for resource in resources:
+                for _ in range(capacities[resource]):
+                    self._open(resource, open_slot)
+            opened = list(self._slots)
+        for slot in opened:
+            slot.opened.wait()
+            if slot.error is not None:
+                raise slot.error
+
+    def close(self, why: BaseException | None) -> list[BaseException]:
+        """Wait until all slots have ended; the errors that ended some early. A long wait is logged, with *why* the
+        module ends.
+        """
+        with self._lock:
+            self._open_slot = None
+        patience = time.monotonic() + _PATIENCE
+        for slot in self._slots:
+            if not slot.join(max(0.0, patience - time.monotonic())):
+                self._log.warning(
+                    "module '%s' ends%s, and waits for its handler of '%s' to return, which may look at task.cancelled",
+                    self._module, f" ({type(why).__name__}: {why})" if why is not None else "", slot.handling,
+                )  # fmt: skip
+                slot.join()
+        errors = [slot.error for slot in self._slots if slot.error is not None]
+        self._slots.clear()
+        self._threads.clear()
+        return errors
+
+    @property
+    def with_callbacks(self) -> set[str]:
+        """The resources whose threads have something to call."""
+        return {resource for resource, callbacks in self._callbacks.items() if callbacks}
+
+    def callbacks(self, resource: str) -> Callbacks:
+        """The callbacks of a resource's thread, started if the module runs. Raises MisuseError if it can't be."""
+        with self._lock:
+            if self._open_slot is not None and resource not in self._threads:
+                if resource != CALLBACKS:
+                    what = f"resource '{resource}' of module '{self._module}' has no thread"
+                    raise MisuseError(f"{what}: before run(), declare what it handles or calls")
+                self._open(resource, self._open_slot)
+            return self._callbacks.setdefault(resource, Callbacks(self._module))
+
+    def _open(self, resource: str, open_slot: OpenSlot) -> None:
+        callbacks = Callbacks(self._module)  # of a further thread of the resource: it has none to call
+        if resource not in self._threads:
+            callbacks = self._callbacks.setdefault(resource, callbacks)
+        self._threads.add(resource)
+        self._slots.append(open_slot(len(self._slots) + 1, resource, callbacks))

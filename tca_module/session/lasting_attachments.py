@@ -3,7 +3,6 @@ told of them anew. All connections of a program share one list, from several thr
 """
 
 import threading
-from collections.abc import Iterable, Iterator
 from typing import Any
 
 import msgspec
@@ -19,9 +18,9 @@ class LastingAttachment:
 
     __slots__ = ("formats", "header", "number")
 
-    def __init__(self, header: Attach | Tap, formats: Iterable[MessageFormat], number: EpochNumber) -> None:
+    def __init__(self, header: Attach | Tap, formats: list[MessageFormat], number: EpochNumber) -> None:
         self.header = header  #: what attached it
-        self.formats = tuple(formats)  #: of the messages that it names
+        self.formats = formats  #: of the messages that it names
         self.number = number  #: under which a central knows it
 
     def __str__(self) -> str:
@@ -56,7 +55,10 @@ class LastingAttachments:
                 before.number = number
                 return
             self._wanted.pop(key, None)
-            self._wanted[key] = LastingAttachment(header, _formats(header, known), number)
+            names = (header.listener if isinstance(header, Tap) else header.attachment.handler, header.message)
+            named = [known[name] for name in names if name in known]
+            parts = [known[part] for one in named for part in one.parts if part in known]  # a monitor's come before it
+            self._wanted[key] = LastingAttachment(header, [*parts, *named], number)
 
     def of(self, header: Attach | Tap) -> LastingAttachment | None:
         """The attachment that a request has made; None if it was to a task, or has been removed."""
@@ -108,11 +110,3 @@ def _key(header: Attach | Tap) -> tuple[Any, ...]:
     if isinstance(header, Tap):
         return Tap, header.message, header.condition, header.listener
     return Attach, header.message, header.attachment.failure, header.attachment.handler
-
-
-def _formats(header: Attach | Tap, known: dict[str, MessageFormat]) -> Iterator[MessageFormat]:
-    """Of all messages that it needs; the parts of a monitor come before it."""
-    named = (header.listener if isinstance(header, Tap) else header.attachment.handler, header.message)
-    for one in (known[name] for name in named if name in known):
-        yield from (known[part] for part in one.parts if part in known)
-        yield one

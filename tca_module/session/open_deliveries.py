@@ -54,9 +54,7 @@ class OpenDeliveries:
         """The deliveries whose handlers have begun."""
         return [delivery for delivery, one in self._known.items() if one.name]
 
-    # --- what central says -----------------------------------------------------------------------------------------
-
-    def came(self, delivery: int, *, is_suspended: bool) -> None:
+    def add(self, delivery: int, *, is_suspended: bool) -> None:
         """A message is to be handled."""
         self._known[delivery] = OpenDelivery(self, delivery, is_suspended=is_suspended)
 
@@ -75,8 +73,6 @@ class OpenDeliveries:
         for delivery, one in self._known.items():
             one.is_killed, one.why_killed = delivery > 0, "central was restarted and has forgotten it"
         self._known = {delivery: one for delivery, one in self._known.items() if delivery < 0}
-
-    # --- handlers --------------------------------------------------------------------------------------------------
 
     def begin(self, delivery: int, name: str) -> OpenDelivery:
         """A handler begins with a delivery."""

@@ -8,18 +8,14 @@ tried again.
 from collections.abc import Callable
 from typing import Any
 
-from tca_module.session.epoch_numbers import RESTARTED, EpochNumber
+from tca_module.session.epoch_numbers import RESTARTED
 from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
 from tca_module.session.request import Request
 from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat
 
-AGAIN = 5.0
-"""Seconds after which what was refused is tried again."""
-
-PATIENCE = 5.0
-"""Seconds that required messages are waited for without a word."""
-
+AGAIN = 5.0  # seconds after which what was refused is tried again
+PATIENCE = 5.0  # seconds that required messages are waited for without a word
 _NEVER = float("inf")
 
 Ask = Callable[..., Request]
@@ -37,15 +33,18 @@ class Redeclaration:
         self._attachments = attachments
         self._ask = ask
         self._say = say  #: for the log
-        self._over = over  #: called when handlers may be declared, where that takes a while
-        self._epoch = ""
-        self._messages: dict[str, MessageFormat] = {}
+        self._over = over  #: called when handlers may be declared, if not at once
+        self._said: set[str] = set()
+        self._reset("", {})
+
+    def _reset(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
+        self._epoch, self._messages = epoch, messages
         self._open = 0  #: requests that are not answered
+        self._attached = 0
         self._is_refused = False
         self._is_waiting = False  #: for what is required
         self._due = _NEVER  #: when there is something to do without a word of central's
-        self._attached = 0
-        self._said: set[str] = set()
+        self._said.clear()
 
     @property
     def is_answered_soon(self) -> bool:
@@ -54,29 +53,23 @@ class Redeclaration:
 
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
         """The central of that epoch knows nothing. With nothing but handlers to declare, this is over at once."""
-        self._epoch, self._messages = epoch, messages
-        self._open, self._attached, self._is_waiting, self._is_refused, self._due = 0, 0, False, False, _NEVER
-        self._said.clear()
+        self._reset(epoch, messages)
         self.is_over = not (self.required or self._attachments.unknown_to(epoch))
         if not self.is_over:
             self._tell()
 
     def _tell(self) -> None:
         self._is_refused, self._due = False, _NEVER
-        self._let_go()
+        for standing in self._attachments.unknown_to(self._epoch):
+            watch = getattr(standing.header, "watch", None)
+            if watch is not None and watch.until is not None and standing.number.epoch != self._epoch:
+                self._attachments.forget(standing, standing.number.epoch)  # the monitor would never end
+                self._say(f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}")
         unknown = self._attachments.unknown_to(self._epoch)
         formats = self._messages | {one.name: one for standing in unknown for one in standing.formats}
         self._request(headers.Register(0, list(formats.values()), []), "messages that were declared")
         for standing in unknown:
             self._request(standing.header, f"the {standing}", standing)
-
-    def _let_go(self) -> None:
-        """Drop the monitors that were to end with a task that was lost: they would never end."""
-        for standing in self._attachments.unknown_to(self._epoch):
-            watch = getattr(standing.header, "watch", None)
-            if watch is not None and watch.until is not None and standing.number.epoch != self._epoch:
-                self._attachments.forget(standing, standing.number.epoch)
-                self._say(f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}")
 
     def _request(
         self, header: Any, what: str, standing: LastingAttachment | None = None, *, waits: bool = False
@@ -95,18 +88,14 @@ class Redeclaration:
                 self._say_once(f"{text}; it is asked again every {AGAIN:g} s, and no handler is declared before")
             self._is_refused = True
         elif standing is not None and request.accepted is not None:
-            self._has_attached(standing, request.accepted)
+            self._attached += 1
+            standing.number = request.accepted
+            if not self._attachments.is_wanted(standing):  # it was removed meanwhile
+                self._ask(headers.Remove(0, standing.number))
         if not self._open:
             self._go_on()
 
-    def _has_attached(self, standing: LastingAttachment, number: EpochNumber) -> None:
-        self._attached += 1
-        standing.number = number
-        if not self._attachments.is_wanted(standing):  # it was removed meanwhile
-            self._ask(headers.Remove(0, number))
-
     def _go_on(self) -> None:
-        """All is answered."""
         if self._is_refused:
             return
         if self.required and not self._is_waiting:

@@ -69,7 +69,7 @@ class Request:
 
     @property
     def is_ended_by_kill(self) -> bool:
-        """Whether a kill has ended what was asked for."""
+        """Whether it was ended by a kill."""
         is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
         return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
 
@@ -87,7 +87,7 @@ class Request:
 
 
 def is_for_any_central(header: Any) -> bool:
-    """Whether it changes nothing, and a restarted central can answer it as well."""
+    """Whether it changes nothing, and any central can answer it."""
     if isinstance(header, Register):
         return not header.handlers
     return not refers_to_tasks(header) and isinstance(header, _ABOUT_CENTRAL)
@@ -103,19 +103,11 @@ def refers_to_tasks(header: Any) -> bool:
     watch = getattr(header, "watch", None)
     if watch is not None and watch.until is not None:
         return True
-    if isinstance(header, Send):
-        return bool(header.parent or header.origin or header.constraints)
-    if isinstance(header, headers.Lock):
-        return bool(header.origin)
+    if isinstance(header, Send | headers.Lock):
+        return bool(header.origin or (isinstance(header, Send) and (header.parent or header.constraints)))
     if isinstance(header, headers.Inspect):
         return header.task != ROOT
     return not isinstance(header, _WITHOUT_TASKS) and not is_lasting(header)
-
-
-def origin_of(header: Any) -> int:
-    """The delivery whose handler made a request (0: none)."""
-    origin: int = getattr(header, "origin", 0)
-    return origin
 
 
 def check_addressee(header: Any, numbers: list[EpochNumber], before: str, now: str) -> None:

@@ -25,7 +25,6 @@ from tca_module.session.request import (
     Request,
     check_fields,
     is_for_any_central,
-    origin_of,
     refers_to_tasks,
 )
 from tca_wire.packets import headers
@@ -35,20 +34,13 @@ from tca_wire.points import ROOT
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
 
-HELLO_NUMBER = 1
-"""A connection's first request is its Hello; said again it keeps its number."""
-
-QUIET = 2.5
-"""Seconds without a word after which central is asked for one; it beats every second."""
-
-REPEAT = 1.0
-"""Seconds between two such questions."""
+HELLO_NUMBER = 1  # Hello keeps it when it is said again
+QUIET = 2.5  # seconds without a word after which central is asked for one; it beats every second
+REPEAT = 1.0  # seconds between two such questions
+_REPLIES_KEPT = 8  # to be said again after a break, until a further delivery shows that they arrived
 
 # Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
 _ARE_YOU_THERE = headers.Register(0, [], [])
-
-_REPLIES_KEPT = 8
-"""Replies to be said again after a break, until a further delivery shows that they arrived; more than one if nested."""
 
 Item = tuple[headers.ToCentral, bytes]
 
@@ -138,15 +130,15 @@ class Session:
 
     def abandon(self, request: Request) -> None:
         """Give a request up: nobody waits for its answer any more."""
-        number = request.header.number
+        number, origin = request.header.number, getattr(request.header, "origin", 0)
         if isinstance(request.header, headers.Release):
             return  # it is to be heard, if nobody waits for that either
         if request.path is not None:
             request.path.abandon(request)
         elif self._requests.pop(number, None) is not None and request.wants_answer:
-            self.post(headers.GiveUp(number, origin=origin_of(request.header)))
+            self.post(headers.GiveUp(number, origin=origin))
         elif self.is_recalled(request.header):
-            why, origin = "its sender has given it up, and does not know it", origin_of(request.header)
+            why = "its sender has given it up, and does not know it"
             self.request(headers.Kill(0, ROOT, why, request=number, origin=origin))
 
     def give_up(self, request: Request) -> Request | None:
@@ -156,7 +148,7 @@ class Session:
             return None
         number = request.header.number
         self._requests.pop(number, None)
-        return self.request(headers.GiveUp(number, origin=origin_of(request.header)), wants_answer=True)
+        return self.request(headers.GiveUp(number, origin=getattr(request.header, "origin", 0)), wants_answer=True)
 
     def fate_of(self, request: Request) -> str:
         """The fate of a request that was given up, in words."""
@@ -239,7 +231,6 @@ class Session:
             self._number(request)
 
     def _declare_handlers(self) -> None:
-        """A new central has been told."""
         if self._handlers:
             self.outgoing.append((headers.Register(0, [], list(self._handlers.values())), b""))
 
@@ -252,9 +243,9 @@ class Session:
             named = first_foreign(numbers_in(request.header), self.epoch)
             if named is not None or refers_to_tasks(request.header):
                 request.gone = named.what if named is not None else ""
-                self._lose(request, RESTARTED)
+                self._end(request, RESTARTED)
             elif request.was_sent and not is_for_any_central(request.header):
-                self._lose(request, "central was restarted meanwhile and has forgotten it")
+                self._end(request, "central was restarted meanwhile and has forgotten it")
         for lock in self._locks.values():
             lock.taken = "central was restarted and has forgotten it"
         self._locks.clear()
@@ -305,11 +296,7 @@ class Session:
             self._number(request)
             self._send(request)
         else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
-            self._lose(request, "the connection to central broke before the answer came")
-
-    def _lose(self, request: Request, why: str) -> None:
-        request.lost = why
-        self._end(request)
+            self._end(request, "the connection to central broke before the answer came")
 
     def _on_answer(self, header: headers.Answer, body: bytes) -> None:
         request = self._requests.get(header.number)
@@ -322,8 +309,9 @@ class Session:
             elif request.notify is not None:
                 self.news.append(request.notify)
 
-    def _end(self, request: Request) -> None:
+    def _end(self, request: Request, lost: str = "") -> None:
         del self._requests[request.header.number]
+        request.lost = lost
         self.end(request)
 
     def end(self, request: Request) -> None:
@@ -338,24 +326,12 @@ class Session:
         if header.delivery in self.open_deliveries or any(one.delivery == header.delivery for one, _ in self._replies):
             return  # central repeats after a reconnect what it does not know to have arrived
         self._replies.clear()  # a slot gets its next message only after the reply to the one before
-        self.open_deliveries.came(header.delivery, is_suspended=header.suspended)
+        self.open_deliveries.add(header.delivery, is_suspended=header.suspended)
         self.deliveries.append((header, body))
-
-    def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
-        self.open_deliveries.kill(header.delivery, header.why)
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         if (lock := self._locks.pop(header.number, None)) is not None:
             lock.taken = header.text
-
-    def _on_routing(self, header: Route | EntranceGone, _: bytes) -> None:
-        self.routing.append(header)
-
-    def _on_suspended(self, header: headers.Suspended, _: bytes) -> None:
-        self.open_deliveries.suspend(header.delivery, is_suspended=header.is_suspended)
-
-    def _on_beat(self, _header: headers.Beat, _: bytes) -> None:
-        """It says nothing of replies: it may have been sent before central got them."""
 
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
         if (request := self._requests.get(header.number)) is not None:
@@ -374,13 +350,15 @@ class Session:
         headers.Refused: _on_refused,
         headers.Answer: _on_answer,
         headers.Deliver: _on_deliver,
-        headers.Cancelled: _on_cancelled,
-        headers.Suspended: _on_suspended,
+        headers.Cancelled: lambda self, header, _: self.open_deliveries.kill(header.delivery, header.why),
+        headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
+            header.delivery, is_suspended=header.is_suspended
+        ),
         headers.Taken: _on_taken,
-        headers.Beat: _on_beat,
+        headers.Beat: lambda *_: None,
         headers.Unknown: _on_unknown,
         headers.Closing: _on_closing,
-        Route: _on_routing,
-        EntranceGone: _on_routing,
+        Route: lambda self, header, _: self.routing.append(header),
+        EntranceGone: lambda self, header, _: self.routing.append(header),
     }
     """One row per message from central."""

@@ -35,18 +35,16 @@ Address = bytes
 """By what an entrance knows the connection of a sender."""
 
 
-class EntranceSocket:
-    """The socket where a slot takes direct messages. Raises OSError if there can be none."""
+class _DirectSocket:
+    """A socket of the kind, such as zmq.DEALER."""
 
-    def __init__(self, central: str) -> None:
-        self.is_paused = False  #: what arrives is left where it is
-        self._socket = _socket(zmq.ROUTER)
-        self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
-        try:
-            self.endpoint = _bind(self._socket, central)
-        except (OSError, ValueError) as error:  # ZMQError is an OSError
-            self._socket.close(linger=0)
-            raise OSError(str(error)) from None
+    def __init__(self, kind: int) -> None:
+        self._socket: zmq.Socket[bytes] = context().socket(kind)
+        for option, value in _OPTIONS:
+            self._socket.setsockopt(option, value)
+
+    def _can(self, event: int) -> bool:
+        return bool(int(self._socket.getsockopt(EVENTS)) & event)
 
     def fileno(self) -> int:
         """Of the file that becomes readable when something arrives."""
@@ -54,11 +52,33 @@ class EntranceSocket:
 
     def has_arrived(self) -> bool:
         """Whether there is a packet to receive."""
-        return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) and not self.is_paused
+        return self._can(POLLIN)
+
+    def close(self) -> None:
+        """Close; what was sent still leaves, for a second."""
+        self._socket.close()
+
+
+class EntranceSocket(_DirectSocket):
+    """The socket where a slot takes direct messages. Raises OSError if there can be none."""
+
+    def __init__(self, central: str) -> None:
+        super().__init__(zmq.ROUTER)
+        self.is_paused = False  #: what arrives is left where it is
+        self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
+        try:
+            self.endpoint = _bind(self._socket, central)
+        except (OSError, ValueError) as error:  # ZMQError is an OSError
+            self._socket.close(linger=0)
+            raise OSError(str(error)) from None
+
+    def has_arrived(self) -> bool:
+        """Whether there is a packet to receive, and it is not paused."""
+        return self._can(POLLIN) and not self.is_paused
 
     def receive(self) -> tuple[Address, list[bytes]] | None:
         """The sender and the frames of the next packet; None if there is none."""
-        if not int(self._socket.getsockopt(EVENTS)) & POLLIN:
+        if not self._can(POLLIN):
             return None
         address, *frames = self._socket.recv_multipart(DONTWAIT)
         return address, frames
@@ -74,16 +94,16 @@ class EntranceSocket:
 
     def close(self) -> None:
         """Close; what was sent still leaves, for a second."""
-        self._socket.close()
+        super().close()
         if self.endpoint.startswith("ipc://"):
             Path(self.endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
 
 
-class PathSocket:
+class PathSocket(_DirectSocket):
     """A sender's way to one entrance. Raises OSError if the endpoint is no address."""
 
     def __init__(self, endpoint: str) -> None:
-        self._socket = _socket(zmq.DEALER)
+        super().__init__(zmq.DEALER)
         # Not IMMEDIATE: with that, libzmq 4.3.5 throws away what has arrived and was not read when the far end closes,
         # and that would be the last answers of a slot. What waits for a slot that is gone is bounded by the count.
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5000)
@@ -93,22 +113,14 @@ class PathSocket:
             self._socket.close(linger=0)
             raise
 
-    def fileno(self) -> int:
-        """Of the file that becomes readable when something arrives."""
-        return int(self._socket.getsockopt(zmq.FD))
-
-    def has_arrived(self) -> bool:
-        """Whether there is a packet to receive."""
-        return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN)
-
     @property
     def is_connected(self) -> bool:
         """Whether what is sent now is taken."""
-        return bool(int(self._socket.getsockopt(EVENTS)) & _POLLOUT)
+        return self._can(_POLLOUT)
 
     def receive(self) -> bytes | None:
         """The next packet; None if there is none."""
-        return self._socket.recv(DONTWAIT) if self.has_arrived() else None
+        return self._socket.recv(DONTWAIT) if self._can(POLLIN) else None
 
     def send(self, packet: bytes) -> bool:
         """Whether it left."""
@@ -118,22 +130,15 @@ class PathSocket:
             return False
         return True
 
-    def close(self) -> None:
-        """Close; what was sent still leaves, for a second."""
-        self._socket.close()
-
-
-def _socket(kind: int) -> "zmq.Socket[bytes]":
-    made: zmq.Socket[bytes] = context().socket(kind)
-    for option, value in _OPTIONS:
-        made.setsockopt(option, value)
-    return made
-
 
 def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
     """Listen where those who reach *central* reach it too; the endpoint."""
     if central.startswith("tcp://"):
-        host = _own_host(central.removeprefix("tcp://"))
+        name, _, port = central.removeprefix("tcp://").rpartition(":")
+        family, _, _, _, address = sockets.getaddrinfo(name.strip("[]"), int(port), type=sockets.SOCK_DGRAM)[0]
+        with sockets.socket(family, sockets.SOCK_DGRAM) as probe:
+            probe.connect(address)  # sends nothing
+            host = str(probe.getsockname()[0])  # of this computer, from which central is reached
         socket.setsockopt(zmq.IPV6, int(":" in host))
         socket.bind(f"tcp://{f'[{host}]' if ':' in host else host}:*")
         return socket.get_string(zmq.LAST_ENDPOINT)
@@ -149,33 +154,16 @@ def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
     return f"ipc://{path}"
 
 
-def _own_host(central: str) -> str:
-    """The address of this computer from which central is reached."""
-    host, _, port = central.rpartition(":")
-    family, _, _, _, address = sockets.getaddrinfo(host.strip("[]"), int(port), type=sockets.SOCK_DGRAM)[0]
-    with sockets.socket(family, sockets.SOCK_DGRAM) as probe:
-        probe.connect(address)  # sends nothing
-        return str(probe.getsockname()[0])
-
-
 def _remove_those_of_the_dead(folder: Path) -> None:
     """Remove the socket files of processes that were killed."""
     for path in folder.glob(f"*{_SUFFIX}"):
-        owner = path.name.partition("-")[0]
-        if not owner.isdigit() or _is_alive(int(owner)):
-            continue
-        with contextlib.suppress(OSError), sockets.socket(sockets.AF_UNIX) as probe:
-            try:
-                probe.connect(str(path))
-            except ConnectionRefusedError:
-                path.unlink(missing_ok=True)
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
+        try:
+            os.kill(int(path.name.partition("-")[0]), 0)  # sends nothing
+        except ProcessLookupError:
+            with contextlib.suppress(OSError), sockets.socket(sockets.AF_UNIX) as probe:
+                try:
+                    probe.connect(str(path))  # it may be a process of another computer
+                except ConnectionRefusedError:
+                    path.unlink(missing_ok=True)
+        except (ValueError, OverflowError, PermissionError):
+            continue  # somebody else's

@@ -1,7 +1,6 @@
 """The pulse of this process: a socket that echoes central's packets, so that central sees that the process lives.
 
-ZeroMQ's own C code echoes them, in a thread that needs nothing of Python: a handler may hold Python's lock as long as
-it likes (docs/decisions/0063-the-pulse-of-a-process.md).
+ZeroMQ's own C code echoes them, without Python's lock (docs/decisions/0063-the-pulse-of-a-process.md).
 """
 
 import contextlib
@@ -28,7 +27,7 @@ class Pulse:
         self.users = 0
         # A routing id of one's own is safe here: nobody else has it, and a line that it shuts out is only not watched.
         self.name = b"pulse " + token_hex(8).encode()  #: its routing id
-        self._key = _key(address)
+        self._key = os.getpid(), address  # after a fork the child has a pulse of its own
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         socket = self._context.socket(zmq.DEALER)
         for option, value in _OPTIONS:
@@ -64,16 +63,12 @@ _lock = threading.Lock()
 _pulses: dict[tuple[int, str], Pulse] = {}
 
 
-def _key(address: str) -> tuple[int, str]:
-    return os.getpid(), address  # after a fork the child has a pulse of its own
-
-
 def pulse_to(address: str) -> Pulse:
     """The pulse of this process for the central at *address*; ``release`` it in the end."""
     with _lock:
-        pulse = _pulses.get(_key(address))
+        pulse = _pulses.get((os.getpid(), address))
         if pulse is None:
-            pulse = _pulses[_key(address)] = Pulse(address)
+            pulse = _pulses[os.getpid(), address] = Pulse(address)
         pulse.users += 1
         return pulse
 

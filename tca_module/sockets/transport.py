@@ -156,7 +156,7 @@ class DealerTransport:
         self._socket = context().socket(zmq.DEALER)
         self._receive_timeout = -1
         self._waker: Waker | None = None
-        self._all: selectors.DefaultSelector | None = None  #: of all files that are waited for; a file itself
+        self._all: selectors.DefaultSelector | None = None  #: of all files that are waited for
         self._beside: dict[Beside, int] = {}  #: what is waited for beside central, and its file
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)

@@ -72,7 +72,7 @@ def test_an_error_in_the_block_is_not_hidden_behind_a_handler(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that does not look: what went wrong is said while it is waited for."""
-    monkeypatch.setattr("tca_module.serving.slots._PATIENCE", 0.1)
+    monkeypatch.setattr("tca_module.serving.slot._PATIENCE", 0.1)
     begun, go_on = threading.Event(), threading.Event()
 
     @legs.handles(STANCE)
