@@ -24,9 +24,8 @@ from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, ResourceInfo
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.replies import Notification, PendingReplies, PendingReply
-from tca_module.sending.sender import Sender
+from tca_module.sending.sender import Sender, TaskOptions
 from tca_module.sending.task import Task
-from tca_module.sending.task_options import TaskOptions
 from tca_module.sending.task_points import this
 from tca_module.sending.task_ref import AttachmentRef, SentTask, TaskInfo, TaskRef
 from tca_module.sending.watching import MonitorOptions

@@ -47,23 +47,18 @@ class FormatRefused(Refused):
 
 
 class Deadlock(Refused):
-    """The wait would never end: what is waited for waits for the waiting task. The text names the circle. A handler
-    that does not catch it fails with "deadlock".
-    """
+    """The wait would never end; the text names the circle. A handler that does not catch it fails with "deadlock"."""
 
 
 class CentralLost(TcaError):
-    """Central does not answer, or was restarted. It may have got the request: a goal, command or monitor is then killed
-    as soon as central hears this program again, anything else is done.
-
-    Calls that name a task from before a restart raise it too.
+    """Central does not answer, or was restarted; also raised by calls that name a task from before a restart. Central
+    may have got the request: a goal, command or monitor is then killed as soon as it hears this program again, anything
+    else is done.
     """
 
 
 class NoCentral(CentralLost, SystemExit):
-    """Central can't be reached: raised by ``run``, ``running`` and ``connect``. Uncaught, it ends the program with one
-    line instead of a traceback.
-    """
+    """Central can't be reached, when a program begins. Uncaught, it ends the program with one line and no traceback."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
@@ -71,8 +66,8 @@ class NoCentral(CentralLost, SystemExit):
 
 
 class Stopped(TcaError):
-    """The module was told to end: before central had welcomed it, or while a handler waited. The handler may clean up,
-    and wait for that. If it does not catch this, it fails with "module lost", unless its task was killed.
+    """The module was told to end: before central had welcomed it, or while a handler waited, which may clean up now. If
+    it does not catch this, it fails with "module lost", unless its task was killed.
     """
 
 
@@ -130,8 +125,8 @@ class TaskFailed(RequestFailed):
 
 
 class TaskKilled(TcaError):
-    """A goal or command was killed: ``why`` says why and by whom. If it is the handler's own task, or is to be handled
-    again, the wait is over; the handler may clean up, and wait for that. Not catching it is no failure.
+    """A goal or command was killed: ``why`` says why and by whom. A handler whose own task was killed, or is to be
+    handled again, may clean up now; not catching this is no failure.
     """
 
     def __init__(self, what: str, why: str) -> None:

@@ -1,4 +1,4 @@
-"""The direct messages of one connection: those it sends, and those its slot takes. With a LocalCentral there are none."""
+"""The direct messages of one connection: those it sends and those its slot takes; none with a LocalCentral."""
 
 import logging
 import time

@@ -64,11 +64,10 @@ class MonitorRef(TaskRef, Generic[D]):
         message than its action.
         """
         self._check_action(action)
-        body = b""
+        name, body = "", b""
         if action is not None:
-            body = action.encode_data(data)
+            name, body = action.name, action.encode_data(data)
             self._connection.declare(action)
-        name = action.name if action is not None else ""
         return self._steer(Fire(0, self.id, name, self._origin), f"firing {self}", body)
 
     def end(self) -> bool:
@@ -79,9 +78,8 @@ class MonitorRef(TaskRef, Generic[D]):
         if action is None and not self.action:
             return
         if not isinstance(action, Message) or action.name != self.action:
-            wanted = (
-                f"its action is '{self.action}'" if self.action else "it has no action, fire() it without a message"
-            )
+            without = "it has no action, fire() it without a message"
+            wanted = f"its action is '{self.action}'" if self.action else without
             given = name_of(action) if isinstance(action, Message) else repr(action)
             raise MisuseError(f"{self} can't be fired with {given:.60}: {wanted}")
 
@@ -92,19 +90,17 @@ def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Troub
     def known(involved: parts.Involved) -> TaskId:
         return with_epoch(involved.task, connection.session.epoch, numbered(involved.message, involved.task))
 
-    def handle(involved: parts.Involved) -> TaskRef | None:
-        if not involved.task:
-            return None
+    def ref(involved: parts.Involved) -> TaskRef:
         return TaskRef(connection, involved.message, known(involved), origin)
 
     context = delivery.context
     if isinstance(context, parts.Trouble):
-        failing = handle(context.failing)
-        assert failing is not None
-        attached = handle(context.attached)
+        attached = ref(context.attached) if context.attached.task else None
+        failing = ref(context.failing)
         return Trouble(context.failure, context.text, failing, attached, context.attempts, context.invocations)
     if isinstance(context, parts.Tapped):
-        return TapEvent(context.condition, context.tapped.message, handle(context.tapped))
+        tapped = ref(context.tapped) if context.tapped.task else None
+        return TapEvent(context.condition, context.tapped.message, tapped)
     if isinstance(context, parts.Watching):
         monitor = context.monitor
         return MonitorRef(connection, monitor.message, known(monitor), origin, context.action)

@@ -23,9 +23,7 @@ class Reissued(Exception):
 
 
 ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
-"""Errors of users' functions that concern these alone. What else they let pass (KeyboardInterrupt, the end of a test)
-ends their module.
-"""
+"""Errors of users' functions that concern these alone; others, such as KeyboardInterrupt, end the module."""
 
 _NAMED = (
     (Misfit, BAD_DATA),
@@ -35,13 +33,10 @@ _NAMED = (
     (Stopped, MODULE_LOST),
     (asyncio.CancelledError, CANCELLED),
 )
-"""Errors and the failures that they are."""
 
 
 def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """The failure for an error that ended a handler. A failure from elsewhere keeps its name, and is also a "handler
-    error": the handler could have caught it.
-    """
+    """The failure for an error that ended a handler. One from elsewhere keeps its name, as a kind of "handler error"."""
     header, body = _failed(delivery, _sole(error))
     return msgspec.structs.replace(header, text=_printable(header.text)), body
 
@@ -95,11 +90,9 @@ def _describe(error: BaseException) -> str:
 
 def _from_the_handler_on(trace: TracebackType | None) -> TracebackType | None:
     """Without the frames that called the handler."""
-    while trace is not None and trace.tb_next is not None and _is_of_this_library(trace):
+    while trace is not None and trace.tb_next is not None:
+        package = trace.tb_frame.f_globals.get("__package__") or ""
+        if package.partition(".")[0] != __package__.partition(".")[0]:
+            break
         trace = trace.tb_next
     return trace
-
-
-def _is_of_this_library(trace: TracebackType) -> bool:
-    package = trace.tb_frame.f_globals.get("__package__") or ""
-    return package.partition(".")[0] == __package__.partition(".")[0]

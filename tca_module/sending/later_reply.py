@@ -16,8 +16,7 @@ from tca_wire.text.measures import numbered
 class LaterReply(Generic[R]):
     """The reply that a handler owes: it returns this, and somebody replies later.
 
-    Until then the message counts as being handled, and its slot is taken. ``reply`` or ``fail`` may be called once,
-    from any thread.
+    Until then its slot is taken. ``reply`` or ``fail`` may be called once, from any thread.
     """
 
     def __init__(self, connection: Connection, message: Message[Any, R], delivery: Deliver) -> None:
@@ -45,8 +44,8 @@ class LaterReply(Generic[R]):
         return self._answer is None and not self._ended
 
     def reply(self, value: R = NOTHING) -> None:
-        """Complete the message with its reply or result. Raises BadData if *value* does not fit (the reply is then
-        still owed), MisuseError if it was given before, Stopped if the module has ended.
+        """Complete the message with its reply or result. Raises BadData if *value* does not fit (the reply is still
+        owed), MisuseError if it was given before, Stopped if the module has ended.
         """
         self._take(Reply(self._delivery.delivery), self._message.encode_reply(value))
 

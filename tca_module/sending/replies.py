@@ -34,10 +34,8 @@ class PendingReply(Generic[R]):
         self._is_cancelled = False
 
     def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
-        """The reply; waits at most *timeout* seconds (None: for ever).
-
-        Raises QueryFailed if the handler failed, Timeout if no reply came in time. The query is given up then, and also
-        when the waiting handler is woken (TaskKilled, Stopped).
+        """The reply; waits at most *timeout* seconds (None: for ever). Raises QueryFailed if the handler failed;
+        Timeout if no reply came in time, TaskKilled or Stopped as ``query`` does: the query is given up then.
         """
         return self.receive_within(timeout, timeout)
 
@@ -81,11 +79,7 @@ class PendingReply(Generic[R]):
 
 
 class PendingReplies(Iterator[R], Generic[R]):
-    """The replies to a multi-query, in the order they come; each step waits for the next.
-
-    Ends with the maximum, when nobody is left who could reply, or when the time is over. If nobody replied and somebody
-    failed, it ends with QueryFailed: the first failure, with a text that names all.
-    """
+    """The replies to a multi-query as they come; each step waits for the next. Ends as ``multi_query`` does."""
 
     def __init__(
         self, connection: Connection, request: Request, message: MultiQuery[Any, R], timeout: float | None
@@ -127,7 +121,7 @@ class PendingReplies(Iterator[R], Generic[R]):
         return bool(self._request.answers)
 
     def cancel(self) -> None:
-        """Want no more replies: a handler that has not begun to answer never will."""
+        """Want no more replies: a handler that has not begun never will."""
         if not self._is_cancelled:
             self._is_cancelled = True
             self._connection.abandon(self._request)
@@ -150,7 +144,7 @@ class Notification(Generic[R]):
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the function has been called; False if it was not within *timeout* seconds. Raises CentralLost,
-        TaskKilled or Stopped as ``receive`` does; the query is given up then.
+        TaskKilled or Stopped as ``query`` does; the query is given up then.
         """
         if timeout != 0:
             self._connection.announce(self._pending.request)
@@ -169,20 +163,17 @@ class Notification(Generic[R]):
     def _call(self) -> None:
         if self.is_over:
             return
+        sender = self._connection.root_sender
         try:
-            self._tell()
+            try:
+                reply = self._pending.receive(0)
+            except (TcaError, BadData) as error:
+                if self._on_failure is None:
+                    raise
+                self._on_failure(sender, error)
+            else:
+                self._callback(sender, reply)
         except ORDINARY:  # its author reads the log
             self._log.exception("callback %s failed", getattr(self._callback, "__qualname__", self._callback))
         finally:
             self.is_over = True
-
-    def _tell(self) -> None:
-        sender = self._connection.root_sender
-        try:
-            reply = self._pending.receive(0)
-        except (TcaError, BadData) as error:
-            if self._on_failure is None:
-                raise
-            self._on_failure(sender, error)
-        else:
-            self._callback(sender, reply)

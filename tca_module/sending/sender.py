@@ -1,8 +1,8 @@
 """Sender: the calls that send, the same for a handler's Task, a Module and a Client."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from typing import Any, Unpack, overload
+from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
 from tca_module.checks import EXECUTED, check, check_class, check_function, check_options, is_brief, name_of
@@ -10,16 +10,77 @@ from tca_module.errors import Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_options import KINDS, TaskOptions, flags_of
 from tca_module.sending.task_ref import SentTask, TaskRef, attachment
 from tca_module.sending.watching import Watching
 from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before
-from tca_wire.messages.declarations import NOTHING, Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, R
+from tca_wire.messages.controls import ExceptionHandler
+from tca_wire.messages.declarations import (
+    NOTHING,
+    Broadcast,
+    Command,
+    D,
+    Failure,
+    Goal,
+    Inform,
+    Message,
+    MultiQuery,
+    Query,
+    R,
+)  # fmt: skip
 from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
 
 _TASK = checks.Kind("a task that was sent or found, such as tasks(WALK)[0]", lambda task: isinstance(task, TaskRef))
+
+
+class TaskOptions(TypedDict, total=False):
+    """How a new task relates to its siblings."""
+
+    sequential: bool
+    """It is achieved after the sibling before it (SEQ_ACH); True unless said otherwise."""
+    sequential_planning: bool
+    """It is planned after the sibling before it has been planned (SEQ_PLANNING)."""
+    plan_first: bool
+    """All of it is planned before any of it is done (PLAN_FIRST)."""
+    delay_planning: bool
+    """It is planned only when it may be achieved (DELAY_PLANNING)."""
+    priority: int
+    """Higher goes first where several wait for one resource."""
+    constraints: Sequence[Constraint]
+    """Others; ``this`` stands for the new task."""
+    on_failure: Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]
+    """Exception handlers of the new task, each newer than the one before it; None is any failure."""
+    deadline: float | None
+    """Seconds, above 0, within which it must be achieved, or the failure "timeout" is raised on it; None: no bound."""
+    delay: float
+    """Seconds, from now, within which it is not started; 0: at once."""
+    keep: bool
+    """Its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle."""
+
+
+_OPTIONS = dict.fromkeys(TaskOptions.__annotations__, checks.FLAG) | {
+    "priority": checks.PRIORITY,
+    "constraints": checks.CONSTRAINTS,
+    "on_failure": checks.PAIRS,
+    "deadline": checks.DURATION_OR_NONE,
+    "delay": checks.SECONDS,
+}
+"""What each option must be."""
+
+_FLAGS = {
+    "sequential_planning": Flags.SEQ_PLANNING,
+    "plan_first": Flags.PLAN_FIRST,
+    "delay_planning": Flags.DELAY_PLANNING,
+}
+
+
+def _flags_of(options: Mapping[str, object]) -> Flags:
+    """The options that are constraints between siblings, as central knows them."""
+    flags = Flags.NONE
+    for name, flag in _FLAGS.items():
+        flags |= flag if options.get(name) else Flags.NONE
+    return flags
 
 
 class Sender(Watching):
@@ -56,7 +117,7 @@ class Sender(Watching):
 
     def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> SentTask[R] | None:
         """The new task; None if *handled* and nobody handles the message."""
-        check_options(name_of(message), options, KINDS)
+        check_options(name_of(message), options, _OPTIONS)
         body, pairs = message.encode_data(data), options.get("on_failure", ())
         attachments = [attachment(*pair) for pair in pairs]
         connection = self._declare(message, *(handler for _, handler in pairs))
@@ -67,7 +128,7 @@ class Sender(Watching):
         if delay := options.get("delay"):
             constraints.append(not_before(THIS, delay))
         header = Send(
-            0, message.name, self._parent, self._origin, flags | flags_of(options), constraints,
+            0, message.name, self._parent, self._origin, flags | _flags_of(options), constraints,
             options.get("priority", 0), attachments=attachments, deadline=options.get("deadline") or 0,
             if_handled=handled, keep=options.get("keep", False),
         )  # fmt: skip

@@ -1,9 +1,4 @@
-"""Points of tasks as users write them: ``first.achieving.end <= second.planning.start`` makes a constraint.
-
-``this`` is the task that a call is about to make::
-
-    task.goal(REST, constraints=[leg.handling.end <= this.planning.start])
-"""
+"""Points of tasks as users write them: ``first.achieving.end <= second.planning.start`` makes a constraint."""
 
 from typing import NoReturn
 
@@ -57,8 +52,7 @@ class TaskPoint(Point, frozen=True):
 
 def _checked(point: Point) -> Point:
     if isinstance(point, LaterPoint):
-        msg = f"{point} can't come second: write a + seconds <= b"
-        raise MisuseError(msg)
+        raise MisuseError(f"{point} can't come second: write a + seconds <= b")
     check("a constraint", POINT, point=point)
     return point
 
@@ -97,4 +91,4 @@ class TaskIntervals:
 
 
 this = TaskIntervals(THIS)
-"""The task that the call will make; only for its ``constraints=``."""
+"""The task that the call will make: ``task.goal(REST, constraints=[leg.handling.end <= this.planning.start])``."""

@@ -82,11 +82,11 @@ class Watching(CentralServices):
         (of=None) of all tasks, at most *maximum* times for each task it is attached to (None: any number).
 
         The search goes from the failing task up: on each task its own exception handlers come first, then those of its
-        message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). Attaching the same pair to
-        the same place again replaces the first.
+        message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). The same pair attached again
+        replaces the first.
 
-        The handler gets the failure's data, or none if declared without. Its type must be the same, a union with it, or
-        a dataclass with fewer fields; for any failure, None must fit too. Raises MisuseError if it does not.
+        The handler gets the failure's data, or none if declared without. Raises MisuseError unless its type is the
+        same, a union with it, or a dataclass with fewer fields; for any failure, None must fit too.
         """
         if isinstance(of, TaskRef):
             return of.on_failure(failure, handler, maximum=maximum)
@@ -107,10 +107,8 @@ class Watching(CentralServices):
 
         *Before* conditions hold their moment until the listener's task is done, *when* conditions hold the end, *while*
         and *after* hold nothing. A monitor that listens takes *options* as in ``monitor()``. A listener that nobody
-        handles is skipped.
-
-        The same wiretap of several modules fires once, until each has removed it. The same wiretap twice from one
-        module is one: ``remove()`` of either ends both, and newer *options* replace the older.
+        handles is skipped. The same wiretap of several modules fires once, until each has removed it; twice from one
+        module it is one, with the newer *options*.
 
         Raises Refused for a monitor that would never end (only *while* conditions of a task end one), for a command or
         monitor that is to hold a goal's planning, and ("too late") for a moment of a task that is past: then use

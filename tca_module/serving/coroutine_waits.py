@@ -1,10 +1,9 @@
 """Tells central which answers a coroutine waits for, so that circles through ``await`` are seen.
 
-Theory of operation. A handler *stands* when each of its asyncio tasks is suspended either in an ``await`` of something
-of central's, or in one of asyncio's for others of these tasks alone. Then only central's answers let it go on, and
-central may treat it as waiting for the first of them. Anything else awaited, a timer or a device, may bring it on by
-itself: central is told nothing. It is told when the handler has stood for a second; a shorter ``asyncio.timeout`` is a
-probe. When that ends an await, the request is given up, and central knows that the handler goes on.
+A handler *stands* when each of its asyncio tasks is suspended in an ``await`` of something of central's, or in one of
+asyncio's for others of these tasks alone. Then only central's answers let it go on, and central may treat it as waiting
+for the first of them; it is told when the handler has stood for a second. Anything else awaited, a timer or a device,
+may bring it on by itself: then central is told nothing.
 """
 
 import asyncio
@@ -24,8 +23,7 @@ from tca_wire.packets.headers import AwaitAny
 
 T = TypeVar("T")
 
-MOST_AWAITED = 1000
-"""Answers; a handler that awaits more at a time is not looked at."""
+MOST_AWAITED = 1000  # answers; a handler that awaits more at a time is not looked at
 
 _Standing = tuple[int, ...]
 
@@ -124,9 +122,7 @@ class CoroutineWaits:
 
 
 def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
-    """The asyncio tasks that a task waits for, with gather(), wait() or in a TaskGroup; empty if it awaits anything
-    else.
-    """
+    """The asyncio tasks that a task waits for, with gather(), wait() or in a TaskGroup; none if for anything else."""
     future = getattr(task, "_fut_waiter", None)
     if future is None or future.done():
         return ()
@@ -141,7 +137,9 @@ def _members_of_frame(task: "asyncio.Task[Any]") -> Collection[Any]:
     inner: Any = task.get_coro()
     while inspect.iscoroutine(inner) and inspect.iscoroutine(inner.cr_await):
         inner = inner.cr_await
-    if not inspect.iscoroutine(inner) or inner.cr_frame is None or not _is_of_asyncio(inner.cr_frame.f_globals):
+    if not inspect.iscoroutine(inner) or inner.cr_frame is None:
+        return ()
+    if inner.cr_frame.f_globals.get("__name__") not in ("asyncio.tasks", "asyncio.taskgroups"):
         return ()
     known = inner.cr_frame.f_locals
     if inner.cr_code.co_name == "_wait" and known.get("timeout_handle") is None:
@@ -149,7 +147,3 @@ def _members_of_frame(task: "asyncio.Task[Any]") -> Collection[Any]:
     if inner.cr_code.co_name in ("__aexit__", "_aexit") and isinstance(known.get("self"), asyncio.TaskGroup):
         return tuple(getattr(known["self"], "_tasks", ()))
     return ()
-
-
-def _is_of_asyncio(namespace: dict[str, Any]) -> bool:
-    return namespace.get("__name__") in ("asyncio.tasks", "asyncio.taskgroups")

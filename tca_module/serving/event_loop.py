@@ -21,9 +21,7 @@ T = TypeVar("T")
 
 
 class EventLoop:
-    """An event loop that also hears central. *attend* gets what is delivered while a coroutine is handled: queries that
-    this slot sent to itself.
-    """
+    """An event loop that also hears central. *attend* gets the queries that the slot sends to itself."""
 
     def __init__(self, connection: Connection, attend: Callable[[Deliver, bytes], None]) -> None:
         self._connection = connection
@@ -79,7 +77,7 @@ class EventLoop:
             self._loop.stop()
 
     def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
-        """Turn for so many seconds, or until central or one of *files* has something to read (transport.wait)."""
+        """Turn until something has come, as ``transport.wait``."""
         ready: dict[int, bool] = {}
         self._idle = idle = self._loop.create_future()
         timer = self._loop.call_later(max(0.0, seconds), self._end_wait)

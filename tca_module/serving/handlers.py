@@ -68,48 +68,19 @@ class Handler:
         *, direct: bool = False,
     ) -> None:  # fmt: skip
         check("handles()", MESSAGE, message=message)
-        if isinstance(message, Monitor):
-            msg = f"{name_of(message)} can't be handled: central carries it out; handle the messages that it sends"
-            raise MisuseError(msg)
+        _check_options(message, pending, direct=direct)
         self.message = message
         self.function = function
         self.resource = resource
-        self.pool = pool
-        self.pending = self._checked_pending(pending)
-        self.direct = self._checked_direct(direct=direct)
+        #: this handler, as central is told of it
+        self.format = HandlerFormat(message.name, resource, pool, pending or 0, direct)
         self.name = getattr(function, "__qualname__", repr(function))
         self.is_async = is_async(function)
-        self._arguments = self._checked_arguments()
-
-    @property
-    def format(self) -> HandlerFormat:
-        """This handler, as central is told of it."""
-        return HandlerFormat(self.message.name, self.resource, self.pool, self.pending, self.direct)
-
-    def _checked_pending(self, pending: int | None) -> int:
-        check(name_of(self.message), PENDING, pending=pending)
-        if isinstance(self.message, Variable) and pending not in (None, 1):
-            msg = f"variable '{self.message.name}' can't be handled with pending={pending}: only its newest value waits"
-            raise MisuseError(msg)
-        return pending or 0
-
-    def _checked_direct(self, *, direct: bool) -> bool:
-        check(name_of(self.message), FLAG, direct=direct)
-        what = f"{name_of(self.message)} can't be handled with direct=True"
-        if direct and not isinstance(self.message, Inform | Query):
-            why = "tasks belong into the task tree, and what goes to many, or is kept for all, to central"
-            raise MisuseError(f"{what}: only informs and queries can; {why}")
-        if direct and self.pending:
-            msg = f"{what} and pending={self.pending}: what comes directly waits with its senders, not in central"
-            raise MisuseError(msg)
-        return direct
-
-    def _checked_arguments(self) -> int:
-        """How many arguments the function takes: task and data, or the task alone where there is no data."""
-        what, has_data = f"a handler of {name_of(self.message)}", self.message.data.kind is not type(None)
         # Without data one argument comes first: a second one with a default is the author's own.
-        wanted, possible = (f"(task, data: {self.message.data})", (2,)) if has_data else ("(task)", (1, 2))
-        return check_function(what, self.function, wanted, possible, may_be_async=True)
+        has_data = message.data.kind is not type(None)
+        wanted, possible = (f"(task, data: {message.data})", (2,)) if has_data else ("(task)", (1, 2))
+        what = f"a handler of {name_of(message)}"
+        self._arguments = check_function(what, function, wanted, possible, may_be_async=True)
 
     def handle(self, task: Task, body: bytes) -> Answer:
         """Call the function; the answer for central, or who will give it. Raises what ends the module."""
@@ -152,3 +123,19 @@ class Handler:
         if isinstance(error, asyncio.CancelledError) and not self.is_async:
             return handler_error(task.delivery, error)  # nobody has cancelled it, but something that it ran
         return failed(task.delivery, error)
+
+
+def _check_options(message: Message[Any, Any], pending: int | None, *, direct: bool) -> None:
+    """Raise MisuseError for options with which the message can't be handled."""
+    what = name_of(message)
+    check(what, PENDING, pending=pending)
+    check(what, FLAG, direct=direct)
+    if isinstance(message, Monitor):
+        raise MisuseError(f"{what} can't be handled: central carries it out; handle the messages that it sends")
+    if isinstance(message, Variable) and pending not in (None, 1):
+        raise MisuseError(f"{what} can't be handled with pending={pending}: only its newest value waits")
+    if direct and not isinstance(message, Inform | Query):
+        raise MisuseError(f"{what} can't be handled with direct=True: only informs and queries can")
+    if direct and pending:
+        why = "what comes directly waits with its senders, not in central"
+        raise MisuseError(f"{what} can't be handled with direct=True and pending={pending}: {why}")

@@ -30,9 +30,7 @@ _PATIENCE = 1.0  # seconds that handlers have for their end before it is said th
 
 
 class Slot:
-    """A thread with a connection of its own that handles one message at a time, until *stop* is set. Handlers that run
-    then are told once, and waited for.
-    """
+    """A thread with a connection of its own that handles one message at a time, until *stop* is set."""
 
     def __init__(
         self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
@@ -64,7 +62,7 @@ class Slot:
 
     def _run(self) -> None:
         handlers = [one for one in self._handlers.values() if one.resource == self._hello.resource]
-        direct = [handler.message for handler in handlers if handler.direct]
+        direct = [handler.message for handler in handlers if handler.format.direct]
         try:
             stopped, attachments = self._stop.is_set, self._attachments
             self._serve(open_connection(self._central, self._hello, self._patience, stopped, direct, attachments))
@@ -227,9 +225,7 @@ class Slots:
                 raise slot.error
 
     def close(self, why: BaseException | None) -> list[BaseException]:
-        """Wait until all slots have ended; the errors that ended some early. A long wait is logged, with *why* the
-        module ends.
-        """
+        """Wait until all slots have ended; the errors that ended some early. A long wait is logged with *why*."""
         with self._lock:
             self._open_slot = None
         patience = time.monotonic() + _PATIENCE
