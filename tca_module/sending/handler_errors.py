@@ -36,7 +36,7 @@ _NAMED = (
 
 
 def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """The failure for an error that ended a handler. One from elsewhere keeps its name, as a kind of "handler error"."""
+    """The failure for an error that ended a handler. One from elsewhere keeps its name; "handler error" is its kind."""
     header, body = _failed(delivery, _sole(error))
     return msgspec.structs.replace(header, text=_printable(header.text)), body
 

@@ -18,10 +18,10 @@ _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 _ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled
 """Questions of how things stand now: after a restart as before."""
 
-HARMLESS = _ABOUT_CENTRAL | headers.WaitFor | headers.Lock
+HARMLESS = _ABOUT_CENTRAL | headers.AwaitPoint | headers.Lock
 """Requests that may be made twice: the second changes nothing."""
 
-_WAITS_FOR_OTHERS = Send | headers.WaitFor | headers.Lock | headers.WaitUntilHandled
+_WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled
 """Requests that central answers when others have done something."""
 
 _WITHOUT_TASKS = (
@@ -82,7 +82,7 @@ class Request:
             raise CentralLost(forgotten_text(self.gone))
         if self.lost:
             advice = "begin anew" if refers_to_tasks(self.header) else "ask again"
-            advice = "send the task again" if isinstance(self.header, headers.WaitFor) else advice
+            advice = "send the task again" if isinstance(self.header, headers.AwaitPoint) else advice
             raise CentralLost(f"{what} is lost: {self.lost}; {advice}")
 
 
