@@ -101,11 +101,3 @@ def made_for(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise ToolError(f"{path}: can't be written: {error.strerror}") from None
-
-
-def make_folder(path: Path) -> None:
-    """See to it that there is a folder of that name. Raises ToolError if that can't be done."""
-    try:
-        path.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ToolError(f"{path}: no folder can be made there: {error.strerror}") from None

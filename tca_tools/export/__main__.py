@@ -6,7 +6,7 @@ from importlib import import_module
 from itertools import count, islice
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import click
 
@@ -15,7 +15,7 @@ from tca_tools.export.csv_files import write_csv
 from tca_tools.export.tables import TABLES, Table
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.options import force_option, log_argument
-from tca_tools.output import check_free, made_for, make_folder, new_file
+from tca_tools.output import check_free, made_for, new_file
 from tca_tools.run.fold import folded
 from tca_tools.run.journals import Log, open_log
 from tca_tools.run.whole_run import Run
@@ -29,8 +29,8 @@ class Format(NamedTuple):
     suffixes: tuple[str, ...]
     """The suffixes of its files; none if it is a folder."""
     write: Callable[[Log, Path], None]
-    begins: Callable[[Table | None], bytes]
-    """The first bytes of its file, or of a table's: a file that has them is ours."""
+    begins: bytes = b""
+    """The first bytes of its file, or of a table's: a file that has them is ours. Empty: the names of its columns."""
     tables: str = ""
     """Of a folder of tables: what the names of its files end in."""
 
@@ -58,12 +58,12 @@ def _json_lines(journal: Log, output: Path) -> None:
 
 
 def _csv(journal: Log, output: Path) -> None:
-    _tables("csv", folded(journal), output, write_csv)
+    _tables(folded(journal), output, ".csv", write_csv)
 
 
 def _parquet(journal: Log, output: Path) -> None:
     write_parquet = _imported("parquet_files", "pyarrow", "parquet").write_parquet
-    _tables("parquet", folded(journal), output, write_parquet)
+    _tables(folded(journal), output, ".parquet", write_parquet)
 
 
 def _imported(module: str, package: str, extra: str) -> ModuleType:
@@ -76,19 +76,20 @@ def _imported(module: str, package: str, extra: str) -> ModuleType:
         ) from None
 
 
-def _tables(name: str, run: Run, output: Path, write: Callable[..., None]) -> None:
-    make_folder(output)
+def _tables(run: Run, output: Path, suffix: str, write: Callable[[Table, Run, BinaryIO], None]) -> None:
+    with made_for(output):
+        output.mkdir(exist_ok=True)
     for table in TABLES:
-        with new_file(output / f"{table.name}{FORMATS[name].tables}") as stream:
+        with new_file(output / f"{table.name}{suffix}") as stream:
             write(table, run, stream)
 
 
 FORMATS = {
-    "perfetto": Format((".pftrace", ".perfetto-trace"), _perfetto, lambda _: b"\n"),  # a packet of a trace
-    "mcap": Format((".mcap",), _mcap, lambda _: b"\x89MCAP0\r\n"),
-    "jsonl": Format((".jsonl",), _json_lines, lambda _: b'{"t": '),
-    "csv": Format((), _csv, lambda table: ",".join(table.columns if table else ()).encode(), ".csv"),
-    "parquet": Format((), _parquet, lambda _: b"PAR1", ".parquet"),
+    "perfetto": Format((".pftrace", ".perfetto-trace"), _perfetto, b"\n"),  # a packet of a trace
+    "mcap": Format((".mcap",), _mcap, b"\x89MCAP0\r\n"),
+    "jsonl": Format((".jsonl",), _json_lines, b'{"t": '),
+    "csv": Format((), _csv, tables=".csv"),
+    "parquet": Format((), _parquet, b"PAR1", ".parquet"),
 }
 
 
@@ -123,12 +124,13 @@ def _check_free(chosen: Format, output: Path, *, force: bool) -> None:
     with made_for(output):
         is_file = not chosen.tables or (output.exists() and not output.is_dir())
     if is_file:
-        check_free(output, begins=chosen.begins(None), force=force)
+        check_free(output, begins=chosen.begins, force=force)
         return
     if any(output.glob(f"*{SEGMENT_SUFFIX}")):
         raise ToolError(f"{printable(str(output))}: a journal: give another folder")
     for table in TABLES:
-        check_free(output / f"{table.name}{chosen.tables}", begins=chosen.begins(table), force=force)
+        begins = chosen.begins or ",".join(table.columns).encode()
+        check_free(output / f"{table.name}{chosen.tables}", begins=begins, force=force)
 
 
 def _named_by(output: Path) -> str:

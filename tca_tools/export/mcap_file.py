@@ -2,8 +2,9 @@
 
 import heapq
 import re
-from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import count
 from operator import itemgetter
 from typing import Any, BinaryIO, NamedTuple
 
@@ -17,7 +18,7 @@ from tca_tools.run.at_time import TaskAt
 from tca_tools.run.fates import went_on
 from tca_tools.run.whole_run import Run
 from tca_wire.journal import facts
-from tca_wire.journal.facts import Entry, Fact, kind_of
+from tca_wire.journal.facts import Entry, kind_of
 from tca_wire.text.bodies import plain_data
 from tca_wire.text.facts_in_words import Wording, place
 from tca_wire.text.measures import run_time
@@ -56,10 +57,7 @@ def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
     """Write a run, of which all is known, and its entries once more."""
     writer = _Topics(run, stream)
     nanoseconds = Nanoseconds(run)
-    streams = (
-        _from_entries(run, entries, nanoseconds), _states(run, nanoseconds), _resources(run, nanoseconds),
-        _now(run, nanoseconds),
-    )  # fmt: skip
+    streams = _from_entries(run, entries, nanoseconds), _states(run, nanoseconds), _resources(run, nanoseconds)
     for said in heapq.merge(*streams, key=itemgetter(0)):
         writer.write(said)
     writer.finish()
@@ -69,69 +67,41 @@ def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
 
 
 def _from_entries(run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds) -> Iterator[Said]:
-    wording, began = Wording(), since_1970(run)
-    names: dict[int, str] = {}
-    time, place_in_past = 0, -1
+    """Lines of the log, facts, messages and results."""
+    wording, began, place_in_past, time = Wording(), since_1970(run), -1, 0
     for entry in entries:
         if place_in_past < 0 or entry.number != run.numbers[place_in_past]:
             place_in_past += 1  # else it is one of several records of one event
-        time = nanoseconds(run.times[place_in_past])
+            time = nanoseconds(run.times[place_in_past])
         for fact in entry.facts:
-            line = _log_line(entry, fact, wording, time + began)
+            kind = kind_of(fact)
+            level = _LEVELS.get(kind, _INFO)
             if isinstance(fact, facts.Failed) and _has_coped(run, fact, run.times[place_in_past]):
-                line["level"] = _WARNING
-            yield Said(time, "/tca/log", "", line)
+                level = _WARNING
+            yield _logged(time, began, level, f"{kind}: {wording.words(fact)}", entry.number)
             yield Said(time, "/tca/facts", "", fact_row(entry, fact))
-            if tell := _OF_FACT.get(type(fact)):
-                yield from tell(fact, time, names)
-
-
-def _log_line(entry: Entry, fact: Fact, wording: Wording, time: int) -> dict[str, Any]:
-    kind = kind_of(fact)
-    return _line(time, _LEVELS.get(kind, _INFO), f"{kind}: {wording.words(fact)}", entry.number)
-
-
-def _line(time: int, level: int, text: str, number: int) -> dict[str, Any]:
-    """A line of Foxglove's log; *number* is the entry that it is about."""
-    timestamp = {"sec": time // _SECOND, "nsec": time % _SECOND}
-    return {"timestamp": timestamp, "level": level, "message": text, "name": "tca", "file": "", "line": number}
-
-
-def _now(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
-    """Of a run that goes on, that it does at the present: so far the file goes."""
-    if run.is_live and run.times:
-        time = max(nanoseconds(run.time), nanoseconds(run.times[-1]))
+            if isinstance(fact, facts.Received):
+                content = {"id": fact.id, "sender": fact.sender, "parent": fact.parent, "origin": fact.origin}
+                yield Said(time, "/messages", fact.message, content | _data(fact.body))
+            elif isinstance(fact, facts.Returned) and fact.outcome is Outcome.DONE:
+                message, data = run.delivered(fact.id), _data(fact.body)
+                if message and data:
+                    yield Said(time, "/results", message.name, {"id": fact.id} | data)
+    if run.is_live and run.times:  # so far the file goes
         text = f"still running: nothing has happened since {run_time(run.times[-1])}"
-        yield Said(time, "/tca/log", "", _line(time + since_1970(run), _INFO, text, run.numbers[-1]))
+        yield _logged(max(nanoseconds(run.time), time), began, _INFO, text, run.numbers[-1])
+
+
+def _logged(time: int, began: int, level: int, text: str, number: int) -> Said:
+    """A line of Foxglove's log; *number* is the entry that it is about."""
+    timestamp = {"sec": (time + began) // _SECOND, "nsec": (time + began) % _SECOND}
+    line = {"timestamp": timestamp, "level": level, "message": text, "name": "tca", "file": "", "line": number}
+    return Said(time, "/tca/log", "", line)
 
 
 def _has_coped(run: Run, fact: facts.Failed, time: float) -> bool:
     failed = run.delivered(fact.id)
     return failed is not None and went_on(run, failed, time)
-
-
-def _sent(fact: facts.Received, time: int, names: dict[int, str]) -> Iterator[Said]:
-    names[fact.id] = fact.message
-    content = {"id": fact.id, "sender": fact.sender, "parent": fact.parent, "origin": fact.origin}
-    yield Said(time, "/messages", fact.message, content | _data(fact.body))
-
-
-def _delivered(fact: facts.Delivered, _time: int, names: dict[int, str]) -> Iterator[Said]:
-    names[fact.id] = names.get(fact.message_id, "")
-    return iter(())
-
-
-def _returned(fact: facts.Returned, time: int, names: dict[int, str]) -> Iterator[Said]:
-    data = _data(fact.body) if fact.outcome is Outcome.DONE else None
-    if data and (name := names.get(fact.id)):
-        yield Said(time, "/results", name, {"id": fact.id} | data)
-
-
-_OF_FACT: dict[type, Callable[[Any, int, dict[int, str]], Iterator[Said]]] = {
-    facts.Received: _sent,
-    facts.Delivered: _delivered,
-    facts.Returned: _returned,
-}
 
 
 def _data(body: bytes) -> dict[str, Any]:
@@ -190,32 +160,31 @@ class _Topics:
         self._writer.add_metadata("tca", {"epoch": run.epoch, "began": repr(run.began or 0.0)})
         self._channels: dict[tuple[str, str], int] = {}
         self._topics: set[str] = set()
-        self._counts: dict[int, int] = {}
+        self._counts: Counter[int] = Counter()
 
     def write(self, said: Said) -> None:
         key = (said.topic, said.about)
-        channel = self._channels.get(key) or self._open(*key)
-        self._channels[key] = channel
-        self._counts[channel] = sequence = self._counts.get(channel, 0) + 1
+        if key not in self._channels:
+            self._channels[key] = self._open(*key)
+        channel = self._channels[key]
+        self._counts[channel] += 1
         time = said.time + self._began
-        self._writer.add_message(channel, time, msgspec.json.encode(said.content), time, sequence)
+        self._writer.add_message(channel, time, msgspec.json.encode(said.content), time, self._counts[channel])
 
     def finish(self) -> None:
         """Write what readers look for at the end of the file."""
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _open(self, topic: str, about: str) -> int:
-        schema = _SCHEMAS[topic] if topic in _SCHEMAS else self._schema_about(topic, about)
+        schema = _SCHEMAS.get(topic) or self._schema_about(topic, about)
         schema_id = self._writer.register_schema(schema["title"], "jsonschema", msgspec.json.encode(schema))
-        name = self._free(f"{topic}/{re.sub(r'[^A-Za-z0-9_/-]', '_', about)}" if about else topic)
+        wanted = name = f"{topic}/{re.sub(r'[^A-Za-z0-9_/-]', '_', about)}" if about else topic
+        for number in count(2):  # "move leg" and "move_leg" are two messages
+            if name not in self._topics:
+                break
+            name = f"{wanted}_{number}"
+        self._topics.add(name)
         return self._writer.register_channel(name, "json", schema_id, {"message": about} if about else {})
-
-    def _free(self, topic: str) -> str:
-        """A name that no other topic has: ``move leg`` and ``move_leg`` are two messages."""
-        names = chain([topic], (f"{topic}_{number}" for number in range(2, len(self._topics) + 3)))
-        found = next(name for name in names if name not in self._topics)
-        self._topics.add(found)
-        return found
 
     def _schema_about(self, topic: str, about: str) -> Schema:
         """The schema of what is sent or returned, from how the message was declared."""

@@ -10,14 +10,14 @@ from typing import Any
 
 Schema = dict[str, Any]
 
-_PLAIN = {"boolean", "number", "integer"}
+_NAMES = ((str, "string"), (int, "integer"))
 _DEEPEST = 32
 _MOST_PARTS = 5000
 """Filling in references may make a schema of a few lines endless."""
 
 
 def plain_schema(text: str) -> Schema | None:
-    """The schema of data as data.py shows them, from the text of a format; None if it can't be said."""
+    """The schema of the plain values of a message's data, from the text of a format; None if it can't be said."""
     try:
         schema = json.loads(text or "{}")
     except (ValueError, RecursionError):
@@ -51,51 +51,38 @@ class _Plain:
             return self._one_of([way for way in ways if way != {"type": "null"}], within)
         return self._of_one_kind(schema, (*within, ""))
 
-    def _of_one_kind(self, schema: Schema, within: tuple[str, ...]) -> Schema | None:
-        kind, values = schema.get("type"), schema.get("enum")
-        if isinstance(values, list):
-            return _of_values(values)
-        if kind == "object":
-            return self._object(schema, within)
-        if kind == "array":
-            return self._array(schema, within)
-        if kind == "string":
-            return _string(schema)
-        return {"type": kind} if kind in _PLAIN else None
-
     def _one_of(self, ways: list[Any], within: tuple[str, ...]) -> Schema | None:
         """Alternatives, if they are all the same."""
         plain = [self.schema(way, within) for way in ways]
         return plain[0] if plain and all(way == plain[0] for way in plain) else None
 
-    def _object(self, schema: Schema, within: tuple[str, ...]) -> Schema:
-        fields = schema.get("properties")
-        named = fields.items() if isinstance(fields, dict) else ()
-        plain = {name: self.schema(field, within) for name, field in named}
-        return {"type": "object", "properties": {name: field for name, field in plain.items() if field}}
+    def _of_one_kind(self, schema: Schema, within: tuple[str, ...]) -> Schema | None:
+        plain: Schema | None = None
+        match schema:
+            case {"enum": list(values)}:
+                names = [name for kind, name in _NAMES if all(type(value) is kind for value in values)]
+                plain = {"type": names[0], "enum": values} if names else None
+            case {"type": "object"}:
+                fields = schema.get("properties")
+                named = fields.items() if isinstance(fields, dict) else ()
+                parts = {name: self.schema(field, within) for name, field in named}
+                plain = {"type": "object", "properties": {name: part for name, part in parts.items() if part}}
+            case {"type": "array", "format": "numpy"}:  # shown by its type and shape
+                shape = {"type": "array", "items": {"type": "integer"}}
+                plain = object_schema("array", dtype={"type": "string"}, shape=shape)
+            case {"type": "array"}:
+                plain = self._array(schema, within)
+            case {"type": "string", "contentEncoding": _}:  # bytes are shown as an object
+                plain = object_schema("bytes", base64={"type": "string", "contentEncoding": "base64"})
+            case {"type": "boolean" | "number" | "integer" | "string" as kind}:
+                plain = {"type": kind}
+        return plain
 
     def _array(self, schema: Schema, within: tuple[str, ...]) -> Schema | None:
-        """An array whose items are all of one type that is no array."""
-        if schema.get("format") == "numpy":
-            shape = {"type": "array", "items": {"type": "integer"}}
-            return object_schema("array", dtype={"type": "string"}, shape=shape)
+        """An array whose items are all of one type that is no array, nor null."""
         first = schema.get("prefixItems")
         kinds = [kind for kind in (*(first if isinstance(first, list) else ()), schema.get("items")) if kind]
         if any(isinstance(kind, dict) and "anyOf" in kind for kind in kinds):
-            return None  # an item may be null, and then it is of no type
-        plain = [self.schema(kind, within) for kind in kinds]
-        item = plain[0] if plain and all(kind == plain[0] for kind in plain) else None
+            return None
+        item = self._one_of(kinds, within)
         return {"type": "array", "items": item} if item and item["type"] != "array" else None
-
-
-def _of_values(values: list[Any]) -> Schema | None:
-    if all(isinstance(value, str) for value in values):
-        return {"type": "string", "enum": values}
-    return {"type": "integer", "enum": values} if all(type(value) is int for value in values) else None
-
-
-def _string(schema: Schema) -> Schema:
-    """A text; bytes are shown as an object that says how they are written."""
-    if "contentEncoding" in schema:
-        return object_schema("bytes", base64={"type": "string", "contentEncoding": "base64"})
-    return {"type": "string"}

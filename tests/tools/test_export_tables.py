@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 from pyarrow import parquet
-from tools.story import Story, locking, stumbling, walking
+from tools.story import Story, locking, stumbling
 from tools.test_coping import asking, replacing
 
 from tca_tools.export.csv_files import write_csv
 from tca_tools.export.parquet_files import write_parquet
-from tca_tools.export.tables import TABLES, Kind, batches
+from tca_tools.export.tables import TABLES, Kind
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
@@ -87,12 +87,6 @@ def read(kind: Kind, text: str) -> Any:
         Kind.FLAG: lambda word: {"true": True, "false": False}[word],
     }
     return make.get(kind, str)(text) if text else None
-
-
-def test_tables_are_read_in_pieces() -> None:
-    history = walking().fold()
-    sizes = [len(batch) for batch in batches(TABLES[1], history, 3)]
-    assert (sum(sizes), max(sizes)) == (len(history.messages), 3)
 
 
 def test_the_documentation_names_every_table_and_column() -> None:
