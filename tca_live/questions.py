@@ -3,6 +3,7 @@
 """
 
 import json
+import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -47,14 +48,14 @@ def status(client: Client) -> tuple[Any, str]:
     overview, load = client.status("status"), client.status("load")
     overview |= {what: overview[what] - 1 for what in ("modules", "connections")}  # this command is not counted
     rows, now = _waiting(load), load["time"]
-    counts = ((what, number) for what, number in overview.items() if what not in ("epoch", "newest id"))
     shown = [
         counted(number, what.removesuffix("s")) if what.endswith("s") else f"{number:,} {what}"
-        for what, number in counts
+        for what, number in overview.items()
+        if what not in ("epoch", "newest id")
     ]
-    parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
+    parts = [f"central at {client.address}, run {overview['epoch']}", *textwrap.wrap(", ".join(shown), 100)]
     if rows:
-        parts += ["", *_table(["who waits", "for what"], rows[:_SHOWN])]
+        parts += ["", _table(["who waits", "for what"], rows[:_SHOWN])]
         parts += [f"... and {len(rows) - _SHOWN} more"] * (len(rows) > _SHOWN)
     ends = msgspec.convert(load["ends"], list[CommonEnd])
     told = [
@@ -96,35 +97,33 @@ def modules(client: Client) -> tuple[Any, str]:
     known = [module for module in client.status("modules") if module["module"] != client.name]
     rows: Rows = []
     for module in known:
-        resources = module["resources"] or [None]
-        for resource in resources:
-            first = resource is resources[0]
-            handles = ", ".join(module["handles"]) or "-"
-            about = [module["module"], module["process"], handles] if first else ["", "", ""]
-            rows.append([*about[:2], *_about_resource(resource), about[2]])
+        first = [module["module"], module["process"], ", ".join(module["handles"]) or "-"]
+        for resource in module["resources"] or [None]:
+            rows.append([*first[:2], *_about_resource(resource), first[2]])
+            first = ["", "", ""]
     heads = ["module", "process", "resource", "capacity", "handling", "waiting", "handles"]
-    return known, "\n".join(_table(heads, rows)) if rows else "no modules are connected"
+    return known, _table(heads, rows) or "no modules are connected"
+
+
+def _about_resource(resource: dict[str, Any] | None) -> list[str]:
+    """Its name and capacity, the ids of what it handles and who has it to itself, and how many wait."""
+    if resource is None:
+        return ["-", "", "", ""]
+    parts = [", ".join(map(str, resource["handling"]))]
+    parts += [f"{how} by {resource[f'{how}_by']}" for how in ("locked", "reserved") if resource[f"{how}_by"]]
+    handling = "; ".join(filter(None, parts)) or "-"
+    return [resource["resource"], str(resource["capacity"]), handling, str(resource["waiting"] or "")]
 
 
 @_question("messages")
 def messages(client: Client) -> tuple[Any, str]:
     """List the declared messages, and who handles them."""
     known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
-    rows = [
-        [
-            message["message"],
-            message["class"],
-            ", ".join(map(_handler, message["handled_by"])) or "nobody",
-            str(message["waiting"] or ""),
-        ]
-        for message in known
-    ]
-    text = "\n".join(_table(["message", "class", "handled by", "waiting"], rows))
-    return known, text if rows else "no messages have been declared"
-
-
-def _handler(handler: dict[str, Any]) -> str:
-    return f"{handler['module']} (direct)" if handler["direct"] else str(handler["module"])
+    rows = []
+    for message in known:
+        handlers = [f"{one['module']}{' (direct)' * one['direct']}" for one in message["handled_by"]]
+        rows.append([message["message"], message["class"], _names(handlers), str(message["waiting"] or "")])
+    return known, _table(["message", "class", "handled by", "waiting"], rows) or "no messages have been declared"
 
 
 @_question("variables")
@@ -134,19 +133,12 @@ def variables(client: Client) -> tuple[Any, str]:
     Each line says who set it last, and who watches it.
     """
     known = sorted(client.status("variables"), key=lambda variable: str(variable["variable"]))
+    rows = []
     for variable in known:
         variable["value"] = _plain(variable["value"])
-    rows = [
-        [
-            variable["variable"],
-            _shown_value(variable),
-            variable["set_by"] or "-",
-            ", ".join(variable["watched_by"]) or "nobody",
-        ]
-        for variable in known
-    ]
-    text = "\n".join(_table(["variable", "value", "set by", "watched by"], rows))
-    return known, text if rows else "no variables have been declared"
+        watched_by = _names(variable["watched_by"])
+        rows.append([variable["variable"], _shown_value(variable), variable["set_by"] or "-", watched_by])
+    return known, _table(["variable", "value", "set by", "watched by"], rows) or "no variables have been declared"
 
 
 @_question("attached")
@@ -160,27 +152,26 @@ def attached(client: Client) -> tuple[Any, str]:
     handlers = [
         [
             str(one["id"]), one["failure"] or "any failure", attached_to(one), one["handler"],
-            str(one["maximum"] or ""),
-            _owners(one), _names(one["handled_by"]) or "nobody",
+            str(one["maximum"] or ""), _owners(one), _names(one["handled_by"]),
         ]
         for one in known["exception_handlers"]
     ]  # fmt: skip
     taps = [
         [
             str(one["id"]), one["condition"], attached_to(one), one["listener"], _owners(one),
-            "central" if one["is_monitor"] else _names(one["handled_by"]) or "nobody",
+            "central" if one["is_monitor"] else _names(one["handled_by"]),
         ]
         for one in known["wiretaps"]
     ]  # fmt: skip
     monitors = [[str(one["id"]), one["monitor"], attached_to(one), _owners(one)] for one in known["monitors"]]
-    tables = [
+    cut = attached_in_all(known)
+    texts = [
         _table(["number", "failure", "of", "exception handler", "at most", "attached by", "handled by"], handlers),
         _table(["number", "wiretap", "of", "listener", "tapped by", "handled by"], taps),
         _table(["number", "monitor", "under", "sent by"], monitors),
+        cut and f"these are only the first: there are {cut}",
     ]
-    texts = ["\n".join(table) for table in tables if len(table) > 1]
-    texts += [f"these are only the first: there are {cut}"] if (cut := attached_in_all(known)) else []
-    return known, "\n\n".join(texts) or "no exception handlers, wiretaps or monitors"
+    return known, "\n\n".join(filter(None, texts)) or "no exception handlers, wiretaps or monitors"
 
 
 def attached_in_all(known: dict[str, Any]) -> str:
@@ -198,11 +189,11 @@ def attached_to(one: dict[str, Any]) -> str:
 
 
 def _owners(one: dict[str, Any]) -> str:
-    return _names([f"{name} (has left)" if name in one["gone"] else name for name in one["modules"]])
+    return ", ".join(f"{name} (has left)" if name in one["gone"] else name for name in one["modules"])
 
 
 def _names(modules: Sequence[str]) -> str:
-    return ", ".join(modules)
+    return ", ".join(modules) or "nobody"
 
 
 def _plain(body: bytes) -> Any:
@@ -220,30 +211,8 @@ def _shown_value(variable: dict[str, Any]) -> str:
     return f"({variable['bytes']} bytes)" if len(text) > _LONGEST_VALUE or variable["value"] is None else text
 
 
-def _about_resource(resource: dict[str, Any] | None) -> list[str]:
-    if resource is None:
-        return ["-", "", "", ""]
-    handling = _handling(resource)
-    return [resource["resource"], str(resource["capacity"]), handling, str(resource["waiting"] or "")]
-
-
-def _handling(resource: dict[str, Any]) -> str:
-    """The ids of what a resource handles, and who has it for himself."""
-    parts = [", ".join(map(str, resource["handling"]))]
-    parts += [f"{how} by {resource[f'{how}_by']}" for how in ("locked", "reserved") if resource[f"{how}_by"]]
-    return "; ".join(filter(None, parts)) or "-"
-
-
-def _wrapped(parts: Sequence[str], width: int = 100) -> list[str]:
-    lines = [""]
-    for part in parts:
-        joined = f"{lines[-1]}, {part}" if lines[-1] else part
-        lines = [*lines[:-1], joined] if len(joined) <= width else [*lines, part]
-    return lines
-
-
-def _table(heads: list[str], rows: Rows) -> list[str]:
-    """Columns as wide as their widest cell."""
+def _table(heads: list[str], rows: Rows) -> str:
+    """Columns as wide as their widest cell; "" without rows."""
     cells = [[printable(cell) for cell in row] for row in [heads, *rows]]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in cells) if rows else ""

@@ -2,7 +2,6 @@
 ``detach``.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import click
@@ -11,7 +10,7 @@ from tca_live.questions import attached_in_all, attached_to
 from tca_live.shared import SECONDS, central_option, talking
 from tca_module.client import Client
 from tca_module.errors import Refused
-from tca_module.sending.task_ref import TaskInfo, TaskRef
+from tca_module.sending.task_ref import TaskRef
 from tca_wire.messages.declarations import Failure
 from tca_wire.points import ROOT
 from tca_wire.text.measures import listed, numbered
@@ -47,19 +46,11 @@ def kill(task: str, delay: float, why: str, central: str | None, *, descendants:
         handle = find_task(client, task)
         if not handle.kill(why, delay=delay, scope=scope):
             raise _too_late(handle, "killed")
-        click.echo(f"{_whom(handle, scope)}: {_killed(handle, scope, delay)}")
-
-
-def _whom(handle: TaskRef, scope: Scope) -> str:
-    of = {Scope.DESCENDANTS: "all under ", Scope.SIBLINGS: "the siblings of "}
-    return f"{of.get(scope, '')}{handle}"
-
-
-def _killed(handle: TaskRef, scope: Scope, delay: float) -> str:
-    if delay:
-        return f"to be killed in {delay:g} s"
-    is_over = scope is not Scope.TASK or handle.info() is None
-    return "killed" if is_over else "told to end; it does when the handlers that run have returned"
+        whom = {Scope.DESCENDANTS: f"all under {handle}", Scope.SIBLINGS: f"the siblings of {handle}"}
+        is_over = scope is not Scope.TASK or delay or handle.info() is None
+        how = f"to be killed in {delay:g} s" if delay else "killed"
+        how = how if is_over else "told to end; it does when the handlers that run have returned"
+        click.echo(f"{whom.get(scope, handle)}: {how}")
 
 
 @click.command()
@@ -71,7 +62,12 @@ def suspend(task: str, central: str | None) -> None:
     TASK is a task's number, or its message's name if only one such task lives. Nothing under it is started either.
     Running handlers are told; they may hold or finish.
     """
-    _switch("suspend", task, central, lambda info: info.suspended, TaskRef.suspend)
+    with talking("suspend", central) as client:
+        handle = find_task(client, task)
+        info = handle.info()
+        if not handle.suspend():
+            raise _too_late(handle, "suspended")
+        click.echo(f"{handle}: suspended" + " already" * (info is not None and info.suspended))
 
 
 @click.command()
@@ -82,20 +78,12 @@ def resume(task: str, central: str | None) -> None:
 
     TASK is a task's number, or its message's name if only one such task lives.
     """
-    _switch("resume", task, central, lambda info: not info.suspended, TaskRef.resume)
-
-
-def _switch(
-    verb: str, task: str, central: str | None, is_so: Callable[[TaskInfo], bool], switch: Callable[[TaskRef], bool]
-) -> None:
-    with talking(verb, central) as client:
+    with talking("resume", central) as client:
         handle = find_task(client, task)
         info = handle.info()
-        is_idle = info is not None and is_so(info)
-        if not switch(handle):
-            raise _too_late(handle, "suspended" if verb == "suspend" else "resumed")
-        state = "suspended" if verb == "suspend" else "not suspended" if is_idle else "resumed"
-        click.echo(f"{handle}: {state}{' already' if is_idle and verb == 'suspend' else ''}")
+        if not handle.resume():
+            raise _too_late(handle, "resumed")
+        click.echo(f"{handle}: " + ("resumed" if info is None or info.suspended else "not suspended"))
 
 
 @click.command("raise")
@@ -181,18 +169,16 @@ def _find_attached(client: Client, what: str) -> _Attached:
 
 
 def _all_attached(known: dict[str, Any]) -> list[_Attached]:
-    found = []
-    for one in known["exception_handlers"]:
-        failure = f"failure '{one['failure']}'" if one["failure"] else "any failure"
-        text = f"exception handler {numbered(one['handler'], one['id'])} for {failure} of {attached_to(one)}"
-        found.append(_Attached(one["id"], one["handler"], text))
-    for one in known["wiretaps"]:
-        text = f"wiretap {numbered(one['listener'], one['id'])} '{one['condition']}' of {attached_to(one)}"
-        found.append(_Attached(one["id"], one["listener"], text))
-    for one in known["monitors"]:
-        text = f"monitor {numbered(one['monitor'], one['id'])} under {attached_to(one)}"
-        found.append(_Attached(one["id"], one["monitor"], text))
-    return found
+    kinds = (("exception_handlers", "handler"), ("wiretaps", "listener"), ("monitors", "monitor"))
+    return [
+        _Attached(
+            one["id"],
+            one[message],
+            f"{kind.rstrip('s').replace('_', ' ')} {numbered(one[message], one['id'])} of {attached_to(one)}",
+        )
+        for kind, message in kinds
+        for one in known[kind]
+    ]
 
 
 def _not_attached(client: Client, number: int) -> str:

@@ -1,14 +1,19 @@
 """``tca top``: what a running central and its modules do, again and again."""
 
+import os
+import select
 import signal
 import sys
+import termios
 import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
 import click
 
-from tca_live.keys import Keys, typed_keys
 from tca_live.shared import as_json, central_option, json_option, talking
 from tca_live.top_frame import Answer, Frame, frame, plain_frame
 from tca_module.client import Client, connect
@@ -42,23 +47,19 @@ def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None
         raise click.UsageError("--json prints one answer: ask for --once, too")
     if once:
         with talking("top", central) as client:
-            _print_once(frame(client.status("load"), hidden=client.name), client.address, in_json)
+            shown, address = frame(client.status("load"), hidden=client.name), client.address
+        if in_json:
+            click.echo(as_json(plain_frame(shown)))
+        else:
+            _screen().console().print(_screen().screen(shown, address, ""))
         return
     _screen()
-    with typed_keys() as keys:
+    with _typed_keys() as keys:
         signal.signal(signal.SIGTERM, _end)  # so that the terminal is left as it was
         try:
             _watch(_Central(central), every, keys)
         except KeyboardInterrupt:
             return
-
-
-def _print_once(shown: Frame, address: str, in_json: bool) -> None:
-    if in_json:
-        click.echo(as_json(plain_frame(shown)))
-    else:
-        looks = _screen()
-        looks.console().print(looks.screen(shown, address, ""))
 
 
 def _screen() -> Any:
@@ -76,7 +77,22 @@ def _end(_number: int, _frame: FrameType | None) -> None:
     sys.exit(_TERMINATED)
 
 
-def _watch(central: "_Central", every: float, keys: Keys) -> None:
+@contextmanager
+def _typed_keys() -> Iterator[int | None]:
+    """The file from which keys can be read as they are typed; None without a terminal, which is restored afterwards."""
+    if not sys.stdin.isatty():
+        yield None
+        return
+    file = sys.stdin.fileno()
+    before = termios.tcgetattr(file)
+    try:
+        tty.setcbreak(file)
+        yield file
+    finally:
+        termios.tcsetattr(file, termios.TCSADRAIN, before)
+
+
+def _watch(central: "_Central", every: float, keys: int | None) -> None:
     """Show frame after frame until somebody presses q."""
     looks = _screen()
     terminal = looks.console()
@@ -87,8 +103,11 @@ def _watch(central: "_Central", every: float, keys: Keys) -> None:
         while True:
             shown = central.ask() or shown
             live.update(looks.screen(shown, central.address, central.trouble, terminal.height), refresh=True)
-            if keys.wait(every) in ("q", "Q", "\x1b"):
-                return
+            if select.select([] if keys is None else [keys], [], [], every)[0] and keys is not None:
+                typed = os.read(keys, 64)
+                if typed in (b"q", b"Q", b"\x1b"):
+                    return
+                keys = keys if typed else None  # nobody can type any more
 
 
 class _Central:
@@ -114,20 +133,16 @@ class _Central:
         except MisuseError as error:
             raise click.UsageError(printable(" ".join(str(error).split()))) from None
         except TcaError:
-            self._lose()
+            if self._client is not None:
+                self._client.close()
+                self._client = None
+            self.trouble = f"no answer for {time.monotonic() - self._heard:.0f} s, trying again"
             return None
         self.trouble, self._heard = "", time.monotonic()
         shown = frame(now, self._before, hidden=name)
         self._before = now
         return shown
 
-    def _lose(self) -> None:
-        """Central does not answer: say since when, and begin anew with the next question."""
-        client, self._client = self._client, None
-        if client is not None:
-            client.close()
-        self.trouble = f"no answer for {time.monotonic() - self._heard:.0f} s, trying again"
-
 
 if __name__ == "__main__":
-    top(prog_name="python -m tca_module.top")
+    top(prog_name="python -m tca_live.top")

@@ -52,15 +52,7 @@ class WaitLine(NamedTuple):
     seconds: float
     what: str
     why: str
-
-
-class SuspendedLine(NamedTuple):
-    """A task waits for somebody to resume it."""
-
-    seconds: float
-    what: str
-    why: str
-    by: str
+    by: str = ""
     """The module that suspended it."""
 
 
@@ -84,7 +76,7 @@ class Frame(NamedTuple):
     """The longest come first."""
     held: list[WaitLine]
     """Tasks that constraints hold back, the longest first."""
-    suspended: list[SuspendedLine]
+    suspended: list[WaitLine]
     """Tasks that somebody has to resume, the longest first; not those under them."""
     totals: dict[str, int]
     """How many waits, held and suspended tasks there are; central does not tell all."""
@@ -117,8 +109,14 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
     delivered = {one["message"]: one["delivered"] for one in before["messages"]}
     messages = [_message(one, delivered.get(one["message"], 0), span) for one in now["messages"]]
     messages.sort(key=lambda line: (-line.rate, -line.waiting, -line.delivered, line.message))
-    waits, held = ([_wait(one, now["time"]) for one in convert(now[key], list[Waiter])] for key in ("waits", "held"))
-    suspended = [_suspended(one) for one in convert(now["suspended"], list[Waiter])]
+    waits, held = (
+        [WaitLine(one.seconds, waiter_in_words(one), several_in_words(one.waits, now["time"])) for one in waiters]
+        for waiters in (convert(now[key], list[Waiter]) for key in ("waits", "held"))
+    )
+    suspended = [
+        WaitLine(one.seconds, waiter_in_words(one), f"'tca resume {one.number}'", one.waits[0].module)
+        for one in convert(now["suspended"], list[Waiter])
+    ]
     events = (now["events"] - before["events"]) / span
     return Frame(
         now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits, held,
@@ -126,19 +124,9 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
     )  # fmt: skip
 
 
-def _wait(waiter: Waiter, now: float) -> WaitLine:
-    return WaitLine(waiter.seconds, waiter_in_words(waiter), several_in_words(waiter.waits, now))
-
-
-def _suspended(waiter: Waiter) -> SuspendedLine:
-    by = waiter.waits[0].module
-    return SuspendedLine(waiter.seconds, waiter_in_words(waiter), f"'tca resume {waiter.number}'", by)
-
-
 def _resource(module: str, now: dict[str, Any], before: dict[str, Any], span: float) -> ResourceLine:
-    # a module that was started anew counts from 0 again
     if before.get("delivered", 0) > now["delivered"]:
-        before = {}
+        before = {}  # a module that was started anew counts from 0 again
     handling = now["handling"]
     what = listed([numbered(one["message"], one["id"]) for one in handling])
     busy = (now["busy"] - before.get("busy", 0.0)) / (span * max(now["capacity"], 1))
@@ -158,11 +146,8 @@ def _message(now: dict[str, Any], before: int, span: float) -> MessageLine:
 
 def plain_frame(shown: Frame) -> dict[str, Any]:
     """The frame as JSON has it."""
-    lists = {
-        "resources": [line._asdict() for line in shown.resources],
-        "messages": [line._asdict() for line in shown.messages],
-        "waits": [line._asdict() for line in shown.waits],
-        "held": [line._asdict() for line in shown.held],
-        "suspended": [line._asdict() for line in shown.suspended],
+    plain = {
+        name: [line._asdict() for line in value] if isinstance(value, list) else value
+        for name, value in shown._asdict().items()
     }
-    return {**shown._asdict(), **lists, "is_cut": shown.is_cut}
+    return {**plain, "is_cut": shown.is_cut}

@@ -9,7 +9,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tca_live.top_frame import Frame, MessageLine, ResourceLine, SuspendedLine, WaitLine
+from tca_live.top_frame import Frame, MessageLine, ResourceLine, WaitLine
 from tca_wire.text.printable import printable
 
 _BAR = 8
@@ -17,10 +17,8 @@ _HEAD, _TABLE = 2, 3
 """Lines of the heading, and of a table beside its rows."""
 _LONG = 5.0
 """Seconds after which a wait is shown in red."""
-_TRIES: Sequence[tuple[int, tuple[str, ...]]] = (
-    (4, ()), (4, ("messages",)), (3, ("messages",)), (2, ("messages",)), (3, ("messages", "held")),
-    (2, ("messages", "held")), (2, ("messages", "held", "resources")),
-)  # fmt: skip
+_SPARED = ("messages",), ("messages", "held"), ("messages", "held", "resources")
+_TRIES: Sequence[tuple[int, tuple[str, ...]]] = ((4, ()), *((rows, out) for out in _SPARED for rows in (4, 3, 2)))
 """Rows that each table gets at least, and tables that are left out where there is no room for them: what somebody waits
 for is shown as long as anything is.
 """
@@ -28,7 +26,7 @@ _GROW = ("waits", "resources", "suspended", "held", "messages")
 """These get the rows that are left, one by one in turn."""
 _ONE_LINE: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}
 _NARROW = 110
-"""Columns below which the table of resources has fewer: then it fits into 80."""
+"""Columns below which there is no room for bars."""
 
 
 def console() -> Console:
@@ -103,11 +101,6 @@ def _rooms(tables: dict[str, "_Lines"], height: int | None) -> dict[str, int]:
 Column = tuple[str, dict[str, Any]]
 _NUMBER: dict[str, Any] = {"justify": "right", "no_wrap": True}
 _RESOURCES: Sequence[Column] = (
-    ("resource", {**_ONE_LINE, "ratio": 2}), ("busy", {**_ONE_LINE, "min_width": _BAR + 5}), ("msg/s", _NUMBER),
-    ("slots", _NUMBER), ("blocked", _NUMBER), ("waiting", _NUMBER), ("oldest", _NUMBER),
-    ("handling", {**_ONE_LINE, "ratio": 3}),
-)  # fmt: skip
-_FEWER: Sequence[Column] = (
     ("resource", {**_ONE_LINE, "max_width": 30}), ("busy", _NUMBER), ("msg/s", _NUMBER), ("waiting", _NUMBER),
     ("handling", {**_ONE_LINE, "ratio": 1}),
 )  # fmt: skip
@@ -127,11 +120,12 @@ _HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("", {**_ONE_LINE, "
 
 
 class _Lines(NamedTuple):
-    """A table of so many rows; that of resources as wide as there is room for."""
+    """A table of so many rows."""
 
     columns: Sequence[Column]
     lines: Sequence[Any]
-    cells: Callable[[Any], list[Text | str]]
+    cells: Callable[[Any, bool], list[Text | str]]
+    """Makes the cells of a line; the flag says whether there is much room."""
     nothing: str
     total: int = 0
     """How many there are, where not all are told."""
@@ -145,17 +139,15 @@ class _Lines(NamedTuple):
         return self.total > len(self.lines) or bool(self.among)
 
     def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        is_narrow = self.columns is _RESOURCES and options.max_width < _NARROW
-        columns, cells = (_FEWER, _fewer_cells) if is_narrow else (self.columns, self.cells)
         table = Table(
             box=SIMPLE_HEAD, expand=True, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="dim"
         )
-        for name, how in columns:
+        for name, how in self.columns:
             table.add_column(name, **how)
         is_whole = len(self.lines) + self.is_cut <= self.room
         shown = self.lines if is_whole else self.lines[: max(self.room - 1, 0)]
         for line in shown:
-            table.add_row(*cells(line))
+            table.add_row(*self.cells(line, options.max_width >= _NARROW))
         yield Text()
         yield table
         more = max(self.total, len(self.lines)) - len(shown)
@@ -164,50 +156,32 @@ class _Lines(NamedTuple):
             yield Text(words, style="dim", **_ONE_LINE)
 
 
-def _resource_cells(line: ResourceLine) -> list[Text | str]:
+def _resource_cells(line: ResourceLine, is_wide: bool) -> list[Text | str]:
+    """Several slots stand at the name; who has it to itself, and blocked slots, at what is handled."""
+    name = line.module if line.resource in ("", line.module) else f"{line.module} / {line.resource}"
     full = round(line.busy * _BAR)
-    bar = Text.assemble(("█" * full, "green"), ("░" * (_BAR - full), "dim"), f" {line.busy:4.0%}")
-    waiting = Text(str(line.waiting or ""), style="yellow")
+    bar = (("█" * full, "green"), ("░" * (_BAR - full) + " ", "dim")) if is_wide else ()
+    busy = Text.assemble(*bar, (f"{line.busy:4.0%}", "" if is_wide or not full else "green"))
+    waiting = Text.assemble((f"{line.waiting}, ", "yellow"), _wait(line.oldest)) if line.waiting else Text()
+    held = f"{printable(line.held)}  " * bool(line.held)
+    blocked = f"{line.blocked if line.capacity > 1 else ''} blocked: ".lstrip() if line.blocked else ""
+    handling = printable(f"{line.handling}  {_time(line.seconds)}") if line.handling else ""
+    slots = f" x{line.capacity}" * (line.capacity > 1)
     return [
-        _name(line), bar, _rate(line.rate), str(line.capacity), str(line.blocked or ""), waiting,
-        _wait(line.oldest) if line.waiting else "", _doing(line),
+        printable(name) + slots, busy, _rate(line.rate), waiting, Text.assemble((held + blocked, "yellow"), handling)
     ]  # fmt: skip
 
 
-def _fewer_cells(line: ResourceLine) -> list[Text | str]:
-    """The same in fewer columns; several slots stand at the name, blocked ones where it says what is handled."""
-    name = _name(line) + (f" x{line.capacity}" if line.capacity > 1 else "")
-    busy = Text(f"{line.busy:.0%}", style="green" if line.busy >= 0.5 / _BAR else "dim")
-    waiting = Text.assemble((f"{line.waiting}, ", "yellow"), _wait(line.oldest)) if line.waiting else Text()
-    blocked = f"{line.blocked if line.capacity > 1 else ''} blocked: ".lstrip() if line.blocked else ""
-    held = (f"{printable(line.held)}  " * bool(line.held), "yellow")
-    return [name, busy, _rate(line.rate), waiting, Text.assemble(held, (blocked, "yellow"), _handled(line))]
-
-
-def _name(line: ResourceLine) -> str:
-    return printable(line.module if line.resource in ("", line.module) else f"{line.module} / {line.resource}")
-
-
-def _doing(line: ResourceLine) -> Text:
-    """What is handled, and who has it for himself."""
-    handling = _handled(line)
-    return Text.assemble(handling, "  " if handling and line.held else "", (printable(line.held), "yellow"))
-
-
-def _handled(line: ResourceLine) -> str:
-    return printable(f"{line.handling}  {_time(line.seconds)}") if line.handling else ""
-
-
-def _message_cells(line: MessageLine) -> list[Text | str]:
+def _message_cells(line: MessageLine, _: bool) -> list[Text | str]:
     failed, waiting = Text(str(line.failed or ""), style="red"), Text(str(line.waiting or ""), style="yellow")
     return [printable(line.message), line.message_class, _rate(line.rate), str(line.delivered), failed, waiting]
 
 
-def _wait_cells(line: WaitLine) -> list[Text | str]:
+def _wait_cells(line: WaitLine, _: bool) -> list[Text | str]:
     return [_wait(line.seconds), printable(line.what), printable(line.why)]
 
 
-def _suspended_cells(line: SuspendedLine) -> list[Text | str]:
+def _suspended_cells(line: WaitLine, _: bool) -> list[Text | str]:
     return [_wait(line.seconds), printable(line.what), printable(line.by), printable(line.why)]
 
 

@@ -81,18 +81,16 @@ def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, da
         look = panel.under(walk).monitor(LOOK, period=9.0)
     user.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
     both = [
-        f"exception handler fix {{{of_all.id}}} for failure 'fell' of all walk",
-        f"exception handler fix {{{of_one.id}}} for failure 'fell' of walk {{{walk.id}}}",
+        f"exception handler fix {{{of_all.id}}} of all walk",
+        f"exception handler fix {{{of_one.id}}} of walk {{{walk.id}}}",
     ]
     text = f"2 of that name are attached: give the number of one, {' and '.join(both)}: see 'tca attached'\n"
     assert tca(detach, "fix") == (1, "", text)
     assert tca(detach, str(of_all.id)) == (0, both[0] + ": detached\n", "")
     assert tca(detach, "fix") == (0, both[1] + ": detached\n", "")
-    assert tca(detach, "say move")[:2] == (
-        0, f"wiretap say move {{{check.id}}} 'before handling' of all move: detached\n"
-    )  # fmt: skip
-    assert tca(detach, str(look.id))[:2] == (0, f"monitor look {{{look.id}}} under walk {{{walk.id}}}: detached\n")
-    there = f"attached are wiretap look {{{watched.id}}} 'while achieving' of all walk: see 'tca attached'\n"
+    assert tca(detach, "say move")[:2] == (0, f"wiretap say move {{{check.id}}} of all move: detached\n")
+    assert tca(detach, str(look.id))[:2] == (0, f"monitor look {{{look.id}}} of walk {{{walk.id}}}: detached\n")
+    there = f"attached are wiretap look {{{watched.id}}} of all walk: see 'tca attached'\n"
     for what, why in (
         (str(check.id), f"{check.id} is not attached, or not any more"),
         ("9999", "nothing has had the number 9999 yet"),

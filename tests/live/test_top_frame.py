@@ -55,11 +55,13 @@ def test_rates_are_of_the_time_between_two_answers() -> None:
     (legs,) = told.resources
     assert (legs.rate, legs.busy) == (3.0, 0.5)  # 2 s in two slots over 2 s
     assert told.messages[0].rate == 3.0
-
-
-def test_without_an_answer_before_rates_are_of_the_whole_run() -> None:
-    told = frame(answer(20.0, resource(), messages=[message("step", 10)]))
-    assert (told.span, told.resources[0].rate, told.resources[0].busy, told.messages[0].rate) == (20.0, 0.5, 0.1, 0.5)
+    first = frame(before)  # of the whole run
+    assert (first.span, first.resources[0].rate, first.resources[0].busy, first.messages[0].rate) == (
+        10.0,
+        1.0,
+        0.2,
+        1.0,
+    )
 
 
 def test_after_a_restart_of_central_or_of_a_module_counting_begins_anew() -> None:
@@ -84,7 +86,7 @@ def test_a_screen_tells_who_does_what_and_who_waits() -> None:
     told = frame(answer(20.0, busy, messages=[message("move", 3, failed=1)], waits=waits), hidden="tca top")
     text = shown(screen(told, "ipc:///here", ""), 140)
     assert "central at ipc:///here  run one, up 0:20\n1 module, 3 tasks, 10.0 events/s; rates of the whole run" in text
-    assert "move\\x1b[31m {7}  0.5 s  locked by eyes" in text
+    assert "locked by eyes  move\\x1b[31m {7}  0.5 s" in text
     assert re.search(r"12.0 s +move \{9\} and 3 more +for legs", text)
     assert "nobody waits" not in text
     assert "\x1b" not in text
@@ -100,7 +102,7 @@ def suspended_for_long() -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("width", [40, 80])
-@pytest.mark.parametrize(("height", "cut"), [(10, 1), (12, 1), (16, 2), (24, 3), (40, 4), (240, 0)])
+@pytest.mark.parametrize(("height", "cut"), [(10, 1), (24, 3), (240, 0)])
 def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
     many = [resource(f"legs {number}") for number in range(50)]
     messages = [message(f"step {number}", number) for number in range(60)]
@@ -184,9 +186,3 @@ def test_nothing_is_told_in_words() -> None:
     text = shown(screen(frame(answer(1.0)), "ipc:///here", ""))
     for words in ("no module offers to handle anything", "no messages have been declared", "nobody waits"):
         assert words in text
-
-
-def test_a_frame_in_plain_values() -> None:
-    told = plain_frame(frame(answer(20.0, resource(), messages=[message("step", 10)])))
-    assert told["resources"][0]["module"] == "legs"
-    assert told["messages"][0]["delivered"] == 10
