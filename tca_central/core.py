@@ -51,18 +51,18 @@ class Central(State):
         super().__init__(epoch)
         agenda = self.agenda
         # What comes out of the agenda, and who takes it; in this order, and all of one kind before the next.
-        self._takers: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
+        self._outputs: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
             (agenda.taps_to_fire, lambda tapped: taps.fire_before(self, *tapped)),
             (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
             (agenda.only_watched, partial(monitors.end_watchers, self)),
             (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
             (agenda.ended, self._on_ended),
-            (agenda.reached_waits, lambda reached: reached[1].on_reached(self, reached[0])),
+            (agenda.ended_waits, lambda reached: reached[1].on_reached(self, reached[0])),
             (self.dispatcher.granted, partial(claims.tell_granted, self)),
             (self.dispatcher.displaced, lambda displaced: replying.tell_displaced(self, *displaced)),
             (self.dispatcher.stranded, partial(failures.pass_over, self)),
         )
-        self._come_out = tuple(waiting for waiting, _ in self._takers)
+        self._output_queues = tuple(waiting for waiting, _ in self._outputs)
 
     def handle(self, event: Event) -> list[Effect]:
         """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
@@ -180,16 +180,16 @@ class Central(State):
         agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
         while True:
-            if any(self._come_out):
-                for waiting, take in self._takers:
+            if any(self._output_queues):
+                for waiting, take in self._outputs:
                     while waiting:
                         take(waiting.popleft())
             elif dispatcher.changed:
                 availability.tell_changes(self)
             elif agenda.startable:
                 self._start_all()
-            elif dispatcher.freed:
-                dispatcher.give_freed_slot()
+            elif dispatcher.to_offer:
+                dispatcher.offer_next()
             elif self.suspects:
                 deadlocks.check_suspects(self)
             else:

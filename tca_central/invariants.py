@@ -25,7 +25,6 @@ from tca_wire.points import (
     START_PLANNING,
     TaskId,
 )
-from tca_wire.rules import ORDER
 from tca_wire.vocabulary import Due, Role
 
 
@@ -137,7 +136,7 @@ def _check_family(task: Task) -> None:
 
 def _check_order(task: Task) -> None:
     """Node schema: a command is held until it may be achieved; a goal is handled as soon as it may be planned."""
-    for moment, needed in ORDER[task.is_goal]:
+    for moment, needed in task.message.rules.order:
         assert not task.reached & moment or task.reached & needed == needed, f"{task}: {moment} too early"
     start = delivered_at(task.is_goal)
     assert bool(task.reached & start) == bool(task.reached & START_HANDLING), f"{task}: started in part"

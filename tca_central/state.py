@@ -92,7 +92,7 @@ class RaisedFailure(NamedTuple):
     kinds: tuple[str, ...] = ()  #: more general failures that it is a kind of
 
 
-class Recovery:
+class FailureContext:
     """The trouble an exception handler's task deals with: a task's failure, caught there or above."""
 
     __slots__ = ("at", "attached", "failing", "failure", "passed")
@@ -126,7 +126,9 @@ def involved(delivery: Delivery) -> Involved:
 
 
 def is_own(delivery: Delivery) -> bool:
-    """Whether a slot with an entrance is asked by its own resource: it may be busy, and central not know it."""
+    """Whether its own resource asks a slot that takes direct messages, too: it may be busy with one, which central does
+    not know.
+    """
     sender, slot = delivery.sender, delivery.slot
     if sender is None or slot is None or slot.entrance is None:
         return False
@@ -195,7 +197,7 @@ class State:
         self.messages: list[Effect] = []
 
     def deliver(self, delivery: Delivery, slot: Connection) -> None:
-        """A handler gets a message: the one place where messages leave for modules."""
+        """Give a message to the handler in a slot: nothing else does."""
         slot.handling[delivery] = self.events
         resource = slot.resource
         assert resource is not None
@@ -203,7 +205,7 @@ class State:
         delivery.message.delivered += 1
         resource.delivered += 1
         fact = facts.Delivered(
-            delivery.given_as, delivery.message_id, resource.module, resource.name, resource.slots[slot],
+            delivery.given_as, delivery.message_id, resource.module, resource.name, resource.numbers[slot],
             delivery.nested, delivery.priority,
         )  # fmt: skip
         self.facts.append(fact)

@@ -25,40 +25,50 @@ from tca_wire.vocabulary import Condition, MessageClass
 
 # --- moments of one task ---------------------------------------------------------------------------------------------
 
-DELIVERY = {True: START_HANDLING | START_PLANNING, False: START_HANDLING | START_ACHIEVING}
-"""The moments that a goal (True) and any other task reach together when a handler gets them."""
 
-AT_BIRTH = {True: 0, False: START_PLANNING | END_PLANNING}
-"""The moments that a task has reached when it is created."""
+class TaskRules:
+    """The moments of one task, of a goal or of any other."""
 
-ORDER = {
-    True: (
+    def __init__(self, *, at_birth: int, delivery: int, order: tuple[tuple[int, int], ...]) -> None:
+        self.at_birth = at_birth  #: those that it has reached when it is created
+        self.delivery = delivery  #: those that it reaches together when a handler gets it
+        self.order = order
+        """Moments, each with those that come directly before it, in an order in which one pass reaches all."""
+        self.no_later = {int(moment): 0 if moment & at_birth else self._no_later(moment) for moment in MOMENTS}
+        """Of each moment, it and all that are reached no later; nothing of those reached at birth."""
+
+    def _no_later(self, moment: int) -> int:
+        found = moment | (self.delivery if moment & self.delivery else 0)
+        for last, before in reversed(self.order):
+            if found & last:
+                found |= before
+        return found | (self.delivery if found & START_HANDLING else 0)
+
+
+GOAL = TaskRules(
+    at_birth=0,
+    delivery=START_HANDLING | START_PLANNING,
+    order=(
         (START_ACHIEVING, START_HANDLING),
         (END_HANDLING, START_HANDLING),
         (END_PLANNING, END_HANDLING),
         (END_ACHIEVING, START_ACHIEVING | END_PLANNING),
     ),
-    False: (
+)
+NO_GOAL = TaskRules(
+    at_birth=START_PLANNING | END_PLANNING,
+    delivery=START_HANDLING | START_ACHIEVING,
+    order=(
         (END_HANDLING, START_HANDLING),
         (END_ACHIEVING, END_HANDLING),
     ),
-}
-"""Moments, each with those of the same task that come directly before it, in an order in which one pass reaches all."""
+)
 
 
-def _no_later(is_goal: bool, moment: int) -> int:
-    found = moment | (DELIVERY[is_goal] if moment & DELIVERY[is_goal] else 0)
-    for last, before in reversed(ORDER[is_goal]):
-        if found & last:
-            found |= before
-    return found | (DELIVERY[is_goal] if found & START_HANDLING else 0)
+def rules_of(is_goal: bool) -> TaskRules:
+    """The rules of a goal, or of any other task."""
+    return GOAL if is_goal else NO_GOAL
 
-
-NO_LATER = {
-    is_goal: {int(moment): 0 if moment & AT_BIRTH[is_goal] else _no_later(is_goal, moment) for moment in MOMENTS}
-    for is_goal in (True, False)
-}
-"""Of each moment, it and all that a task reaches no later; nothing of those reached at birth."""
 
 # --- parents and children --------------------------------------------------------------------------------------------
 
@@ -123,7 +133,7 @@ LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_mon
 """The classes that a wiretap may send."""
 
 
-def is_of_handling(condition: Condition) -> bool:
-    """Whether it is met each time that its message is handled, and so again when that is retried."""
+def recurs_on_retry(condition: Condition) -> bool:
+    """Whether it is met each time that its message is handled: once more when that is retried."""
     rule = CONDITIONS[condition]
     return bool((rule.before | rule.at) & (START_HANDLING | DELIVERED | RETURNED | SUCCESS | FAILURE))

@@ -199,7 +199,7 @@ def _raise_or_revoke(central: State, kept: list[Claim[Connection]], search: Sear
 
 
 def _revoke_first(central: State, kept: list[Claim[Connection]], text: str) -> None:
-    """Recovery and safe ends go first: somebody loses what they need. Who knows of no trouble is told."""
+    """FailureContext and safe ends go first: somebody loses what they need. Who knows of no trouble is told."""
     claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
     revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
 

@@ -16,7 +16,7 @@ from tca_central.model.deliveries import AttachedHandler, Connection, Delivery
 from tca_central.model.task_tree import Task, Verdict
 from tca_central.order.cycles import Place, find_path
 from tca_central.outgoing.central_messages import make_task, suspend
-from tca_central.state import RaisedFailure, Recovery, State
+from tca_central.state import FailureContext, RaisedFailure, State
 from tca_central.watching.taps import fire_after
 from tca_central.watching.watches import stop_watching
 from tca_wire.journal import facts
@@ -97,7 +97,7 @@ def _search(central: State, task: Task, failure: RaisedFailure) -> Task | None:
 def _continue_search(central: State, handler: Task | None) -> None:
     """Continue a search above an exception handler that could not decide, and so on for the failures around it."""
     while handler is not None:
-        trouble: Recovery = handler.context
+        trouble: FailureContext = handler.context
         failing = trouble.failing
         if failing.killed or failing.retrying:
             return
@@ -109,7 +109,9 @@ def _continue_search(central: State, handler: Task | None) -> None:
         handler = _unhandled(central, failing, trouble.failure) if following is None else None
 
 
-def _call_handler(central: State, task: Task, failure: RaisedFailure, below: Recovery | None = None) -> Task | None:
+def _call_handler(
+    central: State, task: Task, failure: RaisedFailure, below: FailureContext | None = None
+) -> Task | None:
     """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
     task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
     around = next(task.recoveries(), None)
@@ -133,8 +135,12 @@ def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
 
 
 def _find(
-    central: State, task: Task, failure: RaisedFailure, below: Recovery | None, passed: dict[tuple[int, str], None]
-) -> Recovery | None:
+    central: State,
+    task: Task,
+    failure: RaisedFailure,
+    below: FailureContext | None,
+    passed: dict[tuple[int, str], None],
+) -> FailureContext | None:  # fmt: skip
     """The nearest exception handler that may be called: one that is handled, and was not undecided before."""
     names = ("", failure.name, *failure.kinds)
     nested = _nested(task)
@@ -144,11 +150,11 @@ def _find(
         calls = at.rare.invocations.get(attached.id, 0) if at.rare else 0
         is_exhausted = attached.maximum and calls >= attached.maximum
         if not is_exhausted and nested.get(attached.id, 0) < MOST_NESTED:
-            return Recovery(task, failure, at, attached, passed)
+            return FailureContext(task, failure, at, attached, passed)
     return None
 
 
-def _candidates(central: State, task: Task, below: Recovery | None) -> Iterator[tuple[Task, AttachedHandler]]:
+def _candidates(central: State, task: Task, below: FailureContext | None) -> Iterator[tuple[Task, AttachedHandler]]:
     """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
     start: Task | None = task
     if below is not None:
@@ -191,7 +197,7 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     kill(central, undecided, verdict)
     if had_decided:
         return None
-    trouble: Recovery = undecided.context
+    trouble: FailureContext = undecided.context
     trouble.passed[trouble.attached.id, trouble.failure.name] = None
     where = f" in {task}" if task is not undecided else ""
     reason = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")
@@ -262,7 +268,7 @@ def pass_over(central: State, handler: Delivery) -> None:
     if handler.killed or handler.queues != ():  # somebody handles it again
         return
     why = f"nobody handles '{handler.message.name}' any more"
-    trouble: Recovery = handler.context
+    trouble: FailureContext = handler.context
     trouble.failure = _with_undecided(trouble.failure, handler, why)
     kill(central, handler, Verdict(why))
 
@@ -301,7 +307,7 @@ def _asking_handler(central: State, task: Task) -> Task | None:
     task.
     """
     asking = central.dispatcher.running.get(central.origin)
-    if not isinstance(asking, Task) or not isinstance(asking.context, Recovery):
+    if not isinstance(asking, Task) or not isinstance(asking.context, FailureContext):
         return None
     failing = asking.context.failing
     if failing.above(task.id) is None:
@@ -352,5 +358,5 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
             central.cancel(task.slot, task)
         central.agenda.retry(task)
     else:
-        central.agenda.begin_anew(task)
+        central.agenda.fire_taps_again(task)
     central.accept(connection, header.number, task.id)

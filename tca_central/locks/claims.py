@@ -181,7 +181,7 @@ def end_claims_on_module(central: State, module: Module, why: str) -> None:
     """A module is gone: nobody has or wants its resources any more, but for those that other copies of it have, too."""
     for resource in module.resources.values():
         if (copy := resource.leave_copies()) is not None:
-            central.dispatcher.freed.append((copy, None))
+            central.dispatcher.to_offer.append((copy, None))
     for claim in [one for one in central.claims.values() if module.resources.get(one.resource.name) is one.resource]:
         text = f"module '{module.name}' has gone: {why}"
         if claim.is_granted:

@@ -12,6 +12,7 @@ from tca_wire.messages.notices import NOTICES
 from tca_wire.packets.headers import ToModule
 from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.packets.routes import Entrance
+from tca_wire.rules import rules_of
 from tca_wire.vocabulary import Condition, Role
 
 REMEMBERED_ANSWERS = 64
@@ -141,6 +142,7 @@ class MessageType:
         self.parts = declared.parts
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
+        self.rules = rules_of(self.is_goal)
         self.is_aside = declared.message_class.is_aside
         self.is_notice = declared.name in NOTICES
         self.fans_out = declared.message_class.fans_out

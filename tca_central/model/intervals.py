@@ -2,11 +2,11 @@
 
 from tca_central.errors import RequestError
 from tca_wire.points import MOMENTS, START_ACHIEVING, START_HANDLING, START_PLANNING, Point
-from tca_wire.rules import ORDER
+from tca_wire.rules import rules_of
 from tca_wire.vocabulary import Refusal
 
 STARTS = START_HANDLING | START_PLANNING | START_ACHIEVING
-SINGLE_MOMENTS = frozenset(int(moment) for moment in MOMENTS)
+SINGLE_MOMENTS = tuple(int(moment) for moment in MOMENTS)
 
 
 def checked_moment(point: Point) -> int:
@@ -27,27 +27,20 @@ def unified(is_goal: bool, moment: int) -> int:
     return delivered_at(is_goal) if moment == START_HANDLING else moment
 
 
-def successors_within(is_goal: bool, moment: int) -> tuple[int, ...]:
-    """The moments of the same task that come directly after *moment*."""
-    return _NEXT[is_goal].get(moment, ())
-
-
-def predecessors_within(is_goal: bool, moment: int) -> tuple[int, ...]:
-    """The moments of the same task that come directly before *moment*."""
-    return _PREVIOUS[is_goal].get(moment, ())
-
-
-_PREVIOUS: dict[bool, dict[int, tuple[int, ...]]] = {
-    is_goal: {
-        moment: tuple(unified(is_goal, one) for one in sorted(SINGLE_MOMENTS) if one & before)
-        for moment, before in order
-    }
-    for is_goal, order in ORDER.items()
+PREVIOUS = {
+    (is_goal, moment): tuple(unified(is_goal, one) for one in SINGLE_MOMENTS if one & before)
+    for is_goal in (True, False)
+    for moment, before in rules_of(is_goal).order
 }
-_NEXT: dict[bool, dict[int, tuple[int, ...]]] = {
-    is_goal: {
-        before: tuple(after for after, befores in order.items() if before in befores)
-        for before in {moment for befores in order.values() for moment in befores}
-    }
-    for is_goal, order in _PREVIOUS.items()
+"""By whether a task is a goal, and a moment: the moments of the task that come directly before it; none where it has no
+row.
+"""
+
+NEXT = {
+    (is_goal, moment): tuple(
+        after for (of_goal, after), befores in PREVIOUS.items() if of_goal is is_goal and moment in befores
+    )
+    for is_goal in (True, False)
+    for moment in SINGLE_MOMENTS
 }
+"""The moments that come directly after it."""

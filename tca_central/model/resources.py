@@ -128,7 +128,8 @@ class Resource(Generic[S, Q]):
         self.module = module
         self.name = name
         self.copies: list[Resource[S, Q]] = [self]  #: it, and the same resource of other copies of its module; one list
-        self.slots: dict[S, int] = {}  #: each with its number, from 1; a new one gets the lowest that is free
+        self.slots: dict[S, None] = {}
+        self.numbers: dict[S, int] = {}  #: by slot, from 1; a new one gets the lowest that is free
         self.held_by: Claim[S] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
         self.called_back: dict[Q, S] = {}  #: questions of its slots to itself that a lock keeps out; who asked
@@ -153,11 +154,13 @@ class Resource(Generic[S, Q]):
 
     def add_slot(self, slot: S) -> None:
         """A connection that handles messages for this resource came; it takes none before ``free_slot``."""
-        self.slots[slot] = min({*range(1, len(self.slots) + 2)}.difference(self.slots.values()))
+        self.numbers[slot] = min({*range(1, len(self.slots) + 2)}.difference(self.numbers.values()))
+        self.slots[slot] = None
 
     def remove_slot(self, slot: S) -> None:
         """Such a connection is gone."""
         self.slots.pop(slot, None)
+        self.numbers.pop(slot, None)
         self._free.pop(slot, None)
 
     @property

@@ -11,16 +11,34 @@ from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, 
 from tca_central.model.guards import Guard, Guards
 from tca_central.model.intervals import STARTS
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
-from tca_wire.rules import DELIVERY
 from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
 
 
 class Rare:
     """Attributes that few tasks need: most tasks do without this object."""
 
-    __slots__ = ("attached", "attempts", "farewells", "fired", "guests", "invocations", "is_guest",
-                 "is_tapped", "is_void", "kept", "kept_by", "listeners", "offspring", "pending",
-                 "recovering", "retry_askers", "retry_targets", "taps", "void_followers", "watch")  # fmt: skip
+    __slots__ = (
+        "attached",
+        "attempts",
+        "ended_followers",
+        "farewells",
+        "fired",
+        "guests",
+        "invocations",
+        "is_guest",
+        "is_tapped",
+        "is_void",
+        "kept",
+        "kept_by",
+        "listeners",
+        "pending",
+        "recovering",
+        "retry_askers",
+        "retry_targets",
+        "sequence",
+        "taps",
+        "watch",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[AttachedHandler] = []  #: its exception handlers, newest last
@@ -35,12 +53,12 @@ class Rare:
         self.is_void = False  #: of an exception handler's task: it has reissued its failure, or was killed
         self.farewells: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
-        self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go
+        self.ended_followers = 0  #: entries in its followers of tasks that have ended without having been let go
         self.retry_askers: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
         self.retry_targets: list[Task] = []  #: of an exception handler: the tasks that it wants retried
         self.is_guest = False  #: of a monitor: others have put it under its parent (watching/watches.py)
         self.guests = 0  #: number of such children
-        self.offspring: Siblings | None = None  #: its children but those aside, once the newest has been killed
+        self.sequence: Siblings | None = None  #: its children but those aside, once the newest has been killed
         self.kept_by: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that hang under it, oldest end first
 
@@ -100,7 +118,7 @@ class Task(Delivery):
         return self.rare is not None and self.rare.is_guest
 
     @property
-    def is_clear(self) -> bool:
+    def may_be_handled_again(self) -> bool:
         """Whether all has ended that a retry waits for: handler, children but guests, exception handlers that asked."""
         guests = self.rare.guests if self.rare is not None else 0
         is_asked = self.rare is not None and bool(self.rare.retry_askers)
@@ -250,8 +268,8 @@ class TaskTree:
             parent.more.guests += 1
         if parent is self.root and not is_aside(task):
             self.top_of_module.setdefault(_sender(task), Siblings()).add(task)
-        elif parent.rare is not None and parent.rare.offspring is not None and not is_aside(task):
-            parent.rare.offspring.add(task)
+        elif parent.rare is not None and parent.rare.sequence is not None and not is_aside(task):
+            parent.rare.sequence.add(task)
 
     def become_last(self, task: Task, sender: str) -> None:
         """A task is there for good: from now on flags refer to it, if a module sent it."""
@@ -280,8 +298,8 @@ class TaskTree:
             parent.watchers -= task.is_watcher
             if task.rare is not None and task.rare.is_guest:
                 parent.more.guests -= 1
-            if parent.rare is not None and parent.rare.offspring is not None:
-                parent.rare.offspring.living.pop(task.id, None)
+            if parent.rare is not None and parent.rare.sequence is not None:
+                parent.rare.sequence.living.pop(task.id, None)
             if parent.last_child is task:
                 parent.last_child = _newest_child(parent) if task.killed and parent.children else None
 
@@ -327,7 +345,7 @@ def first_moments(task: Task) -> int:
     """The moments that a task reaches when it is given to a handler; given to another one later, it is handled anew."""
     if task.reached & START_HANDLING:
         return START_HANDLING
-    return STARTS if task.delayed else DELIVERY[task.is_goal]
+    return STARTS if task.delayed else task.message.rules.delivery
 
 
 def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
@@ -347,9 +365,9 @@ def is_aside(task: Task) -> bool:
 
 def _newest_child(parent: Task) -> Task | None:
     """After a killed last child flags refer to the sibling before it, not to nothing."""
-    if parent.more.offspring is None:
-        parent.more.offspring = Siblings(child for child in (parent.children or {}).values() if not is_aside(child))
-    return parent.more.offspring.newest()
+    if parent.more.sequence is None:
+        parent.more.sequence = Siblings(child for child in (parent.children or {}).values() if not is_aside(child))
+    return parent.more.sequence.newest()
 
 
 def _sender(task: Task) -> str:

@@ -28,12 +28,12 @@ from tca_wire.points import (
     START_PLANNING,
     TaskId,
 )
-from tca_wire.rules import AT_BIRTH, KILLED, ORDER
+from tca_wire.rules import KILLED
 from tca_wire.text.facts_in_words import kill_reason
 
 
 class Agenda:
-    """The temporal side of the tree. The core takes what comes out: ``startable``, ``ended`` and ``reached_waits``."""
+    """The temporal side of the tree. The core takes what comes out: ``startable``, ``ended`` and ``ended_waits``."""
 
     def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
         self.tree = tree
@@ -43,7 +43,7 @@ class Agenda:
         self.startable: deque[Task] = deque()  #: all conditions of their delivery to a handler are met
         self.withdrawn: deque[Task] = deque()  #: were startable, and are held again
         self.ended: deque[Task] = deque()  #: reached their last moment
-        self.reached_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
+        self.ended_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
         self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
         self.tap_events: deque[tuple[Delivery, int]] = deque()  #: what others may have tapped
         self.only_watched: deque[Task] = deque()  #: nothing is left under them but monitors that watch over it
@@ -58,7 +58,7 @@ class Agenda:
         sender = task.sender.module.name if task.sender else ""
         last = self.tree.last_sibling(parent, sender)
         self.tree.attach(task, parent)
-        task.reached |= AT_BIRTH[task.is_goal]
+        task.reached |= task.message.rules.at_birth
         if task.is_goal:
             parent.unplanned += 1
         added: list[Constraint] = []
@@ -119,14 +119,14 @@ class Agenda:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
             done = {tap.id for tap in taps_of(task) if not tap.before & to_come}
             task.rare.fired = {tap: heard for tap, heard in task.rare.fired.items() if tap in done}
-        self.hand_back(task)
+        self.requeue(task)
 
     def end_retry_asker(self, task: Task, handler: Task) -> None:
         """An exception handler that has asked for a retry has ended."""
         task.more.retry_askers.pop(handler, None)
         self._look_at.append(task)
 
-    def begin_anew(self, task: Task) -> None:
+    def fire_taps_again(self, task: Task) -> None:
         """Let what wiretaps want done before a task that has not been started be done again."""
         again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
         if again:
@@ -135,13 +135,13 @@ class Agenda:
                 self._take_back(task)
             self._look_at.append(task)
 
-    def hand_back(self, task: Task) -> None:
+    def requeue(self, task: Task) -> None:
         """No handler has a task that has been started: let it be handled as soon as that may be."""
         if task.queues is not None:
             self.withdrawn.append(task)
-        self.ask_again(task)
+        self.request_again(task)
 
-    def ask_again(self, task: Task) -> None:
+    def request_again(self, task: Task) -> None:
         """No handler has a task, and it waits for none any more: see whether it may go to one."""
         task.requested = False
         self._look_at.append(task)
@@ -185,7 +185,7 @@ class Agenda:
         return changed
 
     def wait(self, task: Task, moment: int, waiter: Any) -> None:
-        """Put *waiter* into ``reached_waits`` when the task reaches that moment."""
+        """Put *waiter* into ``ended_waits`` when the task reaches that moment."""
         if task.waiters is None:
             task.waiters = {}
         task.waiters[waiter] = moment
@@ -209,7 +209,7 @@ class Agenda:
         if task.reached == ALL_MOMENTS:
             return
         now = STARTS & ~task.reached if task.killed and not task.is_running else 0
-        for moment, needed in ORDER[task.is_goal]:
+        for moment, needed in task.message.rules.order:
             reached = task.reached | now
             if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
                 if not self._may_pass(task, moment):
@@ -246,7 +246,7 @@ class Agenda:
         self._look_at.append(task)
 
     def _may_start(self, task: Task) -> bool:
-        if task.suspended or (task.retrying and not task.is_clear):
+        if task.suspended or (task.retrying and not task.may_be_handled_again):
             return False
         if task.held and is_held(task, START_HANDLING):  # it is handled once more
             return False
@@ -275,7 +275,7 @@ class Agenda:
             self.tap_events.append((task, moments))
         if task.waiters:
             for waiter in [waiter for waiter, moment in task.waiters.items() if moment & moments]:
-                self.reached_waits.append((task, waiter))
+                self.ended_waits.append((task, waiter))
                 del task.waiters[waiter]
         if task.followers:
             self._look_at.extend(self.holds.release_followers(task, moments))

@@ -14,7 +14,7 @@ from collections.abc import Callable, Container, Iterable, Iterator
 from itertools import count
 from typing import Any, NamedTuple
 
-from tca_central.model.intervals import predecessors_within, successors_within
+from tca_central.model.intervals import NEXT, PREVIOUS
 from tca_central.model.task_tree import Task, TaskTree
 from tca_wire.points import (
     ALL_MOMENTS,
@@ -181,7 +181,7 @@ def _way_up(start: Place, goal: Place) -> list[Place]:
     task, moment = start
     path = [start]
     while moment != END_ACHIEVING:
-        moment = successors_within(task.is_goal, moment)[0]
+        moment = NEXT[task.is_goal, moment][0]
         path.append(Place(task, moment))
     for ancestor in _above(task):
         path.append(Place(ancestor, END_ACHIEVING))
@@ -224,7 +224,7 @@ class _Side:
 def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
     """The points that wait for a point, those already reached too; those of its children only if *below*."""
     task, moment = place
-    for following in successors_within(task.is_goal, moment):
+    for following in NEXT[task.is_goal, moment]:
         yield Place(task, following)
     if task.delayed and moment == START_ACHIEVING:
         yield Place(task, START_PLANNING)
@@ -243,7 +243,7 @@ Each = Callable[[Iterable[Any]], Iterable[Any]]
 def predecessors(tree: TaskTree, place: Place, each: Each = iter, *, below: bool = True) -> Iterator[Place]:
     """The points that a point waits for, those already reached too; those of its children only if *below*."""
     task, moment = place
-    for preceding in predecessors_within(task.is_goal, moment):
+    for preceding in PREVIOUS.get((task.is_goal, moment), ()):
         yield Place(task, preceding)
     if task.delayed and moment == START_PLANNING:
         yield Place(task, START_ACHIEVING)

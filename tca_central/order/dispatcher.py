@@ -28,8 +28,8 @@ class Dispatcher:
         self._arrivals = 0
         self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
-        self.freed: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
-        """Slots whose handlers have returned, to be given on; resources that may let in others than before."""
+        self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
+        """Resources that may let in somebody, each with the slot whose handler has returned, if one has."""
         self.granted: deque[Claim[Connection]] = deque()  #: claims that have just got their resource
         self.displaced: deque[tuple[Delivery, str]] = deque()  #: gave way to newer ones, and why
         self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
@@ -50,9 +50,9 @@ class Dispatcher:
         if slot is None:
             self._queue(delivery, resources)
         else:
-            self._call_back(delivery, slot)
+            self._give_back(delivery, slot)
 
-    def _call_back(self, delivery: Delivery, slot: Connection) -> None:
+    def _give_back(self, delivery: Delivery, slot: Connection) -> None:
         """Let a slot that waits for the answer handle the question itself."""
         delivery.nested = True
         self._give(delivery, slot)
@@ -69,7 +69,7 @@ class Dispatcher:
         goes_on = False
         for resource in resources:
             resource.queue(delivery)
-            goes_on = goes_on or _goes_on(resource)
+            goes_on = goes_on or _is_sure_to_be_handled(resource)
         if not goes_on:
             self._suspects.append(delivery)
         first = resources[0]
@@ -105,9 +105,8 @@ class Dispatcher:
         """Take out what has waited longest where more wait than may."""
         if (oldest := limit.add(newest)) is not None:
             self.withdraw(oldest)
-            why = (
-                f"at most {limit.most} of '{newest.message.name}' may wait for '{resource.name}', and a newer one came"
-            )
+            what, where = newest.message.name, resource.name
+            why = f"at most {limit.most} of '{what}' may wait for '{where}', and a newer one came"
             self.displaced.append((oldest, why))
 
     def _give(self, delivery: Delivery, slot: Connection) -> None:
@@ -125,45 +124,43 @@ class Dispatcher:
             delivery.nested = False
         elif slot.resource is not None:
             slot.resource.busy += self._clock.now - delivery.since
-            self.freed.append((slot.resource, slot))
+            self.to_offer.append((slot.resource, slot))
 
-    def give_freed_slot(self) -> None:
-        """Let what was freed first take the next message of its resource, or grant the next claim on it."""
-        resource, slot = self.freed.popleft()
+    def offer_next(self) -> None:
+        """Let the first resource that may take the next message of its queue, or grant the next claim on it."""
+        resource, slot = self.to_offer.popleft()
         if slot is not None and slot in resource.slots:
             resource.free_slot(slot)
         following = resource.next_queued()
         if isinstance(following, Claim):
             resource.grant(following)
             self.granted.append(following)
-            self.freed.extend((copy, None) for copy in resource.copies)
+            self.to_offer.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
             self._leave_queues(following)
             self._give(following, resource.take_slot())
             if resource.free or resource.called_back:
-                self.freed.append((resource, None))
+                self.to_offer.append((resource, None))
         elif not resource.is_locked:
-            self._call_all_back(resource)
-
-    def _call_all_back(self, resource: Resource[Connection, Delivery]) -> None:
-        """A lock has ended: no slot waits for itself any longer."""
-        for delivery, sender in list(resource.called_back.items()):
-            if sender in resource.slots:
-                self._leave_queues(delivery)
-                self._call_back(delivery, sender)
-        resource.called_back.clear()
+            for delivery, sender in list(
+                resource.called_back.items()
+            ):  # no lock keeps its own questions out any longer
+                if sender in resource.slots:
+                    self._leave_queues(delivery)
+                    self._give_back(delivery, sender)
+            resource.called_back.clear()
 
     def claim(self, claim: Claim[Connection]) -> None:
         """Let a claim wait for its turn."""
         self._arrive(claim)
         claim.since = self._clock.now
         claim.resource.add_claim(claim)
-        self.freed.append((claim.resource, None))
+        self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: Claim[Connection]) -> None:
         """A claim is given up, or what it got is released: others may get in."""
         claim.resource.end_claim(claim)
-        self.freed.extend((copy, None) for copy in claim.resource.copies)
+        self.to_offer.extend((copy, None) for copy in claim.resource.copies)
 
     def withdraw(self, delivery: Delivery, *, keep_place: bool = False) -> None:
         """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later."""
@@ -180,7 +177,7 @@ class Dispatcher:
         """A delivery waits no longer; a claim that was behind it may be the next now."""
         for resource in delivery.queues or ():
             if resource.claims:
-                self.freed.append((resource, None))
+                self.to_offer.append((resource, None))
         delivery.withdraw()
 
     @staticmethod
@@ -198,13 +195,13 @@ class Dispatcher:
         if not resource.capacity:
             self._serve_all(slot, +1)
         resource.add_slot(slot)
-        self.freed.append((resource, slot))
+        self.to_offer.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
         """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
         if slot.resource is not None:
             slot.resource.remove_slot(slot)
-            self.freed.append((slot.resource, None))  # a claim may have waited for it
+            self.to_offer.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
         orphans, slot.handling = list(slot.handling), {}
@@ -279,11 +276,11 @@ def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
     return Queued(delivery.given_as, delivery.message_id, module, resource, delivery.priority)
 
 
-def _goes_on(resource: ModuleResource) -> bool:
+def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
     """Whether it is plain that what waits will be handled: a handler that nothing blocks is before it."""
     if resource.held_by is not None or resource.claims:
         return False
-    for slot in resource.slots:
+    for slot in resource.slots:  # any() costs twice as much
         if not slot.waits:
             return True
     return not resource.slots

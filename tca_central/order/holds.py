@@ -32,7 +32,6 @@ from tca_wire.points import (
     Point,
     TaskId,
 )
-from tca_wire.rules import NO_LATER
 from tca_wire.vocabulary import Due, Refusal
 
 _SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
@@ -93,7 +92,7 @@ class Holds:
         if constraint.delay:  # as it is told of when the delay is over
             constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
         self.hold(before.task, before.moment, task, moment, constraint.delay)
-        inherited = self.inherit(before.task, before.moment, task, moment) if before.task.killed else []
+        inherited = self.hand_on(before.task, before.moment, task, moment) if before.task.killed else []
         return [constraint, *inherited]
 
     def _delay(self, constraint: Constraint, task: Task, moment: int) -> Constraint:
@@ -127,7 +126,7 @@ class Holds:
         return leader is not None and not leader.reached & leading[2]
 
     def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
-        """Let planning and achieving start together: a hold on either holds both. Whether that is new."""
+        """Let planning and achieving start group: a hold on either holds both. Whether that is new."""
         if task.delayed:
             return False
         if task.children or task.followers:
@@ -141,7 +140,7 @@ class Holds:
         """Raises RequestError if a constraint can never be met. From a killed task what it waited for is inherited."""
         self._refuse_cycle(constraint, after, before)
         if before.task.killed:
-            for (_, its_moment), leader in self._what_holds(*before, _Ways(set(), {})).items():
+            for (_, its_moment), leader in self._what_holds(*before, _KilledTogether(set(), {})).items():
                 self._refuse_cycle(constraint, after, Place(leader, its_moment))
 
     def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
@@ -210,10 +209,10 @@ class Holds:
             if leader is None or leader.reached & entry[2] or not leader.followers:
                 continue
             rare = leader.more
-            rare.void_followers += 1
-            if rare.void_followers > len(leader.followers) // 2 + VOID_ENTRIES:
+            rare.ended_followers += 1
+            if rare.ended_followers > len(leader.followers) // 2 + VOID_ENTRIES:
                 leader.followers = [one for one in leader.followers if one[1].reached != ALL_MOMENTS] or None
-                rare.void_followers = 0
+                rare.ended_followers = 0
         task.leaders = None
 
     # --- killed tasks ----------------------------------------------------------------------------------------------
@@ -221,27 +220,27 @@ class Holds:
     def bequeath(self, killed: list[Task]) -> None:
         """Let the followers of killed tasks wait for what those waited for, so that a sequence keeps its order."""
         self.ending.update(_ending(killed))
-        ways = _Ways(set(killed), {})
+        group = _KilledTogether(set(killed), {})
         for task in killed:
             if task.leaders:
                 for at, follower, held, _ in list(task.followers or ()):
-                    if follower not in self.ending and (added := self.inherit(task, at, follower, held, ways)):
+                    if follower not in self.ending and (added := self.hand_on(task, at, follower, held, group)):
                         self._facts.append(Constrained(added))
 
-    def inherit(
-        self, killed: Task, at: int, follower: Task, held: int, ways: "_Ways | None" = None
+    def hand_on(
+        self, killed: Task, at: int, follower: Task, held: int, group: "_KilledTogether | None" = None
     ) -> list[Constraint]:
         """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or before; by what."""
         if follower.reached & held:
             return []
-        holding = self._what_holds(killed, at, ways or _Ways(set(), {}))
+        holding = self._what_holds(killed, at, group or _KilledTogether(set(), {}))
         for (_, its_moment), leader in holding.items():
             self.hold(leader, its_moment, follower, held)
         return [_constraint(leader, its_moment, follower, held) for (_, its_moment), leader in holding.items()]
 
-    def _what_holds(self, killed: Task, at: int, ways: "_Ways") -> "dict[tuple[int, int], Task]":
+    def _what_holds(self, killed: Task, at: int, group: "_KilledTogether") -> "dict[tuple[int, int], Task]":
         """The leaders that a killed task's moment waits for, also by way of others killed with it."""
-        origin, known = (int(killed.id), at), ways.known
+        origin, known = (int(killed.id), at), group.known
         if origin in known:
             return known[origin]
         found: dict[tuple[int, int], Task] = {}
@@ -250,13 +249,13 @@ class Holds:
             for its_own, leader_id, its_moment in task.leaders or ():
                 leader, place = self.tree.tasks.get(leader_id), (leader_id, its_moment)
                 first = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
-                if leader is None or leader.reached & its_moment or not NO_LATER[task.is_goal][moment] & first:
+                if leader is None or leader.reached & its_moment or not task.message.rules.no_later[moment] & first:
                     continue
                 if leader not in self.ending:
                     found[place] = leader
                 if place in known:
                     found.update(known[place])
-                elif leader in ways.killed and place not in seen:
+                elif leader in group.killed and place not in seen:
                     seen.add(place)
                     frontier.append((leader, its_moment))
         known[origin] = found
@@ -278,8 +277,8 @@ class Holds:
         return None if task is None else Place(task, unified(task.is_goal, moment))
 
 
-class _Ways(NamedTuple):
-    """A cache for tasks that are killed together; *known*: leaders by task and moment."""
+class _KilledTogether(NamedTuple):
+    """A cache for tasks that are killed group; *known*: leaders by task and moment."""
 
     killed: set[Task]
     known: dict[tuple[int, int], dict[tuple[int, int], Task]]
@@ -307,7 +306,7 @@ def is_held(task: Task, moment: int) -> bool:
     return bool(task.held >> _SHIFT[moment] & _COUNTER)
 
 
-def is_held_back(task: Task) -> bool:
+def has_held_start(task: Task) -> bool:
     """Whether constraints hold one of its beginnings back."""
     return bool(task.held & _BEGINNINGS)
 

@@ -13,7 +13,6 @@ from tca_wire.messages.formats import NIL, NO_DATA
 from tca_wire.messages.notices import Notice
 from tca_wire.packets.headers import Suspended
 from tca_wire.points import ROOT, TaskId
-from tca_wire.rules import AT_BIRTH
 from tca_wire.vocabulary import CENTRAL, Role
 
 
@@ -112,7 +111,7 @@ def data_for(message: MessageType, body: bytes) -> bytes:
 
 def at_birth(task: Task) -> list[facts.Fact]:
     """The facts of moments that a new task has reached already."""
-    return [] if task.is_goal else [facts.Reached(TaskId(task.id), AT_BIRTH[False])]
+    return [] if task.is_goal else [facts.Reached(TaskId(task.id), task.message.rules.at_birth)]
 
 
 def suspend(central: State, task: Task, *, resume: bool, by: str = CENTRAL) -> None:

@@ -195,7 +195,7 @@ def _give_to_another(central: State, delivery: Delivery) -> None:
     is_tapped = bool(to_be_fired(delivery, START_HANDLING))
     if delivery.suspended or delivery.retrying or is_tapped:  # it will not be queued at once
         central.facts.append(facts.Unqueued(delivery.given_as))
-    central.agenda.hand_back(delivery)
+    central.agenda.requeue(delivery)
 
 
 # --- messages and handlers -------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from tca_central.model.deliveries import Connection, Delivery, MessageType, Modu
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import Granting, Node, Returning, Turn, TurnAt, Waiting
 from tca_central.needs.waits import Ends, next_of, waits_of
-from tca_central.order.holds import is_held_back
+from tca_central.order.holds import has_held_start
 from tca_central.state import PresenceWait, State
 from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
@@ -132,7 +132,7 @@ def _blocking(central: State, connection: Connection, origin: int, node: Node, s
 def _held(central: State) -> list[Task]:
     """Tasks whose beginnings constraints hold back, those first that were sent or last handled first."""
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
-    held = [one for one in oldest if is_held_back(one) and one.slot is None and one.queues is None and not one.killed]
+    held = [one for one in oldest if has_held_start(one) and one.slot is None and one.queues is None and not one.killed]
     return sorted(held, key=lambda task: task.since)
 
 

@@ -201,7 +201,7 @@ def _waiting(central: State, tap: Wiretap) -> list[Task]:
 def _hold_back(central: State, task: Task) -> None:
     """Let a task that waits to be given to a handler be looked at anew; it keeps its place among the others."""
     central.dispatcher.withdraw(task, keep_place=True)
-    central.agenda.ask_again(task)
+    central.agenda.request_again(task)
 
 
 # --- firing ----------------------------------------------------------------------------------------------------------

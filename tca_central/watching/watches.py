@@ -9,7 +9,7 @@ from tca_central.state import State, dropped_fact, involved
 from tca_wire.journal import facts
 from tca_wire.packets.parts import Watching, WatchOptions
 from tca_wire.points import TaskId
-from tca_wire.rules import RETURNED, is_of_handling
+from tca_wire.rules import RETURNED, recurs_on_retry
 from tca_wire.vocabulary import Refusal, Role
 
 SHORTEST_PERIOD = 0.001
@@ -105,7 +105,7 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
         if one.role is Role.LISTENER:
             tapped, tap = central.tree.tasks.get(one.context.tapped.task), central.taps.get(one.context.tap.id)
             if tapped is parent:
-                return tap is None or not is_of_handling(tap.condition)
+                return tap is None or not recurs_on_retry(tap.condition)
             one = tapped
         elif one.role.is_of_monitor:
             one = one.context.task

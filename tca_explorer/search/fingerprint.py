@@ -68,9 +68,9 @@ IGNORED = {
         "since",  # for people
     },
     "Task": {"parent", "top", "recovery", "guard"},  # met as a child of it; what follows from that
-    "Rare": {"void_followers", "offspring"},  # when to look through them; its children once more
+    "Rare": {"ended_followers", "sequence"},  # when to look through them; its children once more
     "Siblings": {"_order"}, "Agenda": {"_facts"},
-    "Resource": {"_sent_by"},  # the same queue in other words
+    "Resource": {"_sent_by", "numbers"},  # the same queue in other words; for people
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
     "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
     "PendingDelay": {"constraint"},  # as it is recorded
@@ -322,8 +322,8 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Delivery", "arrival"): _Walk.add_rank,
     ("Rare", "fired"): _Walk.add_fired,
     ("Rare", "listeners"): _Walk.add_living,
-    ("Recovery", "failure"): _Walk.add_failure,
-    ("Recovery", "attached"): _Walk.add_attachment,
+    ("FailureContext", "failure"): _Walk.add_failure,
+    ("FailureContext", "attached"): _Walk.add_attachment,
     ("PendingKill", "verdict"): _Walk.add_verdict,
     ("Watch", "timers"): _Walk.add_timers,
     ("Watch", "began"): _Walk.add_beginning,

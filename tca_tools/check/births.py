@@ -7,7 +7,7 @@ from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, describe_moments
-from tca_wire.rules import AT_BIRTH, is_of_handling
+from tca_wire.rules import NO_GOAL, recurs_on_retry
 from tca_wire.text.measures import duration, run_time
 from tca_wire.vocabulary import Role
 
@@ -83,7 +83,7 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
     _constrain(world, fact.constraints)
     if not item.is_goal:
         what = "was not planned when it was sent, and is no goal"
-        world.expect(lambda: not ~item.reached & AT_BIRTH[False], ORDER, item, what)
+        world.expect(lambda: not ~item.reached & NO_GOAL.at_birth, ORDER, item, what)
 
 
 def _is_put_by_others(world: JournalWorld, item: MessageRecord, parent: MessageRecord) -> bool:
@@ -96,7 +96,7 @@ def _is_put_by_others(world: JournalWorld, item: MessageRecord, parent: MessageR
         if one.role is Role.LISTENER:
             tapped = world.items.get(one.about)
             if tapped is parent:
-                return not any(is_of_handling(world.taps[tap].condition) for tap in one.fired if tap in world.taps)
+                return not any(recurs_on_retry(world.taps[tap].condition) for tap in one.fired if tap in world.taps)
             one = tapped if tapped is not None and tapped.is_task else None
         elif one.role.is_of_monitor:
             one = world.items.get(one.about)

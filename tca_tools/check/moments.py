@@ -18,7 +18,7 @@ from tca_wire.points import (
     START_PLANNING,
     describe_moments,
 )
-from tca_wire.rules import AT_BIRTH, NO_LATER, PARENT_FIRST
+from tca_wire.rules import PARENT_FIRST, rules_of
 from tca_wire.vocabulary import Role
 
 _REACHED = [f"reached {', '.join(describe_moments(moments))}" for moments in range(ALL_MOMENTS + 1)]
@@ -67,8 +67,8 @@ def _words(moments: int) -> str:
 
 
 def _check_order(world: JournalWorld, item: MessageRecord, moments: int) -> None:
-    for moment, needed in NO_LATER[item.is_goal].items():
-        if moments & moment and (missing := (needed | AT_BIRTH[item.is_goal]) & ~item.reached):
+    for moment, needed in rules_of(item.is_goal).no_later.items():
+        if moments & moment and (missing := (needed | rules_of(item.is_goal).at_birth) & ~item.reached):
             rule = rules.COMMAND if moment in (START_HANDLING, START_ACHIEVING, START_PLANNING) else rules.ORDER
             world.broken(rule, item, f"reached {_words(moment)} before {_words(missing)}")
 
@@ -77,7 +77,7 @@ def _check_starts(world: JournalWorld, item: MessageRecord, moments: int, before
     if missing := not_met(item, moments):
         world.broken(rules.CONSTRAINT, item, f"reached {_words(moments)} before {missing}")
     parent = item.parent
-    starts = PARENT_FIRST & ~AT_BIRTH[item.is_goal]
+    starts = PARENT_FIRST & ~rules_of(item.is_goal).at_birth
     if parent is not None and not item.role and (early := moments & starts & ~parent.reached):
         world.broken(rules.FAMILY, item, f"reached {_words(early)} before {parent}, under which it is, did")
     if moments & START_HANDLING:

@@ -28,7 +28,7 @@ from tca_central.model.clock import Clock
 from tca_central.order.agenda import Agenda
 from tca_central.order.holds import Holds
 from tca_central.requests import joining
-from tca_central.state import Recovery, TaskWait
+from tca_central.state import FailureContext, TaskWait
 from tca_central.watching import taps
 from tca_central.watching.watches import Watch
 from tca_explorer import (
@@ -95,13 +95,13 @@ def suspended_tasks_are_started(patch: Patch) -> None:
 
 
 def attempts_are_not_told(patch: Patch) -> None:
-    real = Recovery.header.fget  # type: ignore[attr-defined]
+    real = FailureContext.header.fget  # type: ignore[attr-defined]
 
-    def header(self: Recovery) -> Any:
+    def header(self: FailureContext) -> Any:
         self.failing.more.attempts = 1
         return real(self)
 
-    patch.setattr(Recovery, "header", property(header))
+    patch.setattr(FailureContext, "header", property(header))
 
 
 def a_reissued_failure_is_searched_from_the_start(patch: Patch) -> None:

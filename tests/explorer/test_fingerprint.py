@@ -30,7 +30,7 @@ from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Rare, Siblings, TaskTree, Verdict
 from tca_central.order.holds import PendingDelay
-from tca_central.state import Recovery
+from tca_central.state import FailureContext
 from tca_central.watching.watches import Watch
 from tca_explorer import Scenario, Script, Task
 from tca_explorer.observed.world import Name, World
@@ -291,7 +291,7 @@ def test_the_tables_name_what_there_is() -> None:
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
         central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Rare(), Siblings(),  # type: ignore[arg-type]
         Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
-        Recovery(*[None] * 5),  # type: ignore[arg-type]
+        FailureContext(*[None] * 5),  # type: ignore[arg-type]
     ]  # fmt: skip
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)

@@ -214,7 +214,7 @@ def give_slots_twice(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def forget_freed_slots(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Dispatcher, "give_freed_slot", lambda self: self.freed.clear())
+    monkeypatch.setattr(Dispatcher, "offer_next", lambda self: self.to_offer.clear())
 
 
 def achieve_before_the_children(monkeypatch: pytest.MonkeyPatch) -> None:

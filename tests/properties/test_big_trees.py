@@ -21,7 +21,7 @@ def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bo
     bench.steady(bottom, 10)
     bench.operations(bottom)
     assert len(bench.central.tree.tasks) == 2  # the top-level task, and under it what leaves things safe
-    assert not bench.central.dispatcher.freed
+    assert not bench.central.dispatcher.to_offer
 
 
 @pytest.mark.parametrize("scope", [Scope.TASK, Scope.DESCENDANTS])
