@@ -5,7 +5,7 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 """
 
 import itertools
-from collections import Counter
+from collections import Counter, defaultdict
 
 from tca_central.control.steering import PendingKill
 from tca_central.model.deliveries import Delivery, ModuleResource
@@ -23,44 +23,33 @@ from tca_wire.points import (
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
-    TaskId,
 )
 from tca_wire.vocabulary import Due, Role
 
 
 def check_invariants(central: State) -> None:
     """Raise AssertionError, naming the task or resource, where an invariant does not hold."""
-    tree = central.tree
-    held, leaders = _constraints_in_force(central)
-    for task in tree.tasks.values():
+    _check_constraints(central)
+    for task in central.tree.tasks.values():
         _check_place(central, task)
         _check_family(task)
         _check_guard(central, task)
         _check_order(task)
-        assert held_counts(task) == dict(held.get(task.id, {})), f"{task}: held by {held_counts(task)}"
-        assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders.get(task.id, set()), f"{task}"
         _check_delivery(central, task)
         _check_suspension(central, task)
-    assert all(tree.tasks.get(one.id) is one for one in tree.across), "an edge begins at a task that has ended"
-    _check_watches(central)
-    root_children = tree.root.children or {}
-    assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
-    _check_resources(central)
-    _check_stranded(central)
-    for holder, claims in central.claimed_for.items():
-        assert claims, f"{holder}: no claims"
-        is_there = holder.given_as in central.dispatcher.running or central.tree.tasks.get(TaskId(holder.id)) is holder
-        assert is_there, f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
-    _check_what_lies_ahead(central)
-    _check_connections(central)
-    _check_waits(central)
-    _check_variables(central)
-    _check_kept(central)
-    _check_routes(central)
+    for check in (
+        _check_watches, _check_resources, _check_stranded, _check_claims_of_tasks, _check_what_lies_ahead,
+        _check_connections, _check_waits, _check_variables, _check_kept, _check_routes,
+    ):  # fmt: skip
+        check(central)
+
+
+def _is_alive(central: State, task: Task | Delivery) -> bool:
+    return task is central.tree.root or central.tree.tasks.get(task.id) is task
 
 
 def _check_waits(central: State) -> None:
-    """Who blocks has asked something that is open; what a coroutine awaits is awaited as a whole."""
+    """Whoever blocks has asked something that is open; what a coroutine awaits is awaited as a whole."""
     connections = central.registry.connections.values()
     assert {one for one in connections if one.waits} == set(central.blocked), "who blocks is not who waits"
     for connection in central.blocked:
@@ -76,38 +65,38 @@ def _check_watches(central: State) -> None:
     assert central.watches == {watch.task.id: watch for watch in watches if not (watch.is_over or watch.task.killed)}
 
 
-def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:
-    """What the followers' lists say about who is held, counted anew."""
-    held: dict[int, Counter[int]] = {}
-    leaders: dict[int, set[tuple[int, int, int]]] = {}
-    for task in central.tree.tasks.values():
+def _check_constraints(central: State) -> None:
+    """Tasks are held by what the followers' lists and the timers say, counted anew."""
+    tree = central.tree
+    held: dict[int, Counter[int]] = defaultdict(Counter)
+    leaders: dict[int, set[tuple[int, int, int]]] = defaultdict(set)
+    for task in tree.tasks.values():
         for moment, follower, its_moment, _ in task.followers or ():
-            is_known = follower.parent is task.parent or task in central.tree.across
+            is_known = follower.parent is task.parent or task in tree.across
             assert is_known, f"{task}: nobody knows that {follower}, no sibling, waits for it"
             assert not task.reached & moment, f"{task}: {follower} still waits for a moment that is past"
-            held.setdefault(follower.id, Counter())[its_moment] += 1
-            leaders.setdefault(follower.id, set()).add((its_moment, task.id, moment))
+            held[follower.id][its_moment] += 1
+            leaders[follower.id].add((its_moment, task.id, moment))
     for timer in central.clock.pending():
         if timer.due is Due.RELEASE and isinstance(timer.subject, PendingDelay):
-            held.setdefault(timer.subject.task.id, Counter())[timer.subject.moment] += 1
-    return held, leaders
+            held[timer.subject.task.id][timer.subject.moment] += 1
+    for task in tree.tasks.values():
+        assert held_counts(task) == dict(held[task.id]), f"{task}: held by {held_counts(task)}"
+        assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders[task.id], f"{task}: leaders"
+    assert all(tree.tasks.get(one.id) is one for one in tree.across), "an edge begins at a task that has ended"
 
 
 def _check_place(central: State, task: Task) -> None:
     """Task tree schema: every node but the root has one parent, which is a node or the root; the root is no node."""
-    tree = central.tree
+    parent, children = task.parent, (task.children or {}).values()
     assert task.id != ROOT, "the root is among the tasks"
-    parent = task.parent
     assert parent is not None, f"{task}: no parent"
-    assert parent is tree.root or tree.tasks.get(parent.id) is parent, f"{task}: its parent is not in the tree"
-    assert parent.children is not None, f"{task}: its parent does not know it"
-    assert parent.children.get(task.id) is task, f"{task}: its parent does not know it"
+    assert _is_alive(central, parent), f"{task}: its parent is not in the tree"
+    assert (parent.children or {}).get(task.id) is task, f"{task}: its parent does not know it"
     assert task.message.message_class.is_task, f"{task}: queries and informs are no tasks"
-    guests = [child for child in (task.children or {}).values() if child.is_guest]
-    assert (task.rare.guests if task.rare else 0) == len(guests), f"{task}: {guests} are not all its guests"
-    assert task.unplanned == sum(
-        child.is_goal and not child.reached & END_PLANNING for child in (task.children or {}).values()
-    ), f"{task}: {task.unplanned} children to plan"
+    assert (task.rare.guests if task.rare else 0) == sum(child.is_guest for child in children), f"{task}: guests"
+    unplanned = sum(child.is_goal and not child.reached & END_PLANNING for child in children)
+    assert task.unplanned == unplanned, f"{task}: {task.unplanned} children to plan"
 
 
 def _check_guard(central: State, task: Task) -> None:
@@ -115,10 +104,10 @@ def _check_guard(central: State, task: Task) -> None:
     guard = task.guard
     if guard is None or guard.age != central.tree.guards.age:
         return
-    between = [*itertools.takewhile(lambda one: one is not guard.task, task.lineage())]
-    is_above = any(one is guard.task for one in (*task.lineage(), central.tree.root))
-    assert is_above, f"{task}: its guard is not above it"
-    assert not any(one.has_exception_handlers for one in between), f"{task}: {between} are passed over"
+    lineage = [*task.lineage(), central.tree.root]
+    assert guard.task in lineage, f"{task}: its guard is not above it"
+    between = itertools.takewhile(lambda one: one is not guard.task, lineage)
+    assert not any(one.has_exception_handlers for one in between), f"{task}: exception handlers are passed over"
 
 
 def _check_family(task: Task) -> None:
@@ -127,9 +116,8 @@ def _check_family(task: Task) -> None:
     assert parent is not None
     assert task.reached != ALL_MOMENTS, f"{task}: has ended and is still here"
     if not task.killed:
-        for moment in (START_PLANNING, START_ACHIEVING) if task.is_goal else (START_ACHIEVING,):
-            early = task.reached & moment and not parent.reached & moment
-            assert task.ignores_parent or not early, f"{task}: started before its parent"
+        starts = (START_PLANNING | START_ACHIEVING) if task.is_goal else START_ACHIEVING
+        assert task.ignores_parent or not task.reached & starts & ~parent.reached, f"{task}: started before its parent"
         assert not parent.killed or task.survives, f"{task}: outlives its killed parent"
     assert not parent.reached & END_ACHIEVING, f"{task}: not ended, but its parent has"
 
@@ -155,30 +143,28 @@ def _check_delivery(central: State, task: Task) -> None:
     is_attended = task.given_as in central.dispatcher.running
     assert is_attended == task.is_running, f"{task}: attended or not?"
     assert is_attended or not task.nested, f"{task}: nested in a handler that is done"
-    assert not (is_attended and task.queues is not None), f"{task}: with a handler and in a queue"
-    assert not (is_attended and task.returned), f"{task}: returned and with a handler"
+    assert is_attended + task.returned + (task.queues is not None) <= 1 or task.returned > is_attended, (
+        f"{task}: in two places"
+    )
     if task.killed:
         return
     unasked = to_be_fired(task, first_moments(task)) if task.queues is not None else []
     assert not unasked, f"{task}: waits for its handler, and {unasked[0].listener.name} was not sent before"
     if task.reached & START_HANDLING:
-        watch = task.rare.watch if task.rare else None
+        watch, recovering = (task.rare.watch, task.rare.recovering) if task.rare else (None, None)
         is_decided = (
             (watch is not None and watch.is_on)
-            or task.returned
-            or task.is_running
-            or task.retrying
-            or task.suspended
+            or (recovering is not None and recovering.id in central.tree.tasks)
+            or task.returned or is_attended or task.retrying or task.suspended
             or task.queues is not None
             or is_held(task, START_HANDLING)
-        )
-        recovering = task.rare.recovering if task.rare else None
-        assert is_decided or (recovering and recovering.id in central.tree.tasks), f"{task}: nobody handles it"
+        )  # fmt: skip
+        assert is_decided, f"{task}: nobody handles it"
         return
     start = delivered_at(task.is_goal)
     starts = (start, START_ACHIEVING) if task.delayed else (start,)
-    is_kept = any(moment in held_counts(task) for moment in starts) or task.suspended
-    may_start = not is_kept and all(task.ignores_parent or bool(parent.reached & moment) for moment in starts)
+    is_kept = task.suspended or any(is_held(task, moment) for moment in starts)
+    may_start = not is_kept and all(task.ignores_parent or parent.reached & moment for moment in starts)
     assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
 
 
@@ -198,6 +184,14 @@ def _check_stranded(central: State) -> None:
             assert not waits, f"{waits}: nobody handles '{message.name}', and the search does not go on"
 
 
+def _check_claims_of_tasks(central: State) -> None:
+    """Claims end with what they were made for."""
+    for holder, claims in central.claimed_for.items():
+        assert claims, f"{holder}: no claims"
+        is_there = holder.given_as in central.dispatcher.running or _is_alive(central, holder)
+        assert is_there, f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
+
+
 def _check_resources(central: State) -> None:
     """A resource is never over its capacity, and nothing waits while a slot is free."""
     attending: Counter[ModuleResource] = Counter()
@@ -209,22 +203,22 @@ def _check_resources(central: State) -> None:
             assert delivery.slot not in slots, f"delivery {delivery.id}: its slot handles two messages"
             slots.add(delivery.slot)
             attending[delivery.slot.resource] += 1
-    for module in central.registry.modules.values():
-        for resource in module.resources.values():
-            name = f"resource '{resource.name}' of '{module.name}'"
-            assert attending[resource] + resource.free == resource.capacity, f"{name}: {attending[resource]} attending"
-            assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
-            following = resource.next_queued()
-            is_message = isinstance(following, Delivery)
-            assert following is None or (is_message and not resource.free), f"{name}: {following} waits, it could go on"
-            _check_limits(resource, name)
-            _check_claims(central, resource, name)
+    for resource in (one for module in central.registry.modules.values() for one in module.resources.values()):
+        name = f"resource '{resource.name}' of '{resource.module}'"
+        assert attending[resource] + resource.free == resource.capacity, f"{name}: {attending[resource]} attending"
+        assert resource.slots.keys() == resource.numbers.keys(), f"{name}: slots without a number"
+        assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
+        following = resource.next_queued()
+        is_message = isinstance(following, Delivery)
+        assert following is None or (is_message and not resource.free), f"{name}: {following} waits, it could go on"
+        _check_limits(resource, name)
+        _check_claims(central, resource, name)
     for message in central.registry.messages.values():
         serving = sum(bool(handler.resource.capacity) for handler in message.handlers)
         assert message.serving == serving, f"message '{message.name}': {message.serving} serving, counted {serving}"
+        assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
         for wait in message.awaited_by:
             _check_handled_wait(wait)
-        assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
 
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
@@ -248,10 +242,8 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
 
 def _check_what_lies_ahead(central: State) -> None:
     """Whatever waits for a time or a point is about a living task, which knows it: it goes when that task ends."""
-    tree = central.tree
-    everyone = [tree.root, *tree.tasks.values()]
     timers = set(central.clock.pending())
-    for task in everyone:
+    for task in (central.tree.root, *central.tree.tasks.values()):
         for what, waits_for in task.rare.pending.items() if task.rare else ():
             if isinstance(waits_for, Task):
                 is_there = what in (waits_for.waiters or ())
@@ -264,11 +256,9 @@ def _check_what_lies_ahead(central: State) -> None:
             if isinstance(waiter, Watch):
                 assert waiter.is_on, f"{task}: a monitor that is over waits for it"
                 assert waiter.waits_for is task, f"{task}: a monitor waits for it and knows nothing"
-    for timer in central.clock.pending():
+    for timer in timers:
         due_for = getattr(timer.subject, "task", None)
-        if due_for is not None:
-            is_there = due_for is tree.root or tree.tasks.get(due_for.id) is due_for
-            assert is_there, f"{due_for}: has ended, and is due for '{timer.due}'"
+        assert due_for is None or _is_alive(central, due_for), f"{due_for}: has ended, and is due for '{timer.due}'"
 
 
 def _check_handled_wait(wait: PresenceWait) -> None:
@@ -289,17 +279,14 @@ def _check_limits(resource: ModuleResource, name: str) -> None:
 
 def _check_connections(central: State) -> None:
     registry = central.registry
-    for connection in registry.connections.values():
-        assert registry.modules.get(connection.module.incarnation) is connection.module
-        assert connection.module.connections.get(connection.session) is connection
-    known = sum(len(module.connections) for module in registry.modules.values())
-    assert known == len(registry.connections), "connections without a module"
+    known = {one for module in registry.modules.values() for one in module.connections.values()}
+    assert known == set(registry.connections.values()), "connections without a module"
+    assert all(registry.modules.get(one.module.incarnation) is one.module for one in known), "a module that has gone"
 
 
 def _check_kept(central: State) -> None:
     """Records are of ended tasks that connected modules keep, and hang under what is there."""
-    tree, kept = central.tree, central.kept
-    modules = set(central.registry.modules.values())
+    tree, kept, modules = central.tree, central.kept, central.registry.modules.values()
     for record in kept.values():
         parent = record.parent
         assert record.id not in tree.tasks, f"record {record.id}: its task lives"
@@ -307,15 +294,12 @@ def _check_kept(central: State) -> None:
         assert is_there, f"record {record.id}: hangs under what is gone"
         assert record.siblings.get(record.id) is record, f"record {record.id}: its parent does not know it"
         assert record.kept_by, f"record {record.id}: nobody keeps it"
-        assert modules >= record.kept_by.keys(), f"record {record.id}: kept by who is gone"
-    promised = 0
-    for module in modules:
-        for task_id in module.keeps:
-            task = tree.tasks.get(task_id)
-            kept_by = kept[task_id].kept_by if task is None else task.more.kept_by
-            assert module in kept_by, f"'{module.name}' keeps {task_id}, which does not know it"
-            promised += 1
-    assert central.keep_count == promised, f"{central.keep_count} promises, counted {promised}"
+        assert record.kept_by.keys() <= {*modules}, f"record {record.id}: kept by who is gone"
+    promises = [(module, number) for module in modules for number in module.keeps]
+    for module, number in promises:
+        kept_by = kept[number].kept_by if number in kept else tree.tasks[number].more.kept_by
+        assert module in kept_by, f"'{module.name}' keeps {number}, which does not know it"
+    assert central.keep_count == len(promises), f"{central.keep_count} promises, counted {len(promises)}"
     assert central.kept_bytes == sum(record.size for record in kept.values()), "size of the records"
 
 
@@ -327,19 +311,18 @@ def _check_variables(central: State) -> None:
         message = central.registry.messages[name]
         assert message.message_class.keeps_value, f"'{name}' has a value and is no variable"
         assert not message.waiting, f"variable '{name}': waits for a handler"
-        for handler in message.handlers:
-            assert handler.resource.limits[name].most == 1, f"variable '{name}': older values may wait"
+        limits = {handler.resource.limits[name].most for handler in message.handlers}
+        assert limits <= {1}, f"variable '{name}': older values may wait"
 
 
 def _check_routes(central: State) -> None:
-    """Who is told of a message's route, and of a slot's end, is connected; and both sides know it."""
+    """Whoever is told of a message's route, or of a slot's end, is connected; and both sides know it."""
     connections = set(central.registry.connections.values())
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
-        assert message.senders_told.keys() <= connections, f"'{message.name}': one who is gone is told of its route"
-        assert all(message in sender.routes for sender in message.senders_told), f"'{message.name}': no route"
-    for connection in connections:
-        assert all(connection in message.senders_told for message in connection.routes), "it is no longer told"
-        assert connection.watches.keys() <= connections, "it watches a slot that is gone"
-        assert all(connection in slot.watchers for slot in connection.watches), "it watches in vain"
-        assert connection.watchers.keys() <= connections, "one who is gone watches"
+        told = {one for one in connections if message in one.routes}
+        assert message.senders_told.keys() == told, f"'{message.name}': its senders do not know its route, or are gone"
+    for slot in connections:
+        watching = {one for one in connections if slot in one.watches}
+        assert slot.watchers.keys() == watching, "one who is gone watches a slot, or in vain"
+        assert slot.watches.keys() <= connections, "it watches a slot that is gone"

@@ -189,7 +189,7 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     """End the top-level task, or kill the exception handler around a failure not raised by choice, and return it."""
     undecided = None if NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) else next(task.recoveries(), None)
     central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
-    verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=task.id)
+    verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=TaskId(task.id))
     if undecided is None:
         _end_top_level(central, task, failure, verdict)
         return None

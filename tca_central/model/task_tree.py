@@ -50,15 +50,15 @@ class Rare:
         self.is_tapped = False  #: wiretaps are about to be fired: it does not go on meanwhile
         self.listeners: list[Task] = []  #: that are killed with it
         self.watch: Any = None  #: of a monitor: what it is doing
-        self.is_void = False  #: of an exception handler's task: it has reissued its failure, or was killed
+        self.is_void = False  #: of an exception handler: it decides nothing any more (it has reissued, or was killed)
         self.farewells: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
-        self.ended_followers = 0  #: entries in its followers of tasks that have ended without having been let go
+        self.ended_followers = 0  #: number of its followers that were killed while they waited, and have ended
         self.retry_askers: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
         self.retry_targets: list[Task] = []  #: of an exception handler: the tasks that it wants retried
-        self.is_guest = False  #: of a monitor: others have put it under its parent (watching/watches.py)
+        self.is_guest = False  #: of a monitor: others than its parent's handler put it there (watching/watches.py)
         self.guests = 0  #: number of such children
-        self.sequence: Siblings | None = None  #: its children but those aside, once the newest has been killed
+        self.sequence: Siblings | None = None  #: its children in order, but those aside, once the newest was killed
         self.kept_by: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that hang under it, oldest end first
 
@@ -192,7 +192,7 @@ class Verdict(NamedTuple):
     why: str
     by: str = CENTRAL  #: the module that wants it, or central
     origin: int = 0  #: the delivery whose handler asked for it (0: none)
-    failed: int = ROOT  #: the task whose failure nobody handled, if it is for that
+    failed: TaskId = ROOT  #: the task whose failure nobody handled, if it is for that
 
 
 class KeptTask:
@@ -267,7 +267,7 @@ class TaskTree:
         if task.rare is not None and task.rare.is_guest:
             parent.more.guests += 1
         if parent is self.root and not is_aside(task):
-            self.top_of_module.setdefault(_sender(task), Siblings()).add(task)
+            self.top_of_module.setdefault(sender_name(task), Siblings()).add(task)
         elif parent.rare is not None and parent.rare.sequence is not None and not is_aside(task):
             parent.rare.sequence.add(task)
 
@@ -292,7 +292,7 @@ class TaskTree:
             del self.across[task]
         parent = task.parent
         if parent is self.root and not is_aside(task):
-            self._detach_top(task, _sender(task))
+            self._detach_top(task, sender_name(task))
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
             parent.watchers -= task.is_watcher
@@ -370,5 +370,6 @@ def _newest_child(parent: Task) -> Task | None:
     return parent.more.sequence.newest()
 
 
-def _sender(task: Task) -> str:
+def sender_name(task: Task) -> str:
+    """The module that sent a task; "" for central, or if that has gone."""
     return task.sender.module.name if task.sender else ""

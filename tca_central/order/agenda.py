@@ -1,10 +1,9 @@
 """The agenda: which moment of which task may be reached when. Knows nothing of modules or sockets.
 
-Theory of operation. Whoever's constraints are met (holds.py counts them) is looked at again; parents and children are
-looked at by the parent/child rules: a child starts planning (achieving) only after its parent has, a parent ends
-planning (achieving) only after all its children have. ``settle`` repeats that until nothing moves. Each point is
-reached once and each constraint released once, so an event costs what it changes, whatever the size of the tree;
-nothing recurses.
+Theory of operation. A task is looked at again when its constraints are met (holds.py counts them), and when its parent
+or a child has moved: a child starts planning (achieving) only after its parent has, a parent ends planning (achieving)
+only after all its children have. ``settle`` goes on until nothing moves. Each point is reached once and each constraint
+released once, so an event costs what it changes, whatever the size of the tree; nothing recurses.
 """
 
 from collections import deque
@@ -14,7 +13,7 @@ from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Delivery, Wiretap
 from tca_central.model.intervals import STARTS, delivered_at
-from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, taps_of, to_be_fired
+from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, sender_name, taps_of, to_be_fired
 from tca_central.order.holds import Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Killed, Reached, TimedOut
@@ -40,13 +39,13 @@ class Agenda:
         self.holds = Holds(tree, facts, clock)
         self._facts = facts
         self._look_at: deque[Task] = deque()
-        self.startable: deque[Task] = deque()  #: all conditions of their delivery to a handler are met
-        self.withdrawn: deque[Task] = deque()  #: were startable, and are held again
-        self.ended: deque[Task] = deque()  #: reached their last moment
+        self.startable: deque[Task] = deque()  #: may be given to a handler
+        self.withdrawn: deque[Task] = deque()  #: may not any more: take them out of their queues
+        self.ended: deque[Task] = deque()  #: have reached their last moment
         self.ended_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
         self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
-        self.tap_events: deque[tuple[Delivery, int]] = deque()  #: what others may have tapped
-        self.only_watched: deque[Task] = deque()  #: nothing is left under them but monitors that watch over it
+        self.tap_events: deque[tuple[Delivery, int]] = deque()  #: what has happened to messages: wiretaps may be at it
+        self.only_watched: deque[Task] = deque()  #: have only monitors under them that watched over the rest
 
     # --- what the core tells ---------------------------------------------------------------------------------------
 
@@ -55,7 +54,7 @@ class Agenda:
 
         Raises RequestError, and leaves no trace, where a constraint can never be met.
         """
-        sender = task.sender.module.name if task.sender else ""
+        sender = sender_name(task)
         last = self.tree.last_sibling(parent, sender)
         self.tree.attach(task, parent)
         task.reached |= task.message.rules.at_birth
@@ -113,7 +112,7 @@ class Agenda:
         self._look_at.append(task)
 
     def retry(self, task: Task) -> None:
-        """Let a started task be handled again, when it has no handler and all under it but guests has ended."""
+        """Let a started task be handled again, as soon as ``Task.may_be_handled_again``."""
         task.retrying, task.returned = True, False
         if task.rare:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
@@ -127,7 +126,7 @@ class Agenda:
         self._look_at.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
-        """Let what wiretaps want done before a task that has not been started be done again."""
+        """Fire again the wiretaps before the start of a task that has not been started."""
         again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
         if again:
             task.more.fired = {tap: heard for tap, heard in task.more.fired.items() if tap not in again}
@@ -136,13 +135,13 @@ class Agenda:
             self._look_at.append(task)
 
     def requeue(self, task: Task) -> None:
-        """No handler has a task that has been started: let it be handled as soon as that may be."""
+        """Let a started task that no handler has any more be handled as soon as that may be."""
         if task.queues is not None:
             self.withdrawn.append(task)
         self.request_again(task)
 
     def request_again(self, task: Task) -> None:
-        """No handler has a task, and it waits for none any more: see whether it may go to one."""
+        """See whether a task that no handler has, and that is in no queue, may go to one."""
         task.requested = False
         self._look_at.append(task)
 
@@ -159,9 +158,7 @@ class Agenda:
         reason = kill_reason(verdict.why, verdict.by)
         for doomed in killed:
             doomed.killed = reason
-            self._facts.append(
-                Killed(TaskId(doomed.id), verdict.why, verdict.by, verdict.origin, TaskId(verdict.failed))
-            )
+            self._facts.append(Killed(TaskId(doomed.id), *verdict))
         self.holds.bequeath(killed)
         for doomed in killed:
             if not doomed.is_running:
@@ -281,17 +278,12 @@ class Agenda:
             self._look_at.extend(self.holds.release_followers(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):
             self._look_at.extend(task.children.values())
-        if moments & END_PLANNING and task.is_goal:
-            self._child_planned(task)
+        if moments & END_PLANNING and task.is_goal and (parent := task.parent) is not None:
+            parent.unplanned -= 1
+            if not parent.unplanned:
+                self._look_at.append(parent)
         if task.reached == ALL_MOMENTS:
             self._end(task)
-
-    def _child_planned(self, child: Task) -> None:
-        parent = child.parent
-        assert parent is not None
-        parent.unplanned -= 1
-        if not parent.unplanned:
-            self._look_at.append(parent)
 
     def _end(self, task: Task) -> None:
         self.tree.detach(task)

@@ -69,7 +69,7 @@ class Holds:
     # --- putting in force ------------------------------------------------------------------------------------------
 
     def add(self, constraint: Constraint, *, check: bool) -> list[Constraint]:
-        """Put one constraint in force; those that hold anything now, [] if it is met already.
+        """Put one constraint in force; all that hold anything by it, [] if it is met already.
 
         Raises RequestError if it can never be met (looked for where *check*), or comes too late.
         """
@@ -146,7 +146,11 @@ class Holds:
     def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
         """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""
         if (path := find_path(self.tree, start, goal)) is not None:
-            raise RequestError(Refusal.CYCLE, f"constraint {constraint} can never be met: {_describe_cycle(path)}")
+            circle = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in (*path, path[0])]
+            if (more := len(path) - 8) > 0:
+                circle[4:-5] = [f"... {more} more ..."]
+            text = f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a circle"
+            raise RequestError(Refusal.CYCLE, text)
 
     def undo(self, added: list[Constraint]) -> None:
         """Take back what ``add`` has just put in force."""
@@ -278,7 +282,7 @@ class Holds:
 
 
 class _KilledTogether(NamedTuple):
-    """A cache for tasks that are killed group; *known*: leaders by task and moment."""
+    """Tasks that are killed at once; *known* are the leaders that were found, by task and moment."""
 
     killed: set[Task]
     known: dict[tuple[int, int], dict[tuple[int, int], Task]]
@@ -340,12 +344,3 @@ def resolve(constraint: Constraint, this: TaskId) -> Constraint:
         Point(this, after.moment) if after.task == THIS else after,
         constraint.delay,
     )
-
-
-def _describe_cycle(path: list[Place]) -> str:
-    more = len(path) - 8
-    shown = path if more <= 0 else path[:4] + path[-4:]
-    points = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in shown]
-    if more > 0:
-        points.insert(4, f"... {more} more ...")
-    return f"{' <= '.join([*points, points[0]])} would be a circle"
