@@ -143,9 +143,8 @@ def _check_delivery(central: State, task: Task) -> None:
     is_attended = task.given_as in central.dispatcher.running
     assert is_attended == task.is_running, f"{task}: attended or not?"
     assert is_attended or not task.nested, f"{task}: nested in a handler that is done"
-    assert is_attended + task.returned + (task.queues is not None) <= 1 or task.returned > is_attended, (
-        f"{task}: in two places"
-    )
+    is_elsewhere = task.returned or task.queues is not None
+    assert not (is_attended and is_elsewhere), f"{task}: with a handler, and in a queue or returned"
     if task.killed:
         return
     unasked = to_be_fired(task, first_moments(task)) if task.queues is not None else []

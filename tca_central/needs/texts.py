@@ -4,8 +4,8 @@ from msgspec.structs import replace
 
 from tca_central.model.deliveries import Connection, Delivery, MessageType, ModuleResource
 from tca_central.model.resources import Claim
-from tca_central.needs.graph import Freeing, TurnAt, Waiting
-from tca_central.needs.waits import kept_from, replies_to, waits_of
+from tca_central.needs.graph import Freeing, Granting, TurnAt, Waiting
+from tca_central.needs.waits import of_resource, replies_to, waits_of
 from tca_central.order import dispatcher
 from tca_central.order.cycles import Place
 from tca_central.state import Collector, State, TaskWait
@@ -55,7 +55,7 @@ def _why_not_replied(central: State, collector: Collector) -> str:
 
 def why_not_granted(central: State, claim: Claim[Connection]) -> str:
     """The reason why a claim is not granted yet."""
-    return f"it waits {in_words(kept_from(central, claim))}"
+    return f"it waits {in_words(of_resource(central, claim.resource, Granting(claim)))}"
 
 
 def why_full(central: State, message: MessageType, *targets: ModuleResource) -> str:

@@ -5,35 +5,18 @@ Of very many things only so many are looked at, and the first few told one by on
 
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
+from typing import Any
 
 from msgspec.structs import replace
 
-from tca_central.model.deliveries import Connection, Delivery, ModuleResource
-from tca_central.model.resources import Claim
+from tca_central.model.deliveries import Connection, Delivery
+from tca_central.model.resources import Claim, Resource
 from tca_central.model.task_tree import Task
-from tca_central.needs.graph import (
-    Freeing,
-    Granting,
-    Group,
-    Node,
-    Releasing,
-    Returning,
-    Turn,
-    TurnAt,
-    Waiting,
-    needs,
-)
+from tca_central.needs.graph import Freeing, Granting, Group, Node, Releasing, Returning, Turn, TurnAt, Waiting, needs
 from tca_central.order.cycles import Place
 from tca_central.order.holds import PendingDelay
 from tca_central.state import Collector, PresenceWait, State, TaskWait
-from tca_wire.points import (
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
-    START_ACHIEVING,
-    START_HANDLING,
-    START_PLANNING,
-)
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind
 
@@ -71,7 +54,7 @@ def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
         case Turn(delivery):
             yield _whereabouts(central, delivery)
         case TurnAt(_, resource) | Freeing(resource):
-            yield _of_resource(central, resource, node)
+            yield of_resource(central, resource, node)
         case Granting(claim):
             yield _of_claim(central, claim)
         case Releasing(claim):
@@ -168,18 +151,16 @@ def wait_for_group(central: State, node: Place | Releasing, group: Group) -> Wai
             return condition_of(node.task)
         case Turn(delivery):
             return _whereabouts(central, delivery)
-        case Freeing(resource):
-            return _of_resource(central, resource, Freeing(resource), len(group) - 1)
+        case Freeing(resource) as freeing:
+            return of_resource(central, resource, freeing, len(group) - 1)
     raise AssertionError(f"{node} never waits for {group[0]}")
 
 
 def _kind(node: Place | Releasing, other: Task, moment: int) -> WaitKind:
     if not isinstance(node, Place):
         return WaitKind.TASK
-    task = node.task
-    if other.role is Role.EXCEPTION and (
-        other.parent is task or (task.rare is not None and other in task.rare.retry_askers)
-    ):
+    task, askers = node.task, node.task.rare.retry_askers if node.task.rare is not None else ()
+    if other.role is Role.EXCEPTION and (other.parent is task or other in askers):
         return WaitKind.RECOVERY
     if other.role is Role.LISTENER:
         return WaitKind.LISTENER
@@ -234,31 +215,23 @@ def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -
     if not delivery.queues:
         return WaitFor(WaitKind.HANDLER, name=delivery.message.name)
     resource, *others = delivery.queues
-    return _of_resource(central, resource, TurnAt(delivery, resource), len(others))
+    return of_resource(central, resource, TurnAt(delivery, resource), len(others))
 
 
 # --- resources -------------------------------------------------------------------------------------------------------
 
 
-def _of_resource(central: State, resource: ModuleResource, node: Node, more: int = 0) -> WaitFor:
+def of_resource(central: State, resource: Resource[Connection, Any], node: Node, more: int = 0) -> WaitFor:
+    """The wait of a node for a resource, or one of so many *more*."""
     because = tuple(_blockers(central, node)) if resource.slots else (WaitFor(WaitKind.HANDLER),)
     return WaitFor(WaitKind.RESOURCE, module=resource.module, resource=resource.name, more=more, because=because)
 
 
 def _of_claim(central: State, claim: Claim[Connection]) -> WaitFor:
     """The wait of a claim for its resource."""
-    resource = claim.resource
+    module, resource = claim.resource.module, claim.resource.name
     because = tuple(_blockers(central, Granting(claim)))
-    return WaitFor(
-        WaitKind.LOCK, claim.id, _called(claim), module=resource.module, resource=resource.name, because=because
-    )
-
-
-def kept_from(central: State, claim: Claim[Connection]) -> WaitFor:
-    """The wait for a claim's resource, as for that of a message."""
-    resource = claim.resource
-    because = tuple(_blockers(central, Granting(claim)))
-    return WaitFor(WaitKind.RESOURCE, module=resource.module, resource=resource.name, because=because)
+    return WaitFor(WaitKind.LOCK, claim.id, _called(claim), module=module, resource=resource, because=because)
 
 
 def _blockers(central: State, node: Node) -> list[WaitFor]:

@@ -6,9 +6,9 @@ seconds of central's clock.
 
 import heapq
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, ModuleResource
@@ -25,6 +25,8 @@ LOOKED_AT = 10_000
 _EDGES = 10_000
 """Of the graph of needs, that are looked at for what tasks wait for in the end."""
 _ENDS = 10
+
+_SINCE = attrgetter("since")
 
 _Since = tuple[float, Callable[[], Waiter]]
 """Since when, and who; that is made only of those that are told."""
@@ -72,7 +74,7 @@ def _message(message: MessageType) -> dict[str, Any]:
 
 def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
     inside = [(one, slot) for slot in resource.slots for one in slot.handling]
-    first = _oldest(resource.queued())
+    first = min(resource.queued(), key=_SINCE, default=None)
     held_by = resource.held_by
     return {
         "resource": resource.name,
@@ -89,16 +91,10 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
     }
 
 
-def _oldest(waiting: Iterable[Delivery]) -> Delivery | None:
-    """Which has waited longest."""
-    return min(waiting, key=lambda one: one.since, default=None)
-
-
 def _waits(central: State) -> Iterator[_Since]:
     """The oldest message in each queue, those that wait for a handler, claims, and handlers that wait."""
-    resources = (one for module in central.registry.modules.values() for one in module.resources.values())
-    for resource, first in ((one, _oldest(one.queued())) for one in resources):
-        if first is not None:
+    for resource in (one for module in central.registry.modules.values() for one in module.resources.values()):
+        if (first := min(resource.queued(), key=_SINCE, default=None)) is not None:
             yield first.since, _queued(central, first, TurnAt(first, resource), resource.waiting - 1)
     for message in central.registry.messages.values():
         for first in islice(message.waiting.values(), 1):
@@ -133,12 +129,11 @@ def _held(central: State) -> list[Task]:
     """Tasks whose beginnings constraints hold back, those first that were sent or last handled first."""
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
     held = [one for one in oldest if has_held_start(one) and one.slot is None and one.queues is None and not one.killed]
-    return sorted(held, key=lambda task: task.since)
+    return sorted(held, key=_SINCE)
 
 
 def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
-    place = next_of(task)
-    waits, end = tuple(waits_of(central, place)), ends.end_of(place)
+    waits, end = tuple(waits_of(central, next_of(task))), ends.end_of(next_of(task))
     return _waiter(central, task, task.since, waits, None if end in waits else end)
 
 
@@ -161,24 +156,19 @@ def _suspended_task(central: State, task: Task) -> Waiter:
 
 def _presence(central: State) -> list[Waiter]:
     """Modules that wait until messages are handled."""
-    requests = (
-        (connection, number)
+    return [
+        Waiter(module=connection.module.name, waits=tuple(waits_of(central, Waiting(connection, number))))
         for connection in central.registry.connections.values()
         for number, due in connection.outstanding.items()
         if isinstance(due, PresenceWait)
-    )
-    return [
-        Waiter(module=connection.module.name, waits=tuple(waits_of(central, Waiting(connection, number))))
-        for connection, number in requests
     ]
 
 
 def _killed(central: State) -> list[Waiter]:
     """Killed tasks whose handler still runs, and what it waits for as far as central knows."""
-    running = central.dispatcher.running.values()
     return [
         _waiter(central, one, one.since, (_handler_of(central, one, one.slot),))
-        for one in running
+        for one in central.dispatcher.running.values()
         if isinstance(one, Task) and one.killed and one.slot is not None
     ]
 

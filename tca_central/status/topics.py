@@ -8,7 +8,8 @@ import msgspec
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Handler, MessageType, ModuleResource
-from tca_central.model.task_tree import KeptTask, Task
+from tca_central.model.registry import Value
+from tca_central.model.task_tree import KeptTask, Task, sender_name
 from tca_central.order.holds import held_counts
 from tca_central.state import State
 from tca_central.status.load import load
@@ -43,39 +44,26 @@ def overview(central: State) -> dict[str, Any]:
 
 def modules(central: State) -> list[dict[str, Any]]:
     """Each module with its resources and what they do."""
-    busy: dict[tuple[str, str], list[int]] = {}
-    for delivery in central.dispatcher.running.values():
-        if delivery.slot is not None and delivery.slot.resource is not None:
-            resource = delivery.slot.resource
-            busy.setdefault((resource.module, resource.name), []).append(delivery.id)
     return [
         {
             "module": module.name,
             "process": module.process,
             "handles": sorted(module.handlers),
-            "resources": [
-                {
-                    "resource": resource.name,
-                    "capacity": resource.capacity,
-                    "handling": busy.get((module.name, resource.name), []),
-                    "waiting": resource.waiting,
-                    **_claims(resource),
-                }
-                for resource in module.resources.values()
-            ],
+            "resources": [_resource(resource) for resource in module.resources.values()],
         }
         for module in central.registry.modules.values()
     ]
 
 
-def _claims(resource: ModuleResource) -> dict[str, Any]:
-    """The module that has a resource for itself, and how many want it."""
-    held_by = resource.held_by
-    owner = held_by.slot.module.name if held_by is not None else ""
-    is_reserved = held_by is not None and held_by.admits_owner
+def _resource(resource: ModuleResource) -> dict[str, Any]:
+    owner = resource.held_by.slot.module.name if resource.held_by is not None else ""
     return {
-        "locked_by": "" if is_reserved else owner,
-        "reserved_by": owner if is_reserved else "",
+        "resource": resource.name,
+        "capacity": resource.capacity,
+        "handling": sorted(delivery.id for slot in resource.slots for delivery in slot.handling),
+        "waiting": resource.waiting,
+        "locked_by": owner if resource.is_locked else "",
+        "reserved_by": "" if resource.is_locked else owner,
         "claims": len(resource.claims),
     }
 
@@ -86,7 +74,7 @@ def messages(central: State) -> list[dict[str, Any]]:
         {
             "message": message.name,
             "class": str(message.message_class),
-            "handlers": [handler.module.name for handler in reversed(message.handlers)],
+            "handlers": _modules(message)[::-1],
             "handled_by": [_handler(handler) for handler in reversed(message.handlers)],
             "awaited_by": [wait.connection.module.name for wait in message.awaited_by],
             "waiting": len(message.waiting),
@@ -95,6 +83,11 @@ def messages(central: State) -> list[dict[str, Any]]:
         }
         for message in central.registry.messages.values()
     ]
+
+
+def _modules(message: MessageType) -> list[str]:
+    """The modules that handle a message, newest last."""
+    return [handler.module.name for handler in message.handlers]
 
 
 def _handler(handler: Handler) -> dict[str, Any]:
@@ -114,13 +107,6 @@ def tree(central: State) -> list[dict[str, Any]]:
     """The live tasks, parents first, at most SHOWN_TASKS."""
     everything = itertools.islice(central.tree.subtree(central.tree.root), 1, 1 + SHOWN_TASKS)
     return [describe(task) for task in everything]
-
-
-def _kept_under(task: Task | KeptTask) -> Iterable[KeptTask]:
-    """Ended tasks that hang under it."""
-    if isinstance(task, Task):
-        return task.rare.kept.values() if task.rare else ()
-    return task.kept.values()
 
 
 def describe(task: Task | KeptTask) -> dict[str, Any]:
@@ -148,14 +134,14 @@ def relatives(central: State, task: Task | KeptTask | None, relation: str, messa
     """Relatives of *task* (only those of a message, if named) with their data; nearest or oldest first."""
     if task is None:
         return []
-    living = task if isinstance(task, Task) else None
+    living, kept = (task, task.rare) if isinstance(task, Task) else (None, task)
     related: dict[str, Iterable[Task | KeptTask | None]] = {
         "self": (task,),
         "parent": (task.parent,),
         "children": (living.children or {}).values() if living else (),
         "ancestors": itertools.islice(task.lineage(), 1, None),
         "descendants": itertools.islice(central.tree.subtree(living), 1, None) if living else (),
-        "kept": _kept_under(task),
+        "kept": kept.kept.values() if kept else (),
     }
     wanted = (one for one in related[relation] if one is not None and one.id and message in ("", one.message.name))
     return [
@@ -170,18 +156,17 @@ def variables(central: State) -> list[dict[str, Any]]:
     for message in central.registry.messages.values():
         if not message.message_class.keeps_value:
             continue
-        value = central.variables.values.get(message.name)
-        found.append(
-            {
-                "variable": message.name,
-                "value": value.body if value and len(value.body) <= SHOWN_BYTES else b"",
-                "bytes": len(value.body) if value else 0,
-                "set_by": value.set_by if value else "",
-                "message": value.message_id if value else 0,
-                "watched_by": [handler.module.name for handler in message.handlers],
-                "data": message.format.data,
-            }
-        )
+        value = central.variables.values.get(message.name) or Value(b"", "", "", 0)
+        variable = {
+            "variable": message.name,
+            "value": value.body if len(value.body) <= SHOWN_BYTES else b"",
+            "bytes": len(value.body),
+            "set_by": value.set_by,
+            "message": value.message_id,
+            "watched_by": _modules(message),
+            "data": message.format.data,
+        }
+        found.append(variable)
     return found
 
 
@@ -200,7 +185,7 @@ def attached(central: State) -> dict[str, Any]:
             "maximum": one.maximum,
             "modules": [one.by],
             "gone": [one.by] * (one.by not in programs),
-            "handled_by": [handler.module.name for handler in one.handler.handlers],
+            "handled_by": _modules(one.handler),
         }
         for one in itertools.islice(central.attached.values(), SHOWN_TASKS)
     ]
@@ -212,13 +197,12 @@ def attached(central: State) -> dict[str, Any]:
             **_place(tap.place),
             "modules": list(tap.holders),
             "gone": [name for name in tap.holders if not central.registry.is_connected(name)],
-            "handled_by": [handler.module.name for handler in tap.listener.handlers],
+            "handled_by": _modules(tap.listener),
             "is_monitor": tap.listener.message_class.is_monitor,
         }
         for tap in itertools.islice(central.taps.values(), SHOWN_TASKS)
     ]
-    watches = itertools.islice(central.watches.values(), SHOWN_TASKS)
-    monitors = [_monitor(central, watch.task) for watch in watches]
+    monitors = [_monitor(central, watch.task) for watch in itertools.islice(central.watches.values(), SHOWN_TASKS)]
     totals = {
         "exception_handlers": len(central.attached), "wiretaps": len(central.taps), "monitors": len(central.watches)
     }  # fmt: skip
@@ -226,7 +210,7 @@ def attached(central: State) -> dict[str, Any]:
 
 
 def _monitor(central: State, task: Task) -> dict[str, Any]:
-    sender = task.sender.module.name if task.sender else ""
+    sender = sender_name(task)
     return {
         "id": int(task.id),
         "monitor": task.message.name,

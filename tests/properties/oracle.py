@@ -23,18 +23,7 @@ from collections.abc import Callable
 from typing import Any
 
 from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_rules, oracle_slots, oracle_taps
-from properties.oracle_records import (
-    EA,
-    Attachment,
-    Collector,
-    Disagreement,
-    Ending,
-    Handler,
-    Job,
-    Node,
-    Seen,
-    World,
-)
+from properties.oracle_records import EA, Attachment, Collector, Disagreement, Ending, Handler, Job, Node, Seen, World
 
 from tca_central.events import ConnectionLost, Effect, Event, RequestReceived
 from tca_wire.journal import facts
