@@ -5,10 +5,11 @@ from typing import ClassVar
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
+from textual.widgets import Footer
 
-from tca_tools.replay.panes import Keys, MessagesPane, Question, StoryPane, TimeBar, TreePane
+from tca_tools.replay.panes import MessagesPane, Question, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
-from tca_tools.replay.tree import Outline
+from tca_tools.replay.tree import rows_at
 from tca_wire.journal.facts import Failed
 from tca_wire.text.facts_in_words import subject_of
 from tca_wire.text.printable import printable
@@ -19,8 +20,31 @@ SPEEDS = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0, 500.0, 10
 _FAR = 20
 _LEAST_BESIDE = 90
 """Columns: with fewer the story stands below the tree."""
-_OF_THE_TREE = {"step", "fold", "select", "go_to_start", "go_to_end", "ask_time", "ask_name"}
-"""What keys do at once, but not while something is typed."""
+_KEYS = (
+    ("q", "leave", "quit"),
+    ("space", "play", "play/pause"),
+    ("right", "step(1)", "next message"),
+    ("left", "step(-1)", "before"),
+    ("plus,equals_sign", "speed(1)", "faster"),
+    ("minus", "speed(-1)", "slower"),
+    ("r", "turn", "backwards"),
+    ("f", "failure(1)", "next failure"),
+    ("g", "ask_time", "go to time"),
+    ("slash", "ask_name", "search"),
+    ("enter", "fold", "open/close"),
+    ("F", "failure(-1)", ""),
+    ("n", "search(1)", ""),
+    ("N", "search(-1)", ""),
+    ("up", "select(-1)", ""),
+    ("down", "select(1)", ""),
+    ("shift+right,ctrl+right", f"step({_FAR})", ""),
+    ("shift+left,ctrl+left", f"step({-_FAR})", ""),
+    ("pageup", "scroll_story(-1)", ""),
+    ("pagedown", "scroll_story(1)", ""),
+    ("home", "go_to_start", ""),
+    ("end", "go_to_end", ""),
+)
+"""What keys do at once, those that are named below the panes first; not while something is typed."""
 
 
 class Replay(App[None]):
@@ -29,10 +53,11 @@ class Replay(App[None]):
     CSS = """
     #bar { height: 2; padding: 0 1; background: $panel; }
     #main { height: 2fr; }
-    #tree { width: 2fr; border: round $primary-darken-2; padding: 0 1; scrollbar-size-horizontal: 0; }
-    #tree:focus { border: round $primary; }
-    #story { width: 1fr; border: round $primary-darken-2; padding: 0 1; }
-    #messages { height: 1fr; border: round $primary-darken-2; padding: 0 1; }
+    #tree, #story, #messages { border: round $primary; padding: 0 1; height: 1fr; }
+    #tree { width: 2fr; scrollbar-size-horizontal: 0; }
+    #story { width: 1fr; }
+    #standing { height: auto; max-height: 60%; margin-bottom: 1; }
+    #sentences { background: transparent; scrollbar-size: 1 0; }
     .-narrow #main { layout: vertical; height: 3fr; }
     .-narrow #tree, .-narrow #story { width: 100%; height: 1fr; }
     #ask { display: none; height: 3; }
@@ -40,39 +65,18 @@ class Replay(App[None]):
     """
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (_LEAST_BESIDE, "-wide")]  # noqa: RUF012 - the base class has it so
     BINDINGS: ClassVar = [
-        Binding("q", "quit", "quit"),
-        Binding("space", "play", "play/pause"),
-        Binding("right", "step(1)", "next message", priority=True),
-        Binding("left", "step(-1)", "before", priority=True),
-        Binding("plus,equals_sign", "speed(1)", "faster", key_display="+"),
-        Binding("minus", "speed(-1)", "slower", key_display="-"),
-        Binding("r", "turn", "backwards"),
-        Binding("f", "failure(1)", "next failure"),
-        Binding("F", "failure(-1)", "failure before", show=False),
-        Binding("g", "ask_time", "go to time", priority=True),
-        Binding("slash", "ask_name", "search", key_display="/", priority=True),
-        Binding("n", "search(1)", "next found", show=False),
-        Binding("N", "search(-1)", "found before", show=False),
-        Binding("enter", "fold", "open/close", priority=True),
-        Binding("up", "select(-1)", show=False, priority=True),
-        Binding("down", "select(1)", show=False, priority=True),
-        Binding("shift+right,ctrl+right", f"step({_FAR})", show=False),
-        Binding("shift+left,ctrl+left", f"step({-_FAR})", show=False),
-        Binding("pageup", "scroll_story(1)", "story back", show=False, priority=True),
-        Binding("pagedown", "scroll_story(-1)", "story on", show=False, priority=True),
-        Binding("home", "go_to_start", show=False, priority=True),
-        Binding("end", "go_to_end", show=False, priority=True),
+        *(Binding(key, action, words, show=bool(words), priority=True) for key, action, words in _KEYS),
         Binding("ctrl+c", "quit", show=False, priority=True),
         Binding("escape", "stop_asking", show=False),
     ]
-
     ENABLE_COMMAND_PALETTE = False
+    AUTO_FOCUS = ""
+    """Nothing has the focus but what is being asked: other keys are for the replay."""
 
     def __init__(self, recording: Recording, name: str, *, speed: float = 1.0, at: float | None = None) -> None:
         super().__init__()
         self.title = printable(name)
         self.recording = recording
-        self.outline = Outline(recording)
         self.place = 0 if at is None else recording.place_of(at)
         self.speed = speed
         self.direction = 1
@@ -80,6 +84,7 @@ class Replay(App[None]):
         self.selected = 0
         self.follows = True
         """The selected task is the one that the message at the cursor is about, until another is chosen."""
+        self._opened: dict[int, bool] = {}
         self._clock = 0.0
         self._wanted = ""
         self._asked = ""
@@ -87,62 +92,64 @@ class Replay(App[None]):
 
     def compose(self) -> ComposeResult:
         """The panes."""
-        yield TimeBar(self.recording, self._heading)
+        panes = TreePane(), StoryPane(self.recording), MessagesPane(self.recording)
+        for pane, title in zip(panes, ("task tree", "story", "messages"), strict=True):
+            pane.border_title = title
+        yield TimeBar(self.recording)
         with Vertical():
             with Horizontal(id="main"):
-                yield TreePane()
-                yield StoryPane(self.recording)
-            yield MessagesPane(self.recording)
+                yield from panes[:2]
+            yield panes[2]
         yield Question(self._answer)
-        yield Keys()
+        yield Footer()
 
     def on_mount(self) -> None:
         """The screen is there."""
-        self.query_one("#tree").border_title = "task tree"
-        self.query_one("#story").border_title = "story"
-        self.query_one("#messages").border_title = "messages"
-        self.set_focus(self.query_one(TreePane))  # now: later it would take the focus from what is asked for meanwhile
+        self.query_one("#sentences").can_focus = False
         self.set_interval(1 / FRAMES, self._pass)
+
+    def on_resize(self) -> None:
+        """There is more room, or less."""
         self.call_after_refresh(lambda: self.go_to(self.place, self._said))  # what keys have said meanwhile stays
 
-    def _heading(self) -> str:
-        recording = self.recording
-        how = f"{'playing' if self.is_playing else 'paused'}{'' if self.direction > 0 else ' backwards'}"
-        where = f"{recording.time(self.place):.3f} s of {recording.time(recording.last):.3f} s"
-        event = f"event {self.place + 1} of {recording.last + 1}"
-        counts = f"{self.outline.living} tasks under way"
-        said = f"   {self._said}" if self._said else ""
-        return f"{self.title}   {where}   {event}   {counts}   {how}, speed {self.speed:g}{said}"
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool:
         """While something is typed the keys are for that."""
         del parameters
-        is_asking = isinstance(self.focused, Question)
-        return not is_asking or action not in _OF_THE_TREE
+        return not isinstance(self.focused, Question) or action in ("quit", "stop_asking")
 
-    # --- moving ------------------------------------------------------------------------------------------------------
+    def action_leave(self) -> None:
+        """End the replay."""
+        self.exit()
 
     def go_to(self, place: int, said: str = "") -> None:
         """Show the run as it was after an event."""
-        self.place = min(max(place, 0), self.recording.last)
+        recording = self.recording
+        self.place = min(max(place, 0), recording.last)
         self._said = said
-        at = self.recording.at(self.place)
+        at = recording.at(self.place)
         if self.follows and (about := self._about()):
             self.selected = about
         if self.selected not in at.tasks:
             self.selected = int(at.top[0]) if at.top else 0
-        rows = self.outline.rows(at, self.selected)
-        self.query_one(TreePane).show(rows, at, self.selected)
+        self.query_one(TreePane).show(rows_at(at, self.selected, self._opened), at, self.selected)
         self.query_one(StoryPane).show(self.selected, at)
         self.query_one(MessagesPane).show(self.place)
-        self.query_one(TimeBar).show(self.place)
+        heading = (
+            self.title,
+            f"{recording.time(self.place):.3f} s of {recording.time(recording.last):.3f} s",
+            f"event {self.place + 1} of {recording.last + 1}",
+            f"{recording.under_way(at)} tasks under way",
+            f"{'playing' if self.is_playing else 'paused'}{' backwards' * (self.direction < 0)}, speed {self.speed:g}",
+            said,
+        )
+        self.query_one(TimeBar).show(self.place, "   ".join(heading))
 
     def _about(self) -> int:
         """The task that the event at the cursor is about: the one that failed, or whose question did; or the first that
         is named.
         """
-        run = self.recording.run
-        for fact in sorted(self.recording.facts(self.place), key=lambda fact: not isinstance(fact, Failed)):
+        run, facts = self.recording.run, self.recording.events[self.place] if self.recording.events else []
+        for fact in sorted(facts, key=lambda fact: not isinstance(fact, Failed)):
             message = run.delivered(subject_of(fact)) if isinstance(fact, Failed) else None
             asker = message.by.message_id if message and message.by else 0
             for number in (subject_of(fact), asker, getattr(fact, "origin", 0)):
@@ -150,17 +157,16 @@ class Replay(App[None]):
                     return number
         return 0
 
+    # --- moving ------------------------------------------------------------------------------------------------------
+
     def _pass(self) -> None:
         """Let time pass."""
         if not self.is_playing:
             return
         self._clock += self.direction * self.speed / FRAMES
         place = self.recording.place_of(self._clock)
-        is_over = place in (0, self.recording.last) and place == self.place
-        if is_over and not self.recording.time(0) < self._clock < self.recording.time(self.recording.last):
-            self.is_playing = False
-            self.go_to(place)
-        elif place != self.place:
+        self.is_playing = self.recording.time(0) < self._clock < self.recording.time(self.recording.last)
+        if place != self.place or not self.is_playing:
             self.go_to(place)
 
     def action_step(self, step: int) -> None:
@@ -169,14 +175,11 @@ class Replay(App[None]):
         self.go_to(self.place + step)
 
     def action_play(self) -> None:
-        """Let time pass, or hold it."""
+        """Let time pass, or hold it; at the end, begin again."""
         self.is_playing = not self.is_playing
+        end, beginning = (self.recording.last, 0) if self.direction > 0 else (0, self.recording.last)
+        self.go_to(beginning if self.is_playing and self.place == end else self.place)
         self._clock = self.recording.time(self.place)
-        is_at_end = self.place == (self.recording.last if self.direction > 0 else 0)
-        if self.is_playing and is_at_end:
-            self.go_to(0 if self.direction > 0 else self.recording.last)
-            self._clock = self.recording.time(self.place)
-        self.go_to(self.place)
 
     def action_turn(self) -> None:
         """Let time pass the other way."""
@@ -186,9 +189,8 @@ class Replay(App[None]):
 
     def action_speed(self, step: int) -> None:
         """Let time pass faster or slower."""
-        higher = [speed for speed in SPEEDS if speed > self.speed]
-        lower = [speed for speed in SPEEDS if speed < self.speed]
-        self.speed = next(iter(higher if step > 0 else lower[::-1]), self.speed)
+        others = [speed for speed in SPEEDS[::step] if (speed - self.speed) * step > 0]
+        self.speed = next(iter(others), self.speed)
         self.go_to(self.place)
 
     def action_failure(self, step: int) -> None:
@@ -211,15 +213,13 @@ class Replay(App[None]):
 
     def on_time_bar_wanted(self, wanted: TimeBar.Wanted) -> None:
         """The bar of time was clicked."""
-        self.is_playing = False
-        self.go_to(wanted.place)
+        self.action_step(wanted.place - self.place)
 
     # --- choosing ----------------------------------------------------------------------------------------------------
 
     def action_select(self, step: int) -> None:
         """Choose the task on the next line."""
-        tree = self.query_one(TreePane)
-        tasks = [row.task for row in tree.rows if row.task]
+        tasks: list[int] = [row.task.id for row in self.query_one(TreePane).rows if row.task]
         if tasks:
             place = tasks.index(self.selected) + step if self.selected in tasks else 0
             self._select(tasks[min(max(place, 0), len(tasks) - 1)])
@@ -234,18 +234,15 @@ class Replay(App[None]):
 
     def action_scroll_story(self, pages: int) -> None:
         """Go back in the story of the selected task, or forward."""
-        story = self.query_one(StoryPane)
-        story.scroll_by(pages * max(story.size.height // 2, 1))
+        self.query_one(StoryPane).scroll_pages(pages)
 
     def action_fold(self) -> None:
         """Open or close the selected task."""
-        tree = self.query_one(TreePane)
-        place = tree.place_of(self.selected)
-        if place is not None:
-            is_open = place + 1 < len(tree.rows) and tree.rows[place + 1].parent == self.selected
-            self.outline.toggle(self.selected, is_open=is_open)
-            self.follows = False
-            self.go_to(self.place)
+        rows = self.query_one(TreePane).rows
+        number = next((row.number for row in rows if row.task and row.task.id == self.selected), None)
+        if number is not None:
+            self._opened[self.selected] = not any(row.task for row in rows if row.parent == number)
+            self._select(self.selected)
 
     # --- asking ------------------------------------------------------------------------------------------------------
 
@@ -268,7 +265,7 @@ class Replay(App[None]):
     def action_stop_asking(self) -> None:
         """Nothing is asked any more."""
         self.query_one(Question).remove_class("asked")
-        self.set_focus(self.query_one(TreePane))
+        self.set_focus(None)
 
     def _answer(self, text: str) -> None:
         """What was asked for has been typed."""
@@ -280,11 +277,11 @@ class Replay(App[None]):
             return
         try:
             seconds = float(text.removesuffix("s"))
-            end = self.recording.time(self.recording.last)
-            beyond = f"the journal ends at {end:.3f} s" if seconds > end else ""
-            self.go_to(self.recording.place_of(seconds), beyond)
         except ValueError:
             self.go_to(self.place, f"'{printable(text)}' is no time: write seconds, as in 12.5")
+            return
+        end = self.recording.time(self.recording.last)
+        self.go_to(self.recording.place_of(seconds), f"the journal ends at {end:.3f} s" if seconds > end else "")
 
     def action_search(self, step: int) -> None:
         """Go to the birth of the next task that is looked for. One that is there already, and was asked for by its
@@ -301,4 +298,4 @@ class Replay(App[None]):
         self.selected, self.follows = found, False
         born = self.recording.place_of_record(self.recording.run.tasks[found].received)
         is_asked_by_number = str(found) == self._wanted.strip("{}")
-        self.go_to(self.place if is_asked_by_number and born < self.place else born)
+        self.go_to(max(self.place, born) if is_asked_by_number else born)

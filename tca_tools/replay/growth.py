@@ -10,11 +10,11 @@ from tca_tools.run.fates import standing
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import columns_of, cut
+from tca_wire.points import ROOT
 
 _DEEPEST = 12
-_SHORTEST_STATE = 12
-"""Columns that are kept for a state."""
-_SHORTEST_NAME = 8
+_SHORTEST_STATE, _SHORTEST_NAME = 12, 8
+"""Columns that are kept."""
 _FAR = 100
 """Waits: what is waited for beyond so many is not looked for, or a long run would take very long."""
 
@@ -22,6 +22,9 @@ _FAR = 100
 def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
     """The lines from a time on: ``+`` for what is sent, then what becomes of it and why it waits."""
     run = recording.run
+    depths = {int(ROOT): -1}
+    for number in sorted(run.tasks):  # parents have smaller numbers
+        depths[number] = depths[run.tasks[number].parent] + 1
     changes = [
         (time, number, order) for number, task in run.tasks.items() for order, (time, _) in enumerate(task.states)
     ]
@@ -32,8 +35,7 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         at = RunAt(run, time)
         task = at.tasks[number]
         state = standing(run, run.tasks[number], run.tasks[number].states[order][1], time)
-        depth = recording.depths[number]
-        indent = "  " * depth if depth <= _DEEPEST else f"{'  ' * _DEEPEST}[{depth}] "
+        indent = "  " * depths[number] if depths[number] <= _DEEPEST else f"{'  ' * _DEEPEST}[{depths[number]}] "
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"
         room = None if width is None else max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME)
         line = f"{start_of_line}{cut(words.called(task), room)}: "

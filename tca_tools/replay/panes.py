@@ -1,42 +1,40 @@
-"""The panes of the replay: the tree, the messages around the cursor, the story of a task, and the bar of time.
+"""The panes of the replay: the tree, the messages around the cursor, the story of a task, and the bar of time."""
 
-Each draws only the lines that are seen.
-"""
+from collections.abc import Callable
+from itertools import count, islice
 
-from collections.abc import Callable, Iterable, Iterator
-
+from rich.table import Table
 from rich.text import Text
+from textual.app import ComposeResult
+from textual.containers import Vertical
 from textual.events import Click, Key
 from textual.geometry import Region, Size
 from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.widget import Widget
-from textual.widgets import Footer, Input
+from textual.widgets import Input, RichLog, Static
 
 from tca_tools.replay.recording import Recording
-from tca_tools.replay.tree import Row
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import coped_with
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.text import COLOURS
-from tca_tools.terminal import cut
-from tca_tools.why.story import Sentence, story
-from tca_tools.why.wait_words import age_of, coming, how, in_the_end, shown, told_now
+from tca_tools.tasktree_viz.outline import Row
+from tca_tools.tasktree_viz.text import COLOURS, UNICODE, prefixes
+from tca_tools.terminal import columns_of, cut
+from tca_tools.why.story import story
 from tca_wire.journal.facts import kind_of
 from tca_wire.text.bodies import data_text
 from tca_wire.text.printable import printable
-from tca_wire.text.waits_in_words import several_in_words
 
 _STATE_WIDTH = 11
 _SHORTEST_NOTE = 8
-_WHEEL = 2
-"""Lines that the mouse wheel moves a story."""
-_LEAST_STORY = 6
-"""Lines of a story that are seen however much is said above it."""
-_NAME_WIDTH = 44
+_NAME_WIDTH, _LEAST_NAME = 44, 20
 _SHARE_OF_NAMES = 0.4
 """Of the pane's width; the rest is for states and reasons."""
+_LEVELS = 8, 12
+"""How many levels have wide guides, and how many are indented before that begins anew."""
+_LONGEST_DATA = 100
 _HANDLED = "yellow"
 _TINTS = {True: "red", None: _HANDLED, False: ""}
 """Of what is bad news, or was (None)."""
@@ -48,8 +46,8 @@ def colour_of(standing: str) -> str:
     return "grey62" if colour == "bright_black" else colour
 
 
-class TreePane(ScrollView, can_focus=True):
-    """The task tree as it was, a line a task."""
+class TreePane(ScrollView, can_focus=False):
+    """The task tree as it was, a line a task. Only lines that are seen are drawn."""
 
     class Chosen(Message):
         """A task was clicked."""
@@ -63,61 +61,50 @@ class TreePane(ScrollView, can_focus=True):
         self.rows: list[Row] = []
         self.at: RunAt | None = None
         self.selected = 0
-        self._name_width = 20
+        self._names: list[tuple[str, str]] = []
+        """Of each row its guides, and what it is called."""
+        self._name_width = _LEAST_NAME
 
     def show(self, rows: list[Row], at: RunAt, selected: int) -> None:
         """Show other rows, and keep the selected one in sight."""
         self.rows, self.at, self.selected = rows, at, selected
-        names = (len(row.guides) + len(self._called(row)) for row in rows)
-        room = max(int(self.size.width * _SHARE_OF_NAMES), 20)
-        self._name_width = min(max(names, default=20), _NAME_WIDTH, room)
+        called = (words.called(row.task) if row.task else words.folded(row) for row in rows)
+        guides = (before for before, _ in prefixes(rows, UNICODE, *_LEVELS))
+        self._names = list(zip(guides, called, strict=True))
+        widest = max((columns_of(before + name) for before, name in self._names), default=0)
+        room = max(int(self.size.width * _SHARE_OF_NAMES), _LEAST_NAME)
+        self._name_width = min(max(widest, _LEAST_NAME), _NAME_WIDTH, room)
         self.virtual_size = Size(self.size.width, len(rows))
-        if (place := self.place_of(selected)) is not None:
-            self.scroll_to_region(Region(0, place, 1, 1), animate=False, force=True, immediate=True)
+        for row in rows:
+            if row.task and row.task.id == selected:
+                self.scroll_to_region(Region(0, row.number, 1, 1), animate=False, force=True, immediate=True)
         self.refresh()
-
-    def place_of(self, task: int) -> int | None:
-        """The line of a task."""
-        return next((place for place, row in enumerate(self.rows) if row.task == task and task), None)
-
-    def _called(self, row: Row) -> str:
-        if not row.task or self.at is None:
-            return f"+ {row.folded} more"
-        return words.called(self.at.tasks[row.task]) + (f" + {row.folded}" if row.folded else "")
 
     def render_line(self, y: int) -> Strip:
         """One line, drawn when it is seen."""
-        place = y + int(self.scroll_offset.y)
-        if place >= len(self.rows) or self.at is None:
-            return Strip.blank(self.size.width, self.rich_style)
-        row, at = self.rows[place], self.at
-        if not row.task:
-            return self._strip(Text.assemble((f"{row.guides}{self._called(row)}", "dim")))
-        task = at.tasks[row.task]
-        standing = task.standing
-        is_chosen = row.task == self.selected
-        name = Text.assemble((row.guides, "dim"), (self._called(row), "bold reverse" if is_chosen else ""))
-        name.truncate(self._name_width, overflow="ellipsis", pad=True)
-        note = words.note_of(at, task)
-        room = self.scrollable_content_region.width - self._name_width - _STATE_WIDTH - 3
-        told = note.within(max(room, _SHORTEST_NOTE), at.time)
-        return self._strip(
-            Text.assemble(name, "  ", (f"{standing:{_STATE_WIDTH}}", colour_of(standing)), " ", (told, "dim"))
-        )
-
-    def _strip(self, line: Text) -> Strip:
         width = self.scrollable_content_region.width  # what the scroll bar covers is not seen
+        place = y + int(self.scroll_offset.y)
+        line = self._line(place, width) if place < len(self.rows) else Text()
         line.truncate(width, overflow="ellipsis", pad=True)
-        return (
-            Strip(line.render(self.app.console), line.cell_len).adjust_cell_length(width).apply_style(self.rich_style)
-        )
+        return Strip(line.render(self.app.console), line.cell_len).apply_style(self.rich_style)
+
+    def _line(self, place: int, width: int) -> Text:
+        task, (guides, called), at = self.rows[place].task, self._names[place], self.at
+        if task is None or at is None:
+            return Text(guides + called, "dim")
+        name = Text.assemble((guides, "dim"), (called, "bold reverse" if task.id == self.selected else ""))
+        name.truncate(self._name_width, overflow="ellipsis", pad=True)
+        room = max(width - self._name_width - _STATE_WIDTH - 3, _SHORTEST_NOTE)
+        told = words.note_of(at, task).within(room, at.time)
+        state = f"{task.standing:{_STATE_WIDTH}}", colour_of(task.standing)
+        return Text.assemble(name, "  ", state, " ", (told, "dim"))
 
     def on_click(self, event: Click) -> None:
         """Choose the task under the mouse."""
         offset = event.get_content_offset(self)
         place = offset.y + int(self.scroll_offset.y) if offset else len(self.rows)
-        if place < len(self.rows) and self.rows[place].task:
-            self.post_message(self.Chosen(self.rows[place].task))
+        if place < len(self.rows) and (task := self.rows[place].task):
+            self.post_message(self.Chosen(task.id))
 
 
 class MessagesPane(Widget):
@@ -135,108 +122,71 @@ class MessagesPane(Widget):
 
     def render(self) -> Text:
         """As many lines as there is room for."""
-        room = max(self.size.height, 1)
-        here = self._lines(self._place)
+        room, here, end = max(self.size.height, 1), self._place, len(self._recording.events)
         above: list[Text] = []
-        place = self._place - 1
-        while place >= 0 and len(above) < room // 3:
-            above = [*self._lines(place), *above]
-            place -= 1
-        above = above[-(room // 3) :]
-        lines = [*above, *here]
-        place = self._place + 1
-        while place <= self._recording.last and len(lines) < room:
-            lines += self._lines(place)
-            place += 1
+        for place in range(here - 1, -1, -1):
+            if len(above) >= room // 3:
+                break
+            above[:0] = self._lines(place)
+        below = (line for place in range(here, end) for line in self._lines(place))
+        lines = [*above[max(len(above) - room // 3, 0) :], *islice(below, room)]
         return Text("\n").join(lines[:room])
 
     def _lines(self, place: int) -> list[Text]:
-        time, is_here = self._recording.time(place), place == self._place
+        recording, plain = self._recording, "bold" if place == self._place else "dim"
+        time = f"{'>' if place == self._place else ' '}{recording.time(place):9.3f}  "
         lines = []
-        for number, fact in enumerate(self._recording.facts(place)):
-            kind = kind_of(fact)
-            start = f"{'>' if is_here else ' '}{time:9.3f}  " if not number else " " * 12
-            said = (
-                f"{kind:15} {printable(self._recording.wording.words(fact))}  {data_text(getattr(fact, 'body', b''))}"
-            )
-            style = _TINTS[self._recording.is_bad_news(place, fact, self._place)] or ("bold" if is_here else "dim")
-            line = Text.assemble((start, "bold" if is_here else "dim"), (said.rstrip(), style))
-            line.truncate(max(self.size.width, 1), overflow="ellipsis")
-            line.no_wrap = True
-            lines.append(line)
+        for number, fact in zip(count(), recording.events[place], strict=False):
+            said = f"{kind_of(fact):15} {printable(recording.wording.words(fact))}  "
+            said = (said + data_text(getattr(fact, "body", b""))).rstrip()
+            tint = _TINTS[recording.is_bad_news(place, fact, self._place)]
+            start = " " * len(time) if number else time
+            lines.append(Text.assemble((start, plain), (said, tint or plain)))
+            lines[-1].truncate(max(self.size.width, 1), overflow="ellipsis")
         return lines
 
 
-class StoryPane(Widget):
+class StoryPane(Vertical):
     """What became of the selected task until now, and why it waits. The newest sentences are seen; others are scrolled
-    to, with the mouse wheel or page up and down.
+    to.
     """
 
     def __init__(self, recording: Recording) -> None:
         super().__init__(id="story")
         self._recording = recording
-        self._shown = 0
-        self._at: RunAt | None = None
-        self._back = 0
-        """How many lines before the last the window ends."""
 
-    def show(self, task: int, at: RunAt) -> None:
+    def compose(self) -> ComposeResult:
+        """What stays, and below it what scrolls."""
+        yield Static(id="standing")
+        yield RichLog(id="sentences", min_width=1)
+
+    def show(self, number: int, at: RunAt) -> None:
         """Show another task, or another moment."""
-        self._shown, self._at, self._back = task, at, 0
-        self.refresh()
+        head, log = self.query_one("#standing", Static), self.query_one(RichLog)
+        log.clear()
+        task = at.tasks.get(number)
+        if task is None:
+            head.update(Text("no task is selected: up and down choose one, / looks for one", style="dim"))
+            return
+        lines = [Text.assemble((printable(str(task)), "bold"), "  ", (task.standing, colour_of(task.standing)))]
+        lines += [Text(cut(data, _LONGEST_DATA), "dim") for data in [words.data(task)] if data]
+        lines += [Text(note, "yellow") for note in [words.note(at, task)] if note]
+        head.update(Text("\n").join(lines))
+        run, table = at.run, Table.grid(padding=(0, 2, 0, 0))
+        for sentence in story(run, number, at.moment):
+            if sentence.time <= at.moment:
+                clock = self._recording.time(self._recording.place_of_record(sentence.time))
+                style = "red" if sentence.is_bad else ""
+                if style and coped_with(run, run.tasks[number], sentence.time, at.moment):
+                    style = _HANDLED
+                told = Text(printable(sentence.by(at.moment, at.time)), style)
+                table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), told)
+        log.write(table, expand=True)
 
-    def scroll_by(self, lines: int) -> None:
-        """Go back so many lines, or forward."""
-        self._back = max(self._back + lines, 0)
-        self.refresh()
-
-    def on_mouse_scroll_up(self) -> None:
-        """The wheel goes back."""
-        self.scroll_by(_WHEEL)
-
-    def on_mouse_scroll_down(self) -> None:
-        """The wheel goes forward."""
-        self.scroll_by(-_WHEEL)
-
-    def render(self) -> Text:
-        """What the task is and why it waits; below, the newest lines of its story, or those that were scrolled to."""
-        at = self._at
-        if at is None or self._shown not in at.tasks:
-            return Text("no task is selected: up and down choose one, / looks for one", style="dim")
-        task = at.tasks[self._shown]
-        head = Text.assemble((printable(str(task)), "bold"), "  ", (task.standing, colour_of(task.standing)))
-        lines = [head]
-        if data := words.data(task):
-            lines.append(Text.assemble((cut(data, 3 * max(self.size.width, 20)), "dim")))
-        if waits := shown(at, task):
-            told = f"{how(task)} {several_in_words(told_now(at, task, waits))}{words.lasting(age_of(waits), at.time)}"
-            lines.append(Text.assemble((printable(told), "yellow")))
-        if end := in_the_end(at, task):
-            lines.append(Text.assemble((printable(f"in the end {end}"), "yellow")))
-        lines += [Text.assemble((printable(said), "yellow")) for said in coming(at, task)]
-        above = [line for text in lines for line in self._wrapped(text, self.size.width)]
-        above = above[: max(self.size.height - _LEAST_STORY, 1)]
-        sentences = [one for one in story(at.run, self._shown, at.moment) if one.time <= at.moment]
-        body = [line for sentence in sentences for line in self._sentence(sentence, at)]
-        room = max(self.size.height - len(above) - 1, 1)
-        self._back = min(self._back, max(len(body) - room, 0))
-        last = len(body) - self._back
-        return Text("\n").join([*above, Text(), *body[max(last - room, 0) : last]])
-
-    def _wrapped(self, text: Text, width: int) -> Iterable[Text]:
-        """The lines that it takes."""
-        return text.wrap(self.app.console, max(width, 1))
-
-    def _sentence(self, sentence: Sentence, at: RunAt) -> Iterator[Text]:
-        run, clock = self._recording.run, self._recording.time(self._recording.place_of_record(sentence.time))
-        text = printable(sentence.by(at.moment, at.time))
-        style = "red" if sentence.is_bad else ""
-        if style and coped_with(run, run.tasks[self._shown], sentence.time, at.moment):
-            style = _HANDLED
-        start = f"{clock:9.3f}  "
-        for line in self._wrapped(Text(text, style), self.size.width - len(start)):
-            yield Text.assemble((start, "dim"), line)
-            start = " " * len(start)
+    def scroll_pages(self, pages: int) -> None:
+        """Go back in the story, or on."""
+        log = self.query_one(RichLog)
+        log.scroll_relative(y=pages * max(log.size.height // 2, 1), animate=False)
 
 
 class TimeBar(Widget):
@@ -249,66 +199,41 @@ class TimeBar(Widget):
             super().__init__()
             self.place = place
 
-    def __init__(self, recording: Recording, say: Callable[[], str]) -> None:
+    def __init__(self, recording: Recording) -> None:
         super().__init__(id="bar")
         self._recording = recording
-        self._say = say
-        self.place = 0
-        self._marks: tuple[int, dict[int, str]] = (0, {})
-        """For a width, the columns in which something failed, and in which colour that is shown."""
+        self._place = 0
+        self._said = ""
 
-    def show(self, place: int) -> None:
+    def show(self, place: int, said: str) -> None:
         """Move the cursor."""
-        self.place = place
+        self._place, self._said = place, said
         self.refresh()
 
     def _column(self, place: int) -> int:
-        recording = self._recording
+        recording, last = self._recording, self.size.width - 1
         start, end = recording.time(0), recording.time(recording.last)
-        share = (recording.time(place) - start) / (end - start) if end > start else 1.0
-        return min(int(share * (self.size.width - 1)), self.size.width - 1)
+        return int((recording.time(place) - start) / (end - start) * last) if end > start else last
 
     def render(self) -> Text:
         """The words above, the bar below."""
-        width = max(self.size.width, 1)
-        here = self._column(self.place)
+        width, here = max(self.size.width, 1), self._column(self._place)
         bar = Text("━" * here + "●" + "─" * (width - here - 1), style="cyan")
-        if self._marks[0] != width:
-            bad = {self._column(place): "red" for place in self._recording.bad}
-            self._marks = width, {self._column(place): _HANDLED for place in self._recording.failures} | bad
-        for column, colour in self._marks[1].items():
-            bar.stylize(f"bold {colour}", column, column + 1)
+        columns = {self._column(place): "" for place in self._recording.failures}
+        columns |= {self._column(place): "red" for place, is_bad in self._recording.failures.items() if is_bad}
+        for column, colour in columns.items():
+            bar.stylize(f"bold {colour or _HANDLED}", column, column + 1)
         bar.stylize("bold white", here, here + 1)
-        said = Text(self._say(), style="bold")
+        said = Text(self._said, style="bold")
         said.truncate(width, overflow="ellipsis")
         return Text("\n").join([said, bar])
 
     def on_click(self, event: Click) -> None:
         """Go to the time under the mouse."""
-        offset = event.get_content_offset(self)
-        if offset is None:
-            return
-        recording = self._recording
-        start, end = recording.time(0), recording.time(recording.last)
-        wanted = start + (end - start) * offset.x / max(self.size.width - 1, 1)
-        self.post_message(self.Wanted(recording.place_of(wanted)))
-
-
-class Keys(Footer):
-    """What the keys do, the most wanted first. What has no room is left out whole."""
-
-    async def recompose(self) -> None:
-        """Other keys do something now."""
-        await super().recompose()
-        self.call_after_refresh(self._fit)
-
-    def on_resize(self) -> None:
-        """There is more room, or less."""
-        self.call_after_refresh(self._fit)
-
-    def _fit(self) -> None:
-        for key in self.children:
-            key.visible = key.virtual_region.right <= self.size.width
+        if offset := event.get_content_offset(self):
+            start, end = self._recording.time(0), self._recording.time(self._recording.last)
+            wanted = start + (end - start) * offset.x / max(self.size.width - 1, 1)
+            self.post_message(self.Wanted(self._recording.place_of(wanted)))
 
 
 class Question(Input):
@@ -322,7 +247,7 @@ class Question(Input):
         self._answer = answer
 
     def on_key(self, event: Key) -> None:
-        """A key that came here: it may have been on its way when another pane got the focus."""
+        """A key that came here: it may have been on its way when nothing was asked any more."""
         if self.app.focused is not self:
             event.stop().prevent_default()
             self.app.post_message(Key(event.key, event.character))

@@ -9,56 +9,48 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import went_on
 from tca_tools.run.fold import History
 from tca_tools.run.whole_run import Run
-from tca_wire.journal import facts
-from tca_wire.journal.facts import kind_of
-from tca_wire.points import ROOT, Moment
+from tca_wire.journal.facts import Entry, Fact, Failed, kind_of
+from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import Wording
 
 
 class Recording:
     """A run as it was written. A *place* is the number of an event, from 0 on."""
 
-    def __init__(self, entries: Iterable[facts.Entry]) -> None:
-        self.events: list[list[facts.Entry]] = []
-        """The entries of each event: one, or several of the same number."""
-        self.failures: list[int] = []
-        """The places at which something failed."""
-        self._failed: list[tuple[int, int]] = []
-        """The same with what failed: a message or delivery."""
+    def __init__(self, entries: Iterable[Entry]) -> None:
+        self.events: list[list[Fact]] = []
+        """The facts of each event, of one entry or of several of the same number."""
         self.run: Run = History.until(self._kept(entries))
         self.wording = Wording(self.run.name)
-        self.bad = {place for place, number in self._failed if not self._has_coped(place, number)}
-        """Those of them after which the run did not go on, as far as the journal tells."""
-        self.depths = _depths(self.run)
-        self.sizes = _sizes(self.run)
+        failed = ((place, one) for place, event in enumerate(self.events) for one in event if isinstance(one, Failed))
+        self.failures: dict[int, bool] = {}
+        """The places at which something failed, in order; and whether the run did not go on after that, as far as the
+        journal tells.
+        """
+        for place, fact in failed:
+            self.failures[place] = self.failures.get(place, False) or not self._has_coped(place, fact)
+        ends = (task.reached.get(Moment.END_ACHIEVING, inf) for task in self.run.tasks.values())
+        self._ends = sorted(ends)
 
-    def _kept(self, entries: Iterable[facts.Entry]) -> Iterator[facts.Entry]:
+    def _kept(self, entries: Iterable[Entry]) -> Iterator[Entry]:
         number = None
         for entry in entries:
             if entry.number != number or not self.events:
                 self.events.append([])
                 number = entry.number
-            self.events[-1].append(entry)
-            for fact in entry.facts:
-                if isinstance(fact, facts.Failed):
-                    self._note_failure(len(self.events) - 1, fact.id)
+            self.events[-1] += entry.facts
             yield entry
 
-    def _note_failure(self, place: int, number: int) -> None:
-        self._failed.append((place, number))
-        if self.failures[-1:] != [place]:
-            self.failures.append(place)
-
-    def _has_coped(self, place: int, number: int, known: float = inf) -> bool:
-        failed = self.run.delivered(number)
+    def _has_coped(self, place: int, fact: Failed, known: float = inf) -> bool:
+        failed = self.run.delivered(fact.id)
         return failed is not None and went_on(self.run, failed, self.run.times[place], known)
 
-    def is_bad_news(self, place: int, fact: facts.Fact, now: int) -> bool | None:
+    def is_bad_news(self, place: int, fact: Fact, now: int) -> bool | None:
         """Whether a fact is bad news; None: it was, and the run had gone on by the place that is looked at *now*; of
         what comes later, as far as the journal tells.
         """
-        if isinstance(fact, facts.Failed):
-            return None if self._has_coped(place, fact.id, self.run.times[now] if place <= now else inf) else True
+        if isinstance(fact, Failed):
+            return None if self._has_coped(place, fact, self.run.times[now] if place <= now else inf) else True
         return kind_of(fact) in BAD_NEWS
 
     @property
@@ -72,9 +64,11 @@ class Recording:
 
     def at(self, place: int) -> RunAt:
         """What was known at a place."""
-        if not self.run.times:
-            return RunAt(self.run)
-        return RunAt(self.run, self.run.times[place], self.run.clock[place])
+        return RunAt(self.run, self.run.times[place], self.run.clock[place]) if self.run.times else RunAt(self.run)
+
+    def under_way(self, at: RunAt) -> int:
+        """How many tasks had been sent and not ended."""
+        return len(at.tasks) - bisect_right(self._ends, at.moment)
 
     def place_of(self, time: float) -> int:
         """The last place at which the clock showed no more than *time*."""
@@ -84,85 +78,19 @@ class Recording:
         """The place of a time that a record tells."""
         return min(bisect_left(self.run.times, time), self.last)
 
-    def facts(self, place: int) -> Iterator[facts.Fact]:
-        """What happened there."""
-        for entry in self.events[place]:
-            yield from entry.facts
-
     def next_failure(self, place: int, step: int) -> int | None:
         """The next place at which something failed, or (step -1) the one before."""
-        if step > 0:
-            found = self.failures[bisect_right(self.failures, place) :][:1]
-        else:
-            found = self.failures[: bisect_left(self.failures, place)][-1:]
-        return found[0] if found else None
+        places = self.failures if step > 0 else reversed(self.failures)
+        return next((one for one in places if (one - place) * step > 0), None)
 
     def search(self, text: str, place: int, step: int) -> int | None:
-        """The next task (or, step -1, the one before) that is sent after a place and has *text* in its name, or is of
-        that number.
+        """The task of that number; else the next task (or, step -1, the one before) that is sent after a place and has
+        *text* in its name.
         """
         wanted, numbers = text.casefold(), list(self.run.tasks)
-        if wanted.strip("{}").isdecimal() and int(wanted.strip("{}")) in self.run.tasks:
-            return int(wanted.strip("{}"))
+        if (number := text.strip("{}")).isdecimal() and int(number) in self.run.tasks:
+            return int(number)
         now = self.run.times[place] if self.run.times else 0.0
         here = bisect_right(self.run.births, now) if step > 0 else bisect_left(self.run.births, now)
         order = numbers[here:] if step > 0 else reversed(numbers[:here])
         return next((number for number in order if wanted in self.run.tasks[number].name.casefold()), None)
-
-
-def _depths(run: Run) -> dict[int, int]:
-    """How deep each task is: parents have smaller numbers, and come first where numbers are in order."""
-    depths = {int(ROOT): -1}
-    for number in sorted(run.tasks):
-        depths[number] = depths[run.tasks[number].parent] + 1
-    return depths
-
-
-def _sizes(run: Run) -> dict[int, int]:
-    """How many tasks each subtree has in the end."""
-    sizes = dict.fromkeys(run.tasks, 1)
-    for number in sorted(run.tasks, reverse=True):
-        if (parent := run.tasks[number].parent) != ROOT:
-            sizes[parent] += sizes[number]
-    return sizes
-
-
-class Living:
-    """The tasks that had been sent and not ended, by what they are under. Moving costs what changes in between."""
-
-    def __init__(self, run: Run) -> None:
-        self._births = [(task.received, number, task.parent) for number, task in run.tasks.items()]
-        ends = [(task.reached[Moment.END_ACHIEVING], number, task.parent)
-                for number, task in run.tasks.items() if Moment.END_ACHIEVING in task.reached]  # fmt: skip
-        self._ends = sorted(ends)
-        self._born = self._ended = 0
-        self.below: dict[int, dict[int, None]] = {}
-
-    def move(self, time: float) -> None:
-        """Be at *time*."""
-        while self._born < len(self._births) and self._births[self._born][0] <= time:
-            self._add(self._births[self._born])
-            self._born += 1
-        while self._ended < len(self._ends) and self._ends[self._ended][0] <= time:
-            self._remove(self._ends[self._ended])
-            self._ended += 1
-        while self._ended and self._ends[self._ended - 1][0] > time:
-            self._ended -= 1
-            self._add(self._ends[self._ended])
-        while self._born and self._births[self._born - 1][0] > time:
-            self._born -= 1
-            self._remove(self._births[self._born])
-
-    @property
-    def number(self) -> int:
-        """How many there are."""
-        return self._born - self._ended
-
-    def _add(self, one: tuple[float, int, int]) -> None:
-        self.below.setdefault(one[2], {})[one[1]] = None
-
-    def _remove(self, one: tuple[float, int, int]) -> None:
-        children = self.below.get(one[2], {})
-        children.pop(one[1], None)
-        if not children:
-            self.below.pop(one[2], None)

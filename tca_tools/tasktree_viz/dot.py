@@ -129,7 +129,7 @@ def _constraint_arrow(at: RunAt, before: int, after: int, kinds: Sequence[str], 
 
 def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
     if row.task is None:
-        fill = FILLS[row.state]
+        fill = FILLS.get(row.state, "#ffffff")
         label = words.folded(row)
         return f'{_id(row)} [label="{label}", fontsize=10, style="filled,dashed", fillcolor="{fill}"];'
     task, state = row.task, row.task.standing

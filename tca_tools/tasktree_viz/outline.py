@@ -4,9 +4,10 @@ Nothing here recurses: a tree may be a million deep.
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
+from sys import maxsize
 
 from tca_tools.run.at_time import TaskAt
 from tca_tools.run.records import State
@@ -19,12 +20,11 @@ BESIDE_AT_MOST = 12
 """Of more tasks side by side, runs of tasks in the same state are folded."""
 _KEPT = 2
 """How many tasks of such a run stay at either end."""
-_States = Mapping[int, State]
 
 
 @dataclass(slots=True)
 class Row:
-    """One task, or achieved ones in its place, in the order of reading (a task before what is under it)."""
+    """One task, or folded ones in its place, in the order of reading (a task before what is under it)."""
 
     task: TaskAt | None
     parent: int
@@ -33,11 +33,11 @@ class Row:
     folded: int = 0
     """How many tasks it stands for, if for no one task."""
     killed: int = 0
-    """How many of those were killed, if others were achieved."""
-    state: State = State.ACHIEVED
-    """What state those are in."""
+    """How many of those were killed."""
+    state: str = ""
+    """Their state, if all have one: killed, if some were killed and the others achieved."""
     is_rest: bool = False
-    """Whether it stands for all that comes behind."""
+    """Whether it stands for all that comes after it."""
     is_last: bool = False
     """Whether it is its parent's last."""
     number: int = -1
@@ -50,17 +50,42 @@ def outline(
     """The rows of the tree. One of more than *shown_at_most* tasks is folded: subtrees in which all was achieved, or
     killed with what they are under, those deep down first, until about *budget* tasks are shown (None: as many).
     """
-    states = {number: task.state for number, task in at.tasks.items()}
-    loud = _loud(at, states)
-    if len(at.tasks) <= shown_at_most:
-        return _rows(at, None, loud, _Sizes(at, states), beside_at_most)
-    shown = _choose(at, states, loud, budget or shown_at_most, beside_at_most)
-    return _rows(at, shown, loud, _Sizes(at, states), beside_at_most)
+    loud = _loud(at)
+    is_large = len(at.tasks) > shown_at_most
+    shown = _choose(at, loud, budget or shown_at_most, beside_at_most) if is_large else at.tasks.keys()
+
+    def below(row: Row) -> list[Row]:
+        rows: list[Row] = []
+        for is_shown, some in groupby(at.children(row.task.id if row.task else ROOT), shown.__contains__):
+            if is_shown:
+                rows += [_row(at, row, child) for child in some]
+            else:
+                rows.append(_fold(at, Row(None, row.number, row.depth + 1, state=State.ACHIEVED), list(some)))
+        return _squeezed(at, rows, loud) if len(rows) > beside_at_most else rows
+
+    return walked(below)
 
 
 def whole_outline(at: Forest) -> list[Row]:
     """A row for every task."""
-    return _rows(at, None, set(), _Sizes(at, {}), len(at.tasks))
+    return walked(lambda row: [_row(at, row, child) for child in at.children(row.task.id if row.task else ROOT)])
+
+
+def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Row]:
+    """The rows of a tree in order, of which *below* tells those right under one; first those under the root."""
+    rows: list[Row] = []
+    waiting = [Row(None, -1, -1)]  # a stack: the last goes first
+    while waiting and len(rows) < at_most:
+        row = waiting.pop()
+        if row.depth >= 0:
+            row.number = len(rows)
+            rows.append(row)
+        if row.task or row.depth < 0:
+            children = below(row)
+            for last in children[-1:]:
+                last.is_last = True
+            waiting += reversed(children)
+    return [*rows, Row(None, -1, 0, is_rest=True, is_last=True, number=len(rows))] if waiting else rows
 
 
 def cut_off(rows: list[Row], at_most: int) -> list[Row]:
@@ -71,25 +96,40 @@ def cut_off(rows: list[Row], at_most: int) -> list[Row]:
     return [*rows[:at_most], Row(None, -1, 0, folded=rest, is_rest=True, is_last=True, number=at_most)]
 
 
-def _loud(at: Forest, states: _States) -> set[int]:
+def _row(at: Forest, parent: Row, task: TaskId) -> Row:
+    return Row(at.tasks[task], parent.number, parent.depth + 1)
+
+
+def _fold(at: Forest, into: Row, tasks: list[TaskId]) -> Row:
+    """Let a row stand for these tasks, too, and for all that is under them."""
+    below = [*tasks]
+    for number in below:  # grows while it is walked
+        below += at.children(number)
+    into.folded += len(below)
+    into.killed += sum(at.tasks[number].state is State.KILLED for number in below)
+    into.state = State.KILLED if into.killed else into.state
+    return into
+
+
+def _loud(at: Forest) -> set[int]:
     """The tasks that are shown in any case: those that go on, that failed, or were killed for a reason of their own,
     and all that they are under.
     """
     loud = {int(ROOT)}
-    for task_id in sorted(at.tasks, reverse=True):  # children have larger ids than their parents
-        if task_id in loud or not (states[task_id] is State.ACHIEVED or _went_along(at, states, task_id)):
-            loud.update((task_id, at.tasks[task_id].parent))
+    for number in sorted(at.tasks, reverse=True):  # children have larger numbers than their parents
+        if number in loud or not (at.tasks[number].state is State.ACHIEVED or _went_along(at, at.tasks[number])):
+            loud.update((number, at.tasks[number].parent))
     return loud
 
 
-def _went_along(at: Forest, states: _States, task_id: int) -> bool:
+def _went_along(at: Forest, task: TaskAt) -> bool:
     """Whether a task was killed with what it is under."""
-    task = at.tasks[task_id]
-    were_killed = states[task_id] is State.KILLED and states.get(task.parent) is State.KILLED
-    return were_killed and task.why_killed == at.tasks[task.parent].why_killed
+    above = at.tasks.get(task.parent)
+    were_killed = task.state is State.KILLED and above is not None and above.state is State.KILLED
+    return were_killed and above is not None and task.why_killed == above.why_killed
 
 
-def _choose(at: Forest, states: _States, loud: set[int], budget: int, beside_at_most: int) -> set[int]:
+def _choose(at: Forest, loud: set[int], budget: int, beside_at_most: int) -> set[int]:
     """The tasks to show: those that are in any case, then others from the top down, of many alike side by side the
     first and the last.
     """
@@ -99,99 +139,40 @@ def _choose(at: Forest, states: _States, loud: set[int], budget: int, beside_at_
         above = level.popleft()
         children = at.children(above)
         is_crowded = len(children) > beside_at_most
-        nearest = (_ends(states, children) if is_crowded else children)[: budget + 1 - len(shown)]
+        nearest = (_ends(at, children) if is_crowded else children)[: budget + 1 - len(shown)]
         shown.update(nearest)
         samples.update(nearest if is_crowded and above != ROOT else ())
         level.extend(child for child in children if child in shown)
-    return shown - {one for one in samples - loud if _is_empty(at, one, shown)}
+    return shown - {one for one in samples - loud if at.children(one) and shown.isdisjoint(at.children(one))}
 
 
-def _is_empty(at: Forest, task: int, shown: set[int]) -> bool:
-    """Whether there is something under a task, and nothing of that is shown."""
-    children = at.children(task)
-    return bool(children) and not any(child in shown for child in children)
-
-
-def _ends(states: _States, tasks: list[TaskId]) -> list[TaskId]:
+def _ends(at: Forest, tasks: list[TaskId]) -> list[TaskId]:
     """The first and the last of each run of tasks in one state."""
     found: list[TaskId] = []
-    for _, run in groupby(tasks, states.__getitem__):
+    for _, run in groupby(tasks, lambda number: at.tasks[number].state):
         alike = list(run)
         found += alike if len(alike) <= 2 * _KEPT else [*alike[:_KEPT], *alike[-_KEPT:]]
     return found
 
 
-class _Sizes:
-    """How many tasks each subtree has, and how many of those were killed."""
-
-    def __init__(self, at: Forest, states: _States) -> None:
-        self.all = dict.fromkeys(at.tasks, 1)
-        self.killed = {number: int(states.get(number) is State.KILLED) for number in at.tasks}
-        for task_id in sorted(at.tasks, reverse=True):
-            parent = at.tasks[task_id].parent
-            if parent in self.all:  # not the root, and not above the part that is shown
-                self.all[parent] += self.all[task_id]
-                self.killed[parent] += self.killed[task_id]
-
-    def fold(self, row: Row, into: Row) -> None:
-        """Let a row stand for one more, or for as many as another."""
-        into.folded += self.all[row.task.id] if row.task else row.folded
-        into.killed += self.killed[row.task.id] if row.task else row.killed
-        if into.killed:
-            into.state = State.KILLED
-
-
-def _rows(at: Forest, shown: set[int] | None, loud: set[int], sizes: _Sizes, beside_at_most: int) -> list[Row]:
-    rows: list[Row] = []
-    waiting = [Row(None, -1, -1)]  # a stack: the last goes first
-    while waiting:
-        row = waiting.pop()
-        if row.depth >= 0:
-            row.number = len(rows)
-            rows.append(row)
-        if row.task or row.depth < 0:
-            below = _below(at, shown, sizes, row)
-            below = _squeezed(below, loud, sizes) if len(below) > beside_at_most else below
-            for last in below[-1:]:
-                last.is_last = True
-            waiting += reversed(below)
-    return rows
-
-
-def _below(at: Forest, shown: set[int] | None, sizes: _Sizes, row: Row) -> list[Row]:
-    """The rows right under one; tasks that are not shown and stand side by side share one."""
-    found: list[Row] = []
-    for child in at.children(row.task.id if row.task else ROOT):
-        if shown is None or child in shown:
-            found.append(Row(at.tasks[child], row.number, row.depth + 1))
-            continue
-        if not found or found[-1].task is not None:
-            found.append(Row(None, row.number, row.depth + 1))
-        sizes.fold(Row(at.tasks[child], row.number, row.depth + 1), found[-1])
-    return found
-
-
-def _squeezed(rows: list[Row], loud: set[int], sizes: _Sizes) -> list[Row]:
+def _squeezed(at: Forest, rows: list[Row], loud: set[int]) -> list[Row]:
     """The rows with long runs of one state folded, but for the ends of each run."""
     squeezed: list[Row] = []
     for state, run in groupby(rows, lambda row: _state_to_fold(row, loud)):
         alike = list(run)
         last = len(alike) - _KEPT if alike[-1].task else len(alike)
         middle = alike[_KEPT:last]
-        if state is None or len(middle) < _KEPT:
-            squeezed += alike
-            continue
-        one = Row(None, alike[0].parent, alike[0].depth, state=state)
-        for row in middle:
-            sizes.fold(row, one)
-        squeezed += [*alike[:_KEPT], one, *alike[last:]]
+        if state is not None and len(middle) >= _KEPT:
+            folded, killed = (sum(getattr(row, count) for row in middle) for count in ("folded", "killed"))
+            one = Row(None, alike[0].parent, alike[0].depth, folded, killed, state)
+            alike[_KEPT:last] = [_fold(at, one, [row.task.id for row in middle if row.task])]
+        squeezed += alike
     return squeezed
 
 
-def _state_to_fold(row: Row, loud: set[int]) -> State | None:
+def _state_to_fold(row: Row, loud: set[int]) -> str | None:
     """The state of a row, if nothing worth seeing would be lost by folding it."""
     if not row.task:
         return row.state
-    state = row.task.state
     is_quiet = row.task.id not in loud or not row.task.children
-    return state if is_quiet and state is not State.FAILED else None
+    return row.task.state if is_quiet and row.task.state is not State.FAILED else None

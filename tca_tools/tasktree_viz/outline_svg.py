@@ -142,7 +142,7 @@ def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
 
 def _box(at: RunAt, place: Place, top: float) -> Iterator[str]:
     row, task, left, y = place.row, place.row.task, _MARGIN + place.left, top + place.top
-    look = f'fill="{FILLS[row.state if task is None else task.standing]}" stroke="#1f2933"'
+    look = f'fill="{FILLS.get(task.standing if task else row.state, "#ffffff")}" stroke="#1f2933"'
     title = place.label
     if task is None:
         look += ' stroke-dasharray="3 2"'

@@ -76,8 +76,8 @@ def tree_lines(
         return
     state_width = max(_STATE_WIDTH, *(len(row.task.standing) for row in rows if row.task))
     widest = _widest(width, state_width)
-    prefixes = _prefixes(rows, guides, *_levels(widest))
-    names = [(before, _name(row)) for row, (before, _) in zip(rows, prefixes, strict=True)]
+    before_names = prefixes(rows, guides, *_levels(widest))
+    names = [(before, _name(row)) for row, (before, _) in zip(rows, before_names, strict=True)]
     name_width = min(max(columns_of(before + name) for before, name in names), widest)
     numbers = [row.task.id if row.task else 0 for row in rows]
     labels = [
@@ -89,9 +89,9 @@ def tree_lines(
     columns = _Columns(state_width, width is None or beside + _NOTE_WIDTH * goes_on <= width)
     times = f"  {'planning':{_TIMES_WIDTH}}  achieving" if columns.has_times else ""
     yield click.style(cut(f"{padded('task', name_width)}  {'state':{state_width}}{times}", width), dim=True)
-    for row, label, (_, below) in zip(rows, labels, prefixes, strict=True):
+    for row, label, (_, below) in zip(rows, labels, before_names, strict=True):
         if row.task is None:
-            yield click.style(cut(label, width), fg=COLOURS[row.state])
+            yield click.style(cut(label, width), fg=COLOURS.get(row.state))
             continue
         yield _task_line(at, row.task, padded(label, name_width), columns, width)
         if with_data and (data := words.data(row.task)):
@@ -129,13 +129,13 @@ def _rest_of(width: int | None, label: str) -> int | None:
     return None if width is None else max(width - columns_of(label) - 2, 0)
 
 
-def _prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:
+def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:
     """What stands before each row's name, and before lines below it that belong to it.
 
     Down to *wide* levels guides are three columns wide, further down two; after so many *levels* indentation begins
     anew, behind the depth as a number.
     """
-    prefixes: list[tuple[str, str]] = []
+    found: list[tuple[str, str]] = []
     inner: list[str] = []  # for each row, what stands before its children's guides
     for row in rows:
         before = inner[row.parent] if row.parent >= 0 else ""
@@ -148,8 +148,8 @@ def _prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[t
             child, beside = child[0] + child[2], beside[:2]
         beside = (" " * len(before) if before.startswith("[") else before) + beside
         inner.append(beside)
-        prefixes.append((before + child, beside + guides.empty))
-    return prefixes
+        found.append((before + child, beside + guides.empty))
+    return found
 
 
 def _widest(width: int | None, state_width: int) -> int:

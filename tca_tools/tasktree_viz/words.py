@@ -213,10 +213,10 @@ def folded(row: Row) -> str:
     """What a row says that stands for several tasks."""
     tasks = f"+ {counted(row.folded, 'task')}"
     if row.is_rest:
-        return f"{tasks} further down"
+        return f"{tasks if row.folded else 'and more'} further down"
     if 0 < row.killed < row.folded:
         return f"{tasks}: {row.folded - row.killed} {State.ACHIEVED}, {row.killed} {State.KILLED}"
-    return f"{tasks} {row.state}"
+    return f"{tasks} {row.state}".rstrip()
 
 
 def summary(at: Forest, *, is_live: bool = False) -> str:
