@@ -1,10 +1,10 @@
 """A piece of advice: its topic, its bounds, and its words, which are templates filled with data."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
-from tca_tools.spans import Cover, Span
+from tca_tools.spans import Span
 from tca_wire.text.measures import times
 
 
@@ -37,8 +37,8 @@ class Advice:
     times: int
     """How often it happened."""
     example: str
-    """The case with the greatest bound."""
-    window: Span | None
+    """The longest case."""
+    window: Span
     """When the example happened."""
     sooner: str = ""
     """The task whose end would come sooner, if it is another than that which ended last."""
@@ -52,70 +52,36 @@ class Words(NamedTuple):
     text: str
     remedy: str
 
-    def filled(
-        self, saving: float, on_path: float, number: int, example: str, window: Span | None, **known: str
-    ) -> Advice:
+    def filled(self, saving: float, on_path: float, number: int, example: str, window: Span, **known: str) -> Advice:
         """The advice that these words make of what is *known*."""
         known["times"] = times(number)
-        title, text, remedy = (one.format(**known) for one in (self.title, self.text, self.remedy))
+        title, text, remedy = (one.format(**known) for one in self[1:])
         return Advice(self.topic, title, text, remedy, saving, on_path, number, example, window)
-
-
-@dataclass(slots=True)
-class Sum:
-    """What went on for one reason, at several times."""
-
-    spans: list[Span] = field(default_factory=list)
-    words: str = ""
-    """Of the longest."""
-
-    def add(self, start: float, end: float, words: str) -> None:
-        """Once more, with words for that."""
-        if not self.spans or end - start > length(self.longest):
-            self.words = words
-        self.spans.append((start, end))
-
-    @property
-    def longest(self) -> Span:
-        """The longest of them."""
-        return max(self.spans, key=length)
-
-    def within(self, start: float, end: float) -> float:
-        """Seconds of a window; where they overlap, once."""
-        return Cover(self.spans).within(start, end)
-
-
-def length(span: Span) -> float:
-    """How long one is, in seconds."""
-    return span[1] - span[0]
 
 
 FAILED = Words(
     Topic.FAILURE,
     "Avoid '{failure}' of '{message}'",
-    "'{message}' failed {times} on the {path}. What it had done until then and what was done about it took {seconds}: "
-    "without these failures the path would be shorter by at most that",
+    "'{message}' failed {times} on the {path}. What it had done until then and what was done about it took {seconds}",
     "find out why it fails, or notice it sooner",
 )
 OVERLAP = Words(
     Topic.OVERLAP,
     "Plan the next while {acting} acts",
     "{acting} stood idle {times} between {pair}, {seconds} in all. For {planning} of that {planners} planned what "
-    "comes next. Planning it while the one before is executed would save at most {most}",
+    "comes next",
     "{remedy}",
 )
 REPLY = Words(
     Topic.QUERY,
     "The reply to '{name}' is waited for",
-    "The {path} waits {times} for the reply to '{name}', {seconds} in all. A reply that is there when it is needed "
-    "would save at most {most}",
+    "The {path} waits {times} for the reply to '{name}', {seconds} in all",
     "ask before something slow and fetch the reply later (query_send), keep the value as a variable, or answer faster",
 )
 IN_VAIN = Words(
     Topic.IN_VAIN,
     "The reply to '{name}' is waited for in vain",
-    "The {path} waits {times} for a reply to '{name}' that does not come in time, {seconds} in all. Without that wait "
-    "it would be shorter by at most {most}",
+    "The {path} waits {times} for a reply to '{name}' that does not come in time, {seconds} in all",
     "find out why it takes so long, answer faster, or give up sooner (timeout=). Giving up does not end the handler: "
     "it keeps its resource from all others until it returns",
 )
@@ -139,22 +105,19 @@ GROWING = Words(
 LOCK = Words(
     Topic.LOCK,
     "{name} is locked while others wait",
-    "The {path} waits {times} because {name} is locked or reserved, or somebody waits to lock it, {seconds} in all. "
-    "Locks held only while they are needed would save at most {most}",
+    "The {path} waits {times} because {name} is locked or reserved, or somebody waits to lock it, {seconds} in all",
     "take the lock later, release it sooner, or lock a smaller resource",
 )
 CLAIM = Words(
     Topic.LOCK,
     "{name} is busy when it is to be locked",
-    "The {path} waits {times} to lock or reserve {name} until its handlers are done, {seconds} in all. More capacity "
-    "does not help: a lock waits for all that is handled there. A free resource would save at most {most}",
+    "The {path} waits {times} to lock or reserve {name} until its handlers are done, {seconds} in all",
     "lock it when nothing is handled there, send it less before, or lock a smaller resource",
 )
 DELAY = Words(
     Topic.DELAY,
     "Delays before '{name}'",
-    "Constraints with a delay hold '{name}' back {times} on the {path}, {seconds} in all. Shorter ones would save at "
-    "most that",
+    "Constraints with a delay hold '{name}' back {times} on the {path}, {seconds} in all",
     "shorten the delay, if what it waits for allows that",
 )
 NEVER_HANDLED = Words(
@@ -162,12 +125,6 @@ NEVER_HANDLED = Words(
     "Nobody handles '{name}'",
     "'{name}' waited {times} for a module that handles it, {seconds} in all, and none ever came",
     "start a module that handles it; if there is one, see whether it calls the message something else",
-)
-NOT_HANDLED_ANY_MORE = Words(
-    Topic.HANDLER,
-    "Nobody handles '{name}' any more",
-    "'{name}' waited {times} for a module that handles it, {seconds} in all; at last there was none",
-    "find out why the module that handled it left, and start it again",
 )
 NOT_HANDLED = Words(
     Topic.HANDLER,

@@ -14,7 +14,7 @@ from tca_tools.run.failures import Failed, all_failures
 from tca_tools.run.fates import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
-from tca_tools.spans import Cover
+from tca_tools.spans import Cover, Span
 from tca_tools.why.deciding import calls
 from tca_tools.why.story import awaited
 from tca_wire.messages.failures import DEADLOCK
@@ -49,6 +49,11 @@ class Case:
         """What it cost in time."""
         return self.lost + self.recovery
 
+    @property
+    def span(self) -> Span:
+        """When it did."""
+        return self.time - self.lost, self.time + self.recovery
+
 
 @dataclass(slots=True)
 class Kind:
@@ -61,7 +66,7 @@ class Kind:
     @property
     def cost(self) -> float:
         """What they cost in time; what two of them cost at the same time counts once."""
-        return Cover((case.time - case.lost, case.time + case.recovery) for case in self.cases).total
+        return Cover(case.span for case in self.cases).total
 
     @property
     def fates(self) -> dict[Fate, int]:

@@ -1,15 +1,19 @@
 """How busy each resource was, and how long its queue. Pure."""
 
+from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
+from operator import attrgetter
 
-from tca_tools.run.records import Handling, Queueing
+from tca_tools.run.records import Claim, Handling, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, Span, levels
 from tca_wire.text.facts_in_words import place
 
 Key = tuple[str, str]
 """A module and one of its resources."""
+_BEFORE = 100
+"""Locks that are looked at, of those that were asked for before a wait began."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +89,26 @@ def busy(runs: list[Handling], capacity: int, start: float, end: float) -> Busy:
     )
     given = max(capacity, 1) * (end - start)
     return Busy(handled, waited, min(handled / given, 1.0) if given > 0 else 0.0)
+
+
+def kept_out(
+    run: Run, key: Key, start: float, end: float, sender: str = "", but: Claim | None = None
+) -> tuple[float, Claim | None]:
+    """How many seconds of a wait for a resource were because of locks and reservations, and the last of these: those in
+    force, in any copy of the module, and those that somebody who had come before waited for. What is reserved by the
+    sender does not keep it out.
+    """
+    claims = run.asked_for(*key)
+    first, last = (bisect_right(claims, time, key=attrgetter("start")) for time in (start, end))
+    spans, by = list[Span](), None
+    for claim in claims[max(first - _BEFORE, 0) : last]:
+        since = claim.start if claim.start <= start else claim.granted
+        until = run.time if claim.end is None else claim.end
+        is_own = claim is but or (claim.is_reserved and claim.sender == sender)
+        if since is not None and until > start and not is_own:
+            spans.append((since, until))
+            by = claim if by is None or by.granted is None or claim.granted else by
+    return Cover(spans).within(start, end), by
 
 
 def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], start: float, end: float) -> Use:

@@ -6,6 +6,7 @@ from enum import StrEnum
 from tca_tools.run.records import HandlerWait, Handling, Hold, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT
+from tca_wire.text.facts_in_words import place
 
 
 class Doing(StrEnum):
@@ -45,6 +46,11 @@ class Step:
     def seconds(self) -> float:
         """How long it took."""
         return self.end - self.start
+
+    @property
+    def where(self) -> str:
+        """The resource, or the module."""
+        return place(self.module, self.resource) if self.module else ""
 
 
 def delay_of(run: Run, task: Task, hold: Hold) -> tuple[float, int]:

@@ -13,12 +13,11 @@ from tca_tools.analysis.critical_path import (
     last_task,
     longest_task,
     shares,
-    where_of,
-    why_then,
 )
 from tca_tools.analysis.failures import Kind, failures
 from tca_tools.analysis.long_waits import WaitsOfKind, long_waits
 from tca_tools.analysis.resources import Use, uses
+from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import Summary, summary
 from tca_tools.run.whole_run import Run
@@ -126,7 +125,7 @@ def _shown(run: Run, path: CriticalPath) -> ShownPath:
             step.seconds,
             step.doing,
             f"before {run.describe(step.message_id)}" if step.doing is Doing.OUTSIDE else run.describe(step.message_id),
-            where_of(step),
+            step.where,
             why_then(run, step),
         )
         for step in kept

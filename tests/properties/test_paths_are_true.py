@@ -13,7 +13,8 @@ from properties.seen_in_facts import Facts
 from properties.test_blocked_is_told import Told
 
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.critical_path import critical_path, why_then
+from tca_tools.analysis.critical_path import critical_path
+from tca_tools.analysis.step_words import why_then
 from tca_wire.packets import headers
 from tca_wire.points import Moment
 

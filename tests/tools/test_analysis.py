@@ -99,10 +99,10 @@ def test_a_failure_that_is_dealt_with_before_another_is_raised() -> None:
 
 
 @pytest.mark.parametrize(
-    ("title", "handled"), [("Nobody handles 'dance'", ()), ("Nobody handles 'dance' any more", (1.0, 2.0)),
+    ("title", "handled"), [("Nobody handles 'dance'", ()), ("Nobody handles 'dance' for a while", (1.0, 2.0)),
                            ("Nobody handles 'dance' for a while", (5.0,))],
 )  # fmt: skip
-def test_whether_nobody_ever_handled_it_nobody_any_more_or_not_yet(title: str, handled: tuple[float, ...]) -> None:
+def test_whether_nobody_ever_handled_it_or_only_then(title: str, handled: tuple[float, ...]) -> None:
     """Handled from the first time until the second, if there is one; a dance is sent at 3.0."""
     story = Story().module("user")
     times = dict(zip(handled, ("come", "go"), strict=False)) | {3.0: "dance"}

@@ -8,7 +8,8 @@ from tools.made_robots import commanding, looking_ahead, near, recovering, stepp
 from tools.story import QUERY, Story, mopping, stumbling, walking
 
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
+from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
+from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Task

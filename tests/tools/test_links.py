@@ -5,7 +5,8 @@ from tools.story import QUERY, Story
 from tools.test_critical_path import path_of
 
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.critical_path import critical_path, why_then
+from tca_tools.analysis.critical_path import critical_path
+from tca_tools.analysis.step_words import why_then
 from tca_tools.report.contents import contents
 from tca_tools.run.whole_run import Run
 from tca_wire.constraints import sequential_achievement

@@ -11,7 +11,7 @@ from tools.made_robots import near
 from tools.story import Story
 
 from tca_tools.analysis.advice_words import Advice, Topic
-from tca_tools.analysis.locks import Locks
+from tca_tools.analysis.resources import kept_out
 from tca_tools.report.contents import Contents, contents
 from tca_tools.run.fold import History
 from tca_tools.run.whole_run import Run
@@ -107,8 +107,7 @@ def test_a_short_lock_does_not_make_a_long_queue() -> None:
 def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
     story = Story().module("m").module("legs", "move")
     run = story.at(1.0).say(facts.Claimed(50, "legs", "legs", True, "m", 0), facts.Granted(50)).at(9.0).fold()
-    locks = Locks(run)
-    assert [locks.kept_out("legs", "legs", who, 2.0, 5.0) for who in ("m", "user")] == [0.0, 3.0]
+    assert [kept_out(run, ("legs", "legs"), 2.0, 5.0, sender=who)[0] for who in ("m", "user")] == [0.0, 3.0]
 
 
 def test_a_lock_on_the_path_has_a_name() -> None:
@@ -132,12 +131,11 @@ def test_a_lock_on_the_path_has_a_name() -> None:
 def test_what_keeps_out_is_known_of_all_copies(life: list[tuple[str, int]]) -> None:
     """A stay in a queue was because of a lock for as long as there was one, by the facts."""
     run = lived(life)
-    locks = Locks(run)
     for queueing in run.queueings:
         if queueing.module:
             sender = run.messages[queueing.message_id].sender
             end = run.time if queueing.end is None else queueing.end
-            said = locks.kept_out(queueing.module, queueing.resource, sender, queueing.start, end)
+            said, _ = kept_out(run, (queueing.module, queueing.resource), queueing.start, end, sender=sender)
             assert -1e-6 <= said <= end - queueing.start + 1e-6
             assert said == pytest.approx(by_facts(run, queueing.module, queueing.start, end, sender))
     assert "?" not in all_texts(contents(run))

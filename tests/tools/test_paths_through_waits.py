@@ -9,8 +9,9 @@ from tools.test_critical_path import path_of
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.critical_path import critical_path, why_then
+from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
+from tca_tools.analysis.step_words import why_then
 from tca_tools.log.classic import classic_lines
 from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents

@@ -1,0 +1,161 @@
+"""The steps of a path in words: where each was, and why it did not begin sooner. Pure."""
+
+from collections.abc import Iterator
+from math import inf, nextafter
+
+from tca_tools.analysis.long_waits import handler_wait_in_words
+from tca_tools.analysis.steps import Doing, Step
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.records import Message, Queueing, Task
+from tca_tools.run.whole_run import UNKNOWN, Run
+from tca_tools.why.wait_words import told, wait_for
+from tca_tools.why.waits import Wait, waits_now, waits_of
+from tca_wire.text.facts_in_words import by_whom, kill_reason, place
+from tca_wire.text.measures import duration, run_time
+from tca_wire.text.waits_in_words import in_words, several_in_words
+from tca_wire.waits import WaitKind
+
+_LINKS = 6
+"""How many tasks are told of that waited for each other."""
+
+
+def named(run: Run, number: int) -> str:
+    """What a message, or a lock, is called, without its number."""
+    name = run.name(number)
+    return "what was sent before the journal begins" if name == UNKNOWN else name
+
+
+def queueing_before(run: Run, step: Step) -> Queueing | None:
+    """The wait in a queue that ended when a step began."""
+    message = run.messages.get(step.message_id)
+    if message is None or step.resumed or step.doing is not Doing.WORK:
+        return None
+    return next((one for one in reversed(message.queueings) if one.end == step.start and one.start < step.start), None)
+
+
+def waited(run: Run, step: Step) -> str:
+    """``the handler of walk {1} waited until move {3} is achieved``: who waited before a step began, and for what."""
+    if step.resumed is None:
+        return f"{run.describe(step.message_id)} waited"
+    who = step.module if step.doing is Doing.OUTSIDE else f"the handler of {run.describe(step.message_id)}"
+    return f"{who} waited {handler_wait_in_words(run, step.resumed)}"
+
+
+def why_then(run: Run, step: Step) -> str:
+    """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is known."""
+    message = run.messages.get(step.message_id)
+    if message and step.doing in _WHY and (why := _WHY[step.doing](run, message, step)):
+        return why
+    if step.resumed:
+        who = "sender" if step.doing is Doing.OUTSIDE else "handler"
+        still = still_handled(run, step.resumed.awaited, step.start)
+        return f"its {who} waited {handler_wait_in_words(run, step.resumed)}{still}"
+    if message is None:
+        return ""
+    if queueing := queueing_before(run, step):
+        where = f"in the queue for {place(queueing.module, queueing.resource)}"
+        where = where if queueing.module else "without a module that handles it"
+        return f"{duration(step.start - queueing.start)} {where}{still_handled(run, message.id, step.start)}"
+    if message.received == step.start and message.role:  # central made it when it could, and no sooner
+        about = run.tasks.get(message.about)
+        held = _held(run, about, step.start) if about and about.received < step.start else ""
+        return f"{message.role} for {run.describe(message.about)}" + (f", which {held}" if held else "")
+    held = _held(run, message, step.start) if isinstance(message, Task) else ""
+    return f"it {held}" if held else ""
+
+
+def _held(run: Run, task: Task, time: float) -> str:
+    """``waited until walk {2} is achieved; walk {2} was killed: ...``: what a task waited for until then, and why that
+    came just then, link by link; "" if that is not known.
+    """
+    return "; ".join(_links(run, task, time))
+
+
+def _links(run: Run, task: Task, time: float) -> Iterator[str]:
+    """What a task waited for until then, then what that waited for, and so on, as far as all of it was over at once."""
+    waits, seen = _ended_at(run, task, time), {task.id}
+    if waits:
+        yield f"waited {_in_words(run, waits, time)}"
+    while waits and len(seen) <= _LINKS:
+        task = next((run.tasks[one.on.number] for one in waits if one.on.number in run.tasks), task)
+        if task.id in seen:
+            return
+        seen.add(task.id)
+        if task.killed is not None and task.written("killed") == time:
+            yield f"{task} was killed: {kill_reason(task.killed, task.killed_by)}"
+            return
+        if waits := _ended_at(run, task, time):
+            yield f"{task} waited {_in_words(run, waits, time)}"
+
+
+def _ended_at(run: Run, task: Task, time: float) -> list[Wait]:
+    """The waits of a task that were over at a time, and had begun before: not those for its handler and its subtasks,
+    through which a path goes anyhow.
+    """
+    waits = (wait for wait in waits_of(run, task.id) if wait.kind not in (WaitKind.RUNNING, WaitKind.SUBTASK))
+    return [wait for wait in waits if wait.end == time and wait.start < time]
+
+
+def _in_words(run: Run, waits: list[Wait], time: float) -> str:
+    """Waits, as they were just before a time."""
+    return several_in_words(told(RunAt(run, nextafter(time, 0.0)), waits))
+
+
+def still_handled(run: Run, message_id: int, until: float) -> str:
+    """``; look {8} was given up at 7.000 s, but cam went on with it until 9.000 s``: who went on with what nobody
+    waited for any longer, with a message or with what kept it in a queue; "" if nobody did.
+    """
+    if (message := run.messages.get(message_id)) is None:
+        return ""
+    at = RunAt(run, nextafter(until, 0.0))
+    runs, queueings = at.copies_of(message)
+    runs = [*runs, *filter(None, [at.handling_of(message)])]
+    for queueing in (*filter(None, [at.queueing_of(message)]), *queueings):
+        runs += at.running(queueing.module, queueing.resource) if queueing.module else []
+    for handling in runs:
+        handled = run.messages.get(handling.message_id)
+        if handled is None or not handled.was_given_up:
+            continue
+        given_up = handled.written("dropped")
+        if given_up <= until and (handling.end is None or handling.end > given_up):
+            goes_on = "goes on with it" if handling.end is None else f"went on with it until {run_time(handling.end)}"
+            where = place(handling.module, handling.resource)
+            return f"; {handled} was given up at {run_time(given_up)}, but {where} {goes_on}"
+    return ""
+
+
+def _why_delayed(run: Run, message: Message, step: Step) -> str:
+    """Which delay it was; of one that is not over, until when it lasts."""
+    delays = (one for one in waits_of(run, message.id) if one.kind is WaitKind.DELAY)
+    delay = next((one for one in delays if min(one.end, run.time) == step.end), None)
+    if delay is None:
+        return ""
+    said = wait_for(RunAt(run, step.start), delay)
+    is_open, due = delay.end == inf, said.seconds or 0.0
+    since = "from now" if run.is_live else "after the journal ends"
+    later = f", {duration(due - run.time)} {since}" if is_open and due > run.time else ""
+    return f"it wait{'s' if is_open else 'ed'} {in_words(said)}{later}"
+
+
+def _why_suspended(_run: Run, message: Message, step: Step) -> str:
+    for one in message.suspensions if isinstance(message, Task) else ():
+        if one.start <= step.start and (one.end is None or one.end >= step.end):
+            text = by_whom(one.by) + f" at {run_time(one.start)}" * (one.start < step.start)
+            return f"suspended{text}" if text else ""
+    return ""
+
+
+def _why_standing(run: Run, message: Message, step: Step) -> str:
+    """What it waits for when the journal ends, or the step."""
+    words = _in_words(run, waits_now(RunAt(run, nextafter(step.end, 0.0)), message.id), step.end)
+    return f"it waits {words}{still_handled(run, message.id, step.end)}" if words else ""
+
+
+_WHY = {
+    Doing.DELAY: _why_delayed,
+    Doing.SUSPENDED: _why_suspended,
+    Doing.QUEUED: _why_standing,
+    Doing.HELD: _why_standing,
+    Doing.LOCKED: _why_standing,
+}
+"""What there is to say of steps in which nothing was done."""
