@@ -150,11 +150,11 @@ def polling(monitor: PollingMonitor[None], *properties: Property, **options: Any
     return scenario
 
 
-def helped(*properties: Property) -> Scenario:
+def helped(*properties: Property, may_leave: bool = False) -> Scenario:
     """Two steps slip; a helper that may go comes to one at a time, and who stands by makes up for what it can't do."""
     scenario = Scenario("two steps slip", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(slips)
-    scenario.module("helper", may_be_lost=1, may_leave=True).handles(HIGHER)(lambda _: None)
+    scenario.module("helper", may_be_lost=1, may_leave=may_leave).handles(HIGHER)(lambda _: None)
     scenario.module("office").handles(REPLAN)(lambda _: None)
 
     @scenario.module("user").does

@@ -133,12 +133,14 @@ def test_scopes_of_kills_and_points() -> None:
 
 def test_monitors_of_every_kind() -> None:
     def walk(task: Task) -> None:
-        if task.choose("rocks", "others") == "rocks":
+        kind = task.choose("rocks", "ground", "battery")
+        if kind == "rocks":
             rocks = task.monitor(ROCKS, maximum=1)
             with contextlib.suppress(Refused):  # it has ended
                 rocks.end()
-        else:
+        elif kind == "ground":
             task.monitor(GROUND)
+        else:
             task.monitor(BATTERY, period=1.0, for_ever=True).end()
 
     def lift(task: Task) -> None:

@@ -112,8 +112,9 @@ def test_the_first_state_is_judged() -> None:
 def test_the_last_states_that_were_reached_are_judged_at_the_limit() -> None:
     states = explore(walking(never_stuck())).states
     assert explore(walking(never_stuck()), limit=states).ok
-    assert explore(walking(never_stuck()), limit=states - 1).is_complete is False
-    assert "not known" in report(explore(walking(never_stuck()), limit=states - 1))
+    result = explore(walking(never_stuck()), limit=states - 1)
+    assert result.is_complete is False
+    assert "not known" in report(result)
 
 
 def test_all_is_counted() -> None:
@@ -135,10 +136,10 @@ def test_whoever_watches_is_told_how_far_it_is() -> None:
 
 
 def test_where_there_is_no_room_for_snapshots_runs_are_played_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario = walking(never_stuck(), steps=3, capacity=2, may_be_lost=1, comes_back=True)
-    kept = explore(scenario, limit=150)
+    scenario = walking(never_stuck(), may_be_lost=1, comes_back=True)
+    kept = explore(scenario, limit=80)
     monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 0)
-    played = explore(scenario, limit=150)
+    played = explore(scenario, limit=80)
     assert (kept.states, kept.steps, kept.ends) == (played.states, played.steps, played.ends)
 
 
@@ -152,13 +153,13 @@ def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(self, play)
 
     monkeypatch.setattr(Snapshots, "save", save)
-    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 200_000)
-    result = explore(walking(never_stuck(), steps=3, capacity=2))
+    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 100_000)
+    result = explore(walking(never_stuck()))
     assert result.ok
     assert len(made) == result.states
     made.clear()
-    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 20_000)
-    assert explore(walking(never_stuck(), steps=3, capacity=2)).ok
+    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 10_000)
+    assert explore(walking(never_stuck())).ok
     assert 0 < len(made) < result.states
 
 

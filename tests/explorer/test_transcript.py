@@ -25,13 +25,13 @@ SHORTEST = """\
 walking: NOT rest achieved before walk achieved
   1. user sends goal walk
        received: goal walk {1} from user
-       delivered: walk {1} to planner, slot 2
+       delivered: walk {1} to planner
        reached: walk {1}: start handling, start planning
        reached: walk {1}: start achieving
   2. planner in walk {1} sends command step 0
        received: command step {2} from planner under walk {1}
        reached: step {2}: start planning, end planning
-       delivered: step {2} to legs, slot 2
+       delivered: step {2} to legs
        reached: step {2}: start handling, start achieving
   3. planner in walk {1} returns
        returned: walk {1}: done
