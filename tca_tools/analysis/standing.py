@@ -54,7 +54,8 @@ def at_last(run: Run, task: Task) -> GoingOn:
     if (found := going_on(RunAt(run), task, run.time)) is not None:
         return found
     last = last_change(run, task, inf)
-    doing = Doing.HELD if waits_now(RunAt(run), task.id) else Doing.UNKNOWN
+    is_held = waits_now(RunAt(run), task.id) and not task.handling  # else its handler stands in a circle of waits
+    doing = Doing.HELD if is_held else Doing.UNKNOWN
     step = Step(last, run.time, doing, task.id, "") if run.time > last else None
     return GoingOn(last, task.id, standing=step)
 

@@ -77,6 +77,7 @@ def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
 
 @example(752)  # killed, but its handler does not heed it
 @example(7511)  # killed before its delay is over
+@example(1789)  # locks that wait for each other in a circle
 @example(1027)  # a question to many is given up while a copy stands in a queue
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=20)
