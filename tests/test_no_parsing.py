@@ -17,7 +17,7 @@ WITH_PATTERNS = {
 }  # fmt: skip
 """Files that read what is no text of ours: names of files, what users type, foreign messages, pictures of libraries."""
 ROOMS_OF_WORDS = {
-    "tca_tools/why": {"story.py": 1},  # the first line of a failure
+    "tca_tools/why": {},
     "tca_tools/tasktree_viz": {"text.py": 1},  # guides
     "tca_tools/replay": {"app.py": 1, "tree.py": 1},  # what is typed, guides
     "tca_tools/analysis": {},

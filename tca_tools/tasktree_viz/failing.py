@@ -10,8 +10,7 @@ from tca_tools.run.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, 
 from tca_tools.run.records import OVER, Message, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
-from tca_tools.why.deciding import called_for, calls, decider
-from tca_tools.why.story import retried
+from tca_tools.why.deciding import called_for, calls, decider, retried
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 

@@ -9,6 +9,7 @@ from tca_tools.run.records import Exhausted, Handling, Retry, State, Task
 from tca_tools.run.selection import lineage
 from tca_tools.run.whole_run import Run
 from tca_wire.points import TaskId
+from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import times
 from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import Role
@@ -58,16 +59,16 @@ def decider(run: Run, asker: Handling | None) -> Task | None:
     return task if task is not None and task.role is Role.EXCEPTION else None
 
 
-def retried_for(run: Run, task: Task, retry: Retry) -> str:
-    """``redo {16}, called for move {9}, which had failed: jam``: which exception handler had a task retried for the
-    failure of another one. "" if none did; of its own failure that tells itself.
+def retried(run: Run, task: Task, retry: Retry) -> str:
+    """``to be handled again, with other data (retried by safety)``; if an exception handler that was called for another
+    task asked for it, with which and why.
     """
     handler = decider(run, retry.asker)
-    if handler is None or (failed := called_for(run, handler)) is task:
-        return ""
-    return (
-        f"{handler}, called for {failed}, which had failed: {first_line(failed.was('failure', handler.received) or '')}"
-    )
+    failed, why = called_for(run, handler) if handler else task, ""
+    if failed is not task:
+        failure = first_line(failed.was("failure", handler.received) if handler else "")
+        why = f": {handler}, called for {failed}, which had failed: {failure}"
+    return f"to be handled again{', with other data' * retry.is_other} (retried{by_whom(retry.by)}{why})"
 
 
 def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:

@@ -60,10 +60,10 @@ def test_the_story_of_who_asked_says_that_the_answer_was_a_failure() -> None:
     told = story_of(tale.returned(act).reached(act, Moment.END_ACHIEVING).fold(), act)
     waited, asked = (one for one in told if "where" in one.text)
     assert (waited.text, waited.seconds) == (
-        "its handler waits for the reply to where {2}, which fails: dark: no light",
+        "its handler waits for the reply to where {2}, which fails: dark: no light ...",
         0.5,
     )
-    assert asked.text == "its handler asked where {3}, and goes on; it fails: dark: no light"
+    assert asked.text == "its handler asked where {3}, and goes on; it fails: dark: no light ..."
     assert waited.known(0.25).text == "its handler waits for the reply to where {2}"
     assert asked.known(0.8).text == "its handler asked where {3}, and goes on"
 

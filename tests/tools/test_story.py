@@ -63,7 +63,7 @@ def test_who_waited_for_a_task_that_was_killed_goes_on_and_is_told_why() -> None
     tale.delivered(walk, "legs").at(3.0).returned(walk)
     tale.say(facts.Killed(TaskId(walk), "enough", "user")).reached(walk, *Moment).at(4.0)
     run = tale.delivered(sweep, "legs").fold()
-    assert "1.0 (2.0 s) held, until walk {1} is achieved, but walk {1} was killed" in told(run, sweep)
+    assert "1.0 (2.0 s) held, until walk {1} is achieved, but walk {1} came to nothing" in told(run, sweep)
     before = next(one for one in story(run, sweep, 2.0) if one.text.startswith("held"))
     assert before.by(2.0, 2.0) == "held, until walk {1} is achieved, 1.000 s so far"
 
@@ -146,7 +146,7 @@ def test_a_task_that_was_suspended_while_something_under_it_ran_and_resumed() ->
         "1.0 (0.5 s) handled by chef",
         "1.5 (0.5 s) achieving, until sweep {2}, sweep {3} and sweep {4} are achieved",
         "2.0 (7.0 s) suspended, until mop floor {1} is resumed",
-        "2.0 (1.0 s) sweep {2} under it still runs",
+        "2.0 (1.0 s) sweep {2} still runs",
         "9.0 resumed",
         "9.0 (2.0 s) achieving, until sweep {3} and sweep {4} are achieved",
         "11.0 achieved",
@@ -258,7 +258,7 @@ def test_a_task_that_was_killed_while_it_was_suspended_was_not_resumed() -> None
     history = tale.fold()
     assert told(history, 1)[-3:] == [
         "2.0 (2.0 s) suspended",
-        "2.0 (1.0 s) sweep {2} under it still runs",
+        "2.0 (1.0 s) sweep {2} still runs",
         "4.0 killed: tired",
     ]
     assert "2.0 (2.0 s) suspended with mop floor {1}" in told(history, 3)
@@ -315,7 +315,7 @@ def waiting_for_many() -> Story:
 
 
 def test_a_wait_for_many_is_told_at_once() -> None:
-    assert told(waiting_for_many().fold(), 7)[1] == f"1.0 (6.0 s) {MANY}, but move {{2}} and move {{5}} were killed"
+    assert told(waiting_for_many().fold(), 7)[1] == f"1.0 (6.0 s) {MANY}, but move {{2}} and move {{5}} came to nothing"
 
 
 def test_while_it_waits_for_many_a_story_says_how_many_are_left() -> None:
