@@ -1,11 +1,4 @@
-"""Errors of the tools; each is shown as one line, and its exit code is the program's.
-
-ToolError           base: the answer is no (exit code 1)
-├── DamagedLog      a journal can't be read to its end; what comes before the damage was shown
-├── NoPicture       a picture can't be drawn here
-├── NotInLog        the journal has no such task or module
-└── UnusableLog     LOG is no journal that can be read at all: wrong usage (exit code 2)
-"""
+"""Errors of the tools; each is shown as one line, and its exit code is the program's."""
 
 import click
 
@@ -17,7 +10,7 @@ class ToolError(click.ClickException):
 
 
 class DamagedLog(ToolError):
-    """A journal can't be read to its end."""
+    """A journal can't be read to its end; what comes before the damage was shown."""
 
 
 class NoPicture(ToolError):
@@ -29,6 +22,6 @@ class NotInLog(ToolError):
 
 
 class UnusableLog(ToolError):
-    """LOG is no journal that can be read at all."""
+    """LOG is no journal that can be read at all: wrong usage."""
 
     exit_code = 2

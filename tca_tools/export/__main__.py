@@ -11,8 +11,7 @@ from typing import BinaryIO, NamedTuple
 import click
 
 from tca_tools.errors import ToolError
-from tca_tools.export.csv_files import write_csv
-from tca_tools.export.tables import TABLES, Table
+from tca_tools.export.tables import TABLES, Table, write_csv
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.options import force_option, log_argument
 from tca_tools.output import check_free, made_for, new_file

@@ -1,18 +1,20 @@
-"""A run as tables: what CSV and Parquet files hold. Pure; docs/exports.md lists the columns for users.
+"""A run as tables: what CSV and Parquet files hold; docs/exports.md lists the columns for users.
 
 Times are seconds on the journal's clock. None is what is not known, has not happened, or is not there.
 """
 
+import csv
+import io
 import json
 from collections.abc import Callable, Iterator
 from enum import StrEnum
 from itertools import chain, pairwise
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO
 
 from tca_tools.run.failures import all_failures
 from tca_tools.run.fates import fate, has_coped, went_on
-from tca_tools.run.records import HandlerWait, Handling, Message, Queueing
+from tca_tools.run.records import HandlerWait, Handling, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.why.waits import Wait, of_handler_wait, waits_of
 from tca_wire.points import MOMENTS, describe_moments
@@ -24,9 +26,9 @@ from tca_wire.waits import WaitKind
 class Kind(StrEnum):
     """The type of a column."""
 
-    INTEGER = "integer"
-    SECONDS = "seconds"
-    TEXT = "text"
+    TEXT = ""
+    INTEGER = "int"
+    SECONDS = "s"
     FLAG = "flag"
     JSON = "json"
 
@@ -34,12 +36,13 @@ class Kind(StrEnum):
 Row = tuple[Any, ...]
 
 
-class Table(NamedTuple):
+class Table:
     """A name, columns with their kinds, and how the rows are made, oldest first."""
 
-    name: str
-    columns: dict[str, Kind]
-    rows: Callable[[Run], Iterator[Row]]
+    def __init__(self, name: str, columns: str, rows: Callable[[Run], Iterator[Row]]) -> None:
+        self.name = name
+        self.columns = {column: Kind(kind) for column, _, kind in (one.partition(":") for one in columns.split())}
+        self.rows = rows
 
 
 def _run(run: Run) -> Iterator[Row]:
@@ -49,18 +52,14 @@ def _run(run: Run) -> Iterator[Row]:
 
 def _messages(run: Run) -> Iterator[Row]:
     for message in run.messages.values():
+        runs = message.handlings
         yield (
             message.id, message.name, str(message.message_class), message.sender, message.origin or None,
-            str(message.role) or None, message.about or None, message.received, _started(message), _ended(message),
-            message.answered, len(message.handlings), message.failure or None, _went_on(run, message),
-            message.dropped or None,
+            str(message.role) or None, message.about or None, message.received, runs[0].start if runs else None,
+            runs[-1].end if runs else None, message.answered, len(runs), message.failure or None,
+            went_on(run, message, message.written("failure")) if message.failure else None, message.dropped or None,
             _json(message.body), _json(message.result), _json(message.failure_data),
         )  # fmt: skip
-
-
-def _went_on(run: Run, message: Message) -> bool | None:
-    """Whether the run went on after the failure that it has."""
-    return went_on(run, message, message.written("failure")) if message.failure else None
 
 
 def _failures(run: Run) -> Iterator[Row]:
@@ -73,14 +72,6 @@ def _failures(run: Run) -> Iterator[Row]:
 
 def _delivery(handling: Handling | None) -> int | None:
     return handling.delivery or None if handling else None
-
-
-def _started(message: Message) -> float | None:
-    return message.handlings[0].start if message.handlings else None
-
-
-def _ended(message: Message) -> float | None:
-    return message.handlings[-1].end if message.handlings else None
 
 
 def _tasks(run: Run) -> Iterator[Row]:
@@ -151,89 +142,47 @@ def _json(body: bytes) -> str | None:
     return None if data is None else json.dumps(data)
 
 
-_INT, _SECONDS, _TEXT, _FLAG, _JSON = Kind.INTEGER, Kind.SECONDS, Kind.TEXT, Kind.FLAG, Kind.JSON
-
 TABLES = (
-    Table(
-        "run",
-        {
-            "epoch": _TEXT, "began": _SECONDS, "first": _SECONDS, "last": _SECONDS, "until": _SECONDS, "live": _FLAG,
-            "entries": _INT,
-        },
-        _run,
-    ),
+    Table("run", "epoch began:s first:s last:s until:s live:flag entries:int", _run),
     Table(
         "messages",
-        {
-            "id": _INT, "name": _TEXT, "class": _TEXT, "sender": _TEXT, "origin": _INT, "role": _TEXT, "about": _INT,
-            "sent": _SECONDS, "started": _SECONDS, "ended": _SECONDS, "answered": _SECONDS, "handlings": _INT,
-            "failure": _TEXT, "handled": _FLAG, "dropped": _TEXT, "data": _JSON, "result": _JSON, "failure_data": _JSON,
-        },
+        "id:int name class sender origin:int role about:int sent:s started:s ended:s answered:s handlings:int failure"
+        " handled:flag dropped data:json result:json failure_data:json",
         _messages,
     ),
     Table(
         "tasks",
-        {
-            "id": _INT, "name": _TEXT, "parent": _INT, "depth": _INT, "state": _TEXT,
-            **{describe_moments(moment)[0].replace(" ", "_"): _SECONDS for moment in MOMENTS},
-            "killed": _TEXT, "killed_by": _TEXT, "killed_from": _INT, "killed_for": _INT, "suspended": _FLAG,
-        },
+        "id:int name parent:int depth:int state "
+        + " ".join(f"{describe_moments(moment)[0].replace(' ', '_')}:s" for moment in MOMENTS)
+        + " killed killed_by killed_from:int killed_for:int suspended:flag",
         _tasks,
     ),
-    Table("states", {"task": _INT, "name": _TEXT, "state": _TEXT, "start": _SECONDS, "end": _SECONDS}, _states),
+    Table("states", "task:int name state start:s end:s", _states),
     Table(
         "handlings",
-        {
-            "message": _INT, "delivery": _INT, "name": _TEXT, "module": _TEXT, "resource": _TEXT, "start": _SECONDS,
-            "end": _SECONDS, "outcome": _TEXT, "handled": _FLAG, "direct_from": _TEXT,
-            "slot": _INT, "nested": _FLAG, "priority": _INT,
-        },
+        "message:int delivery:int name module resource start:s end:s outcome handled:flag direct_from slot:int"
+        " nested:flag priority:int",
         _handlings,
     ),
-    Table(
-        "failures",
-        {
-            "message": _INT, "name": _TEXT, "time": _SECONDS, "failure": _TEXT, "text": _TEXT, "raised_by": _TEXT,
-            "raised_from": _INT,
-            "fate": _TEXT, "handled": _FLAG,
-        },
-        _failures,
-    ),
-    Table(
-        "queueings",
-        {
-            "message": _INT, "name": _TEXT, "module": _TEXT, "resource": _TEXT, "priority": _INT, "start": _SECONDS,
-            "end": _SECONDS,
-        },
-        _queueings,
-    ),
-    Table(
-        "waits",
-        {
-            "message": _INT, "module": _TEXT, "resource": _TEXT, "delivery": _INT, "kind": _TEXT, "on": _INT,
-            "name": _TEXT, "moment": _TEXT, "start": _SECONDS, "end": _SECONDS,
-        },
-        _waits,
-    ),
+    Table("failures", "message:int name time:s failure text raised_by raised_from:int fate handled:flag", _failures),
+    Table("queueings", "message:int name module resource priority:int start:s end:s", _queueings),
+    Table("waits", "message:int module resource delivery:int kind on:int name moment start:s end:s", _waits),
     Table(
         "claims",
-        {
-            "id": _INT, "module": _TEXT, "resource": _TEXT, "reservation": _FLAG, "sender": _TEXT, "origin": _INT,
-            "asked": _SECONDS, "granted": _SECONDS, "end": _SECONDS, "why": _TEXT,
-        },
+        "id:int module resource reservation:flag sender origin:int asked:s granted:s end:s why",
         _claims,
     ),
-)  # fmt: skip
+)
 """All of them."""
 
 
-def batches(table: Table, run: Run, size: int) -> Iterator[list[Row]]:
-    """The rows of a table, *size* at a time."""
-    rows: list[Row] = []
+def write_csv(table: Table, run: Run, stream: BinaryIO) -> None:
+    """Write a table with a line of column names (RFC 4180; UTF-8, empty where nothing is known). Flags are words that
+    every reader of CSV takes for truth values.
+    """
+    text = io.TextIOWrapper(stream, "utf-8", newline="")
+    writer = csv.writer(text)
+    writer.writerow(table.columns)
     for row in table.rows(run):
-        rows.append(row)
-        if len(rows) == size:
-            yield rows
-            rows = []
-    if rows:
-        yield rows
+        writer.writerow(str(value).lower() if isinstance(value, bool) else value for value in row)
+    text.detach()

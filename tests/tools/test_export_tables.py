@@ -11,9 +11,8 @@ from pyarrow import parquet
 from tools.story import Story, locking, stumbling
 from tools.test_coping import asking, replacing
 
-from tca_tools.export.csv_files import write_csv
 from tca_tools.export.parquet_files import write_parquet
-from tca_tools.export.tables import TABLES, Kind
+from tca_tools.export.tables import TABLES, Kind, write_csv
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId

@@ -11,7 +11,7 @@ import pytest
 from tools.story import GOAL, QUERY, Story, locking, stumbling, walking
 from tools.trace_reader import Read, Slice, read_trace
 
-from tca_tools.export.trace.events import Span, in_lanes, nested
+from tca_tools.export.trace.events import Span, in_lanes
 from tca_tools.export.trace.packets import write_trace
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
@@ -187,11 +187,9 @@ def test_a_task_that_goes_on_after_its_failure(tmp_path: Path) -> None:
     assert spans(read.slices, "state") == [("planning", 1.0, 2.0), ("failed", 2.0, 3.0)]
 
 
-def test_lanes_and_nesting() -> None:
+def test_lanes() -> None:
     crossing = [(Span(0, 5), "a"), (Span(1, 3), "b"), (Span(2, 4), "c"), (Span(5, None), "d"), (Span(6, 6), "e")]
     assert [[thing for _, thing in lane] for lane in in_lanes(crossing)] == [["a", "d"], ["b", "e"], ["c"]]
-    fitting, others = nested(crossing)
-    assert ([thing for _, thing in fitting], [thing for _, thing in others]) == (["a", "b", "d", "e"], ["c"])
 
 
 SHELL = os.environ.get("TRACE_PROCESSOR_SHELL") or shutil.which("trace_processor_shell")

@@ -17,7 +17,6 @@ from tca_tools.export.trace.events import (
     in_lanes,
     in_order,
     instant,
-    nested,
     slices,
     within,
 )  # fmt: skip
@@ -76,14 +75,15 @@ class _Place:
 
     def add_to(self, trace: Trace, group: Track, ranks: Iterator[int], name: str, sent: Sent) -> None:
         """Tracks for handlings, waits that overlap, claims, the queue and its length."""
-        rank, further = next(ranks), []
+        rank = next(ranks)
+        further: list[tuple[Span, HandlerWait]] = []
         for lane in in_lanes(self.handlings):
             track = trace.add(name, group, rank)
             runs = []
             for span, handling in lane:
-                fitting, others = nested(_waits(trace, span, handling))
-                further += others
-                runs.append(_run(trace, track, span, handling, fitting, sent.get(id(handling), [])))
+                first, *others = in_lanes(_waits(trace, span, handling)) or [[]]
+                further += chain.from_iterable(others)
+                runs.append(_run(trace, track, span, handling, first, sent.get(id(handling), [])))
             track.events = chain.from_iterable(runs)
         _add_lanes(trace, group, next(ranks), f"further waits of {name}", further, _waiting)
         _add_lanes(trace, group, next(ranks), f"locks of {name}", self.claims, _claimed)
