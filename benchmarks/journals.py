@@ -1,9 +1,10 @@
-"""What it costs to open a journal: seconds and megabytes for each million facts, at rising sizes.
+"""What it costs to open, measure and export a journal: seconds and megabytes for each million facts, at rising sizes.
 
-    python -m benchmarks.journals [--sizes 100000,300000,1000000]
+    python -m benchmarks.journals [--sizes 100000,300000,1000000] [--ways read,fold,view]
 
-Goals are sent, handled and achieved on the pure core, ten a step; their journal is then read, folded, and laid out for
-the viewer's page, each in a process of its own. If cost is linear, the columns do not rise with the size.
+Goals are sent, handled and achieved on the pure core, ten a step; their journal is then read, folded, laid out for the
+viewer's page, measured (stats) or exported (the formats of tca export), each in a process of its own. If cost is
+linear, the columns do not rise with the size.
 """
 
 import argparse
@@ -14,13 +15,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from benchmarks.core_events import BODY, SLOT, USER, Bench
 from tca_central.events import ConnectionId, Record, RequestReceived
-from tca_tools.run.fold import History
+from tca_tools.export.__main__ import FORMATS
+from tca_tools.run.fold import folded
 from tca_tools.run.journals import open_log
+from tca_tools.stats.measure import measure as measured
 from tca_tools.view.feed import Feed
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry, Opened
 from tca_wire.journal.records import record
@@ -58,10 +62,6 @@ def read(path: Path) -> None:
         pass
 
 
-def fold(path: Path) -> None:
-    History.until(open_log(path))
-
-
 def lay_out(path: Path) -> None:
     gc.disable()  # as the viewer does while it reads
     feed = Feed()
@@ -70,7 +70,18 @@ def lay_out(path: Path) -> None:
     feed.columns.frame({}, {})
 
 
-WAYS: dict[str, Callable[[Path], None]] = {"read": read, "fold": fold, "view": lay_out}
+def export(name: str, path: Path) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        FORMATS[name].write(open_log(path), Path(folder) / name)
+
+
+WAYS: dict[str, Callable[[Path], object]] = {
+    "read": read,
+    "fold": lambda path: folded(open_log(path)),
+    "view": lay_out,
+    "stats": lambda path: measured(folded(open_log(path))),
+    **{name: partial(export, name) for name in FORMATS},
+}
 
 
 def measure(way: str, path: Path) -> tuple[float, float]:
@@ -85,12 +96,14 @@ def measure(way: str, path: Path) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", default="100000,300000,1000000")
+    parser.add_argument("--ways", default="read,fold,view", help=f"some of {', '.join(WAYS)}")
     parser.add_argument("--measure", nargs=2, metavar=("WAY", "LOG"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.measure:
         print(*measure(arguments.measure[0], Path(arguments.measure[1])))
         return
-    print(f"{'facts':>10} {'MB on disk':>11} " + " ".join(f"{f'{way} s/M':>9} {'MB/M':>6}" for way in WAYS))
+    ways = arguments.ways.split(",")
+    print(f"{'facts':>10} {'MB on disk':>11} " + " ".join(f"{f'{way} s/M':>12} {'MB/M':>6}" for way in ways))
     with tempfile.TemporaryDirectory() as folder:
         for size in map(int, arguments.sizes.split(",")):
             path = Path(folder) / f"{size}.tcaj"
@@ -99,11 +112,11 @@ def main() -> None:
                 while writer.facts < size:
                     writer.step()
             print(f"{writer.facts:>10,} {path.stat().st_size / 1e6:>11.1f} ", end="")
-            for way in WAYS:
+            for way in ways:
                 command = [sys.executable, "-m", "benchmarks.journals", "--measure", way, str(path)]
                 told = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
                 seconds, megabytes = (float(number) / writer.facts * 1e6 for number in told)
-                print(f"{seconds:>9.2f} {megabytes:>6.0f} ", end="", flush=True)
+                print(f"{seconds:>12.2f} {megabytes:>6.0f} ", end="", flush=True)
             print()
 
 
