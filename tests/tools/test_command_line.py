@@ -92,17 +92,12 @@ def test_errors_are_one_line_and_an_exit_code(tca: Tca) -> None:
     assert wrong.stderr.startswith("tca: no such option")
     assert wrong.stderr.endswith("; see 'tca hello --help'\n")
     assert tca("--nothing").exit_code == 2
+    assert tca().stderr.startswith("Usage: tca")
     minus = tca("hello", "-5")
     assert (minus.exit_code, minus.stderr) == (
         2,
         "tca: '-5' looks like an option: write '--' before what begins with a minus\n",
     )
-
-
-def test_no_command_shows_the_help(tca: Tca) -> None:
-    result = tca()
-    assert result.exit_code == 2
-    assert result.stderr.startswith("Usage: tca")
 
 
 def test_an_interrupt_and_a_closed_pipe_end_quietly(tca: Tca, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,13 +107,10 @@ def test_an_interrupt_and_a_closed_pipe_end_quietly(tca: Tca, monkeypatch: pytes
     assert (closed.exit_code, closed.stdout, closed.stderr) == (141, "", "")
 
 
-def test_the_version(tca: Tca) -> None:
+def test_the_version_and_completion(tca: Tca) -> None:
     assert tca("--version").stdout.startswith("tca, version ")
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion(tca: Tca, shell: str) -> None:
-    assert "_TCA_COMPLETE" in tca("completion", shell).stdout
+    for shell in ("bash", "zsh", "fish"):
+        assert "_TCA_COMPLETE" in tca("completion", shell).stdout
 
 
 def test_called_from_python_it_raises() -> None:
@@ -132,13 +124,12 @@ def test_tools_run_as_modules_too(
 ) -> None:
     import runpy
 
-    monkeypatch.setattr(sys, "argv", ["tree", str(walking().write(tmp_path / "run"))])
-    for package in ("tca_tools.tasktree_viz", "tca_tools.gantt"):
-        monkeypatch.delitem(sys.modules, f"{package}.__main__", raising=False)
-        with pytest.raises(SystemExit) as end:
-            runpy.run_module(f"{package}.__main__", run_name="__main__")
-        assert end.value.code == 0
-        assert capsys.readouterr().out.startswith("run: ")
+    monkeypatch.setattr(sys, "argv", ["gantt", str(walking().write(tmp_path / "run"))])
+    monkeypatch.delitem(sys.modules, "tca_tools.gantt.__main__", raising=False)
+    with pytest.raises(SystemExit) as end:
+        runpy.run_module("tca_tools.gantt.__main__", run_name="__main__")
+    assert end.value.code == 0
+    assert capsys.readouterr().out.startswith("run: ")
 
 
 def test_each_command_that_is_installed_is_called_so() -> None:
@@ -150,14 +141,14 @@ def test_each_command_that_is_installed_is_called_so() -> None:
         assert getattr(import_module(module), attribute).name == name
 
 
-@pytest.mark.parametrize("name", ["README", "Foo.py"])
-def test_a_name_at_the_beginning_of_a_message_stays_as_it_was_written(tca: Tca, name: str) -> None:
-    assert tca("hello", name).stderr == f"tca: {name}: this is no way; see 'tca hello --help'\n"
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(("--loud",), "no such option"), (("a", "b"), "got unexpected"), (("--help=1",), "option '--help'")],
+    [
+        (("README",), "README: this is no way; see 'tca hello --help'\n"),  # a name stays as it was written
+        (("--loud",), "no such option"),
+        (("a", "b"), "got unexpected"),
+        (("--help=1",), "option '--help'"),
+    ],
 )
 def test_messages_of_click_begin_like_ours(tca: Tca, arguments: tuple[str, ...], words: str) -> None:
     assert tca("hello", *arguments).stderr.startswith(f"tca: {words}")

