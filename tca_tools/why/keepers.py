@@ -10,7 +10,7 @@ from math import inf
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.at_time import RunAt, TaskAt, remembered
 from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing
 from tca_tools.run.whole_run import Run
 from tca_wire.text.facts_in_words import called
@@ -52,7 +52,7 @@ def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -
     """
     held_by = at.held_by(module, resource)
     if held_by is None:
-        line = _Line.at(at, module, resource)
+        line = _line_at(at, module, resource)
         if line.wanted and (line.has_room or line.inside or line.wanted[0].start < _came(at.run, message.id)):
             return Keepers(claim=line.wanted[0])
     elif not (held_by.is_reserved and held_by.sender == _sent_by(at.run, message.id)):
@@ -67,7 +67,7 @@ def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
     held_by = at.held_by(claim.module, claim.resource)
     if held_by is not None and held_by is not claim:
         return Keepers(claim=held_by)
-    line = _Line.at(at, claim.module, claim.resource)
+    line = _line_at(at, claim.module, claim.resource)
     before = next((place for place, one in enumerate(line.wanted) if one is claim), 0)
     own: set[int] = set()
     run = claim.by
@@ -99,30 +99,22 @@ class _Line(NamedTuple):
     called_back_by: dict[int, Handling]
     """For each run that takes no slot, by its identity, the one within whose wait for it it is handled."""
 
-    @classmethod
-    def at(cls, at: RunAt, module: str, resource: str) -> "_Line":
-        """That of a resource."""
-        key = (cls, module, resource)
-        if (known := at.memo.get(key)) is None:
-            known = at.memo[key] = cls._of(at, module, resource)
-        found: _Line = known
-        return found
 
-    @classmethod
-    def _of(cls, at: RunAt, module: str, resource: str) -> "_Line":
-        runs, wanted = at.running(module, resource), at.wanted(module, resource)
-        inside = [one for one in wanted if any(run is one.by for run in runs)]
-        others = [one for one in wanted if one not in inside] if inside else wanted
-        capacity, taken = at.capacity(module, resource), 0
-        called_back_by: dict[int, Handling] = {}
-        for run in runs:
-            message = at.run.messages.get(run.message_id)
-            by = message.by if message else None
-            if taken < capacity or not any(one is by for one in runs):
-                taken += 1
-            elif by is not None:
-                called_back_by[id(run)] = by
-        return cls([*inside, *others], len(inside), capacity > taken, called_back_by)
+@remembered
+def _line_at(at: RunAt, module: str, resource: str) -> _Line:
+    runs, wanted = at.running(module, resource), at.wanted(module, resource)
+    inside = [one for one in wanted if any(run is one.by for run in runs)]
+    others = [one for one in wanted if one not in inside] if inside else wanted
+    capacity, taken = at.capacity(module, resource), 0
+    called_back_by: dict[int, Handling] = {}
+    for run in runs:
+        message = at.run.messages.get(run.message_id)
+        by = message.by if message else None
+        if taken < capacity or not any(one is by for one in runs):
+            taken += 1
+        elif by is not None:
+            called_back_by[id(run)] = by
+    return _Line([*inside, *others], len(inside), capacity > taken, called_back_by)
 
 
 def _came(run: Run, number: int) -> float:

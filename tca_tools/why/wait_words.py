@@ -4,13 +4,13 @@ Here a ``Wait`` becomes a ``WaitFor``; the words of that are in tca_wire/text/wa
 clauses of what a task waits for now, ``in_the_end`` is what they lead to, ``coming`` what is to happen to it.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import msgspec
 
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import OVER, Ahead, Claim, Handling, Hold, Message, Queueing, State
+from tca_tools.run.records import OVER, Ahead, Claim, Hold, Message, Queueing, State
 from tca_tools.why.ends import MOST, End, Ends
 from tca_tools.why.keepers import Keepers, kept_out
 from tca_tools.why.waits import Wait, keepers_of, next_node, steps, waits_now
@@ -64,98 +64,78 @@ def _some(waits: list[WaitFor], number: int) -> list[WaitFor]:
 
 def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
     """One wait with names, and with what keeps a resource or a query busy at that moment."""
-    if isinstance(wait.record, Queueing):
-        return of_queueing(at, wait.record, keepers_of(at, wait))
-    if (make := _MADE.get(wait.kind)) is not None:
-        return make(at, wait)
-    moment = 0 if however and wait.kind is WaitKind.SUBTASK else wait.on.moment
-    return WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number), moment)
+    number, kind, record = wait.on.number, wait.kind, wait.record
+    query = at.run.messages.get(number) if kind is WaitKind.REPLY else None
+    if isinstance(record, Queueing):
+        return of_queueing(at, record, keepers_of(at, wait))
+    if isinstance(record, Hold):
+        return _of_constraint(at, kind, record)
+    if query is not None:
+        return of_query(at, query)
+    if kind is WaitKind.LOCK:
+        return of_claim(at, at.run.claims[number], keepers_of(at, wait))
+    if kind is WaitKind.CONDITION:
+        return _of_condition(at, number)
+    is_own_handler = kind is WaitKind.RUNNING and wait.holds
+    moment = 0 if however and kind is WaitKind.SUBTASK else wait.on.moment
+    return WaitFor(kind) if is_own_handler else WaitFor(kind, number, at.run.name(number), moment)
 
 
-def _of_constraint(at: RunAt, wait: Wait) -> WaitFor:
-    assert isinstance(wait.record, Hold)
-    hold = wait.record
+def _of_constraint(at: RunAt, kind: WaitKind, hold: Hold) -> WaitFor:
     before, delay = hold.constraint.before, hold.constraint.delay
-    if wait.kind is WaitKind.DELAY:
+    if kind is WaitKind.DELAY:
         met = 0.0 if before.task == ROOT else at.reached_at(before) or hold.added
-        return WaitFor(wait.kind, seconds=met + delay)
+        return WaitFor(kind, seconds=met + delay)
     module = hold.tap.by if hold.tap else ""
     name = at.run.name(before.task)
-    return WaitFor(wait.kind, before.task, name, int(before.moment), module=module, seconds=delay or None)
+    return WaitFor(kind, before.task, name, int(before.moment), module=module, seconds=delay or None)
 
 
-def _of_reply(at: RunAt, wait: Wait) -> WaitFor:
-    query = at.run.messages.get(wait.on.number)
-    return of_query(at, query) if query else WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number))
-
-
-def of_query(at: RunAt, query: Message) -> WaitFor:
-    """A query that is waited for, with where it is."""
-    answered, because = where(at, query)
-    return WaitFor(WaitKind.REPLY, query.id, query.name, answered=answered, because=because)
-
-
-def _of_suspension(at: RunAt, wait: Wait) -> WaitFor:
-    return WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number))
-
-
-def _of_run(at: RunAt, wait: Wait) -> WaitFor:
-    """Its own handler; or one under it, while it is suspended."""
-    return WaitFor(wait.kind) if wait.holds else WaitFor(wait.kind, wait.on.number, at.run.name(wait.on.number))
-
-
-def _of_lock(at: RunAt, wait: Wait) -> WaitFor:
-    return of_claim(at, at.run.claims[wait.on.number], keepers_of(at, wait))
-
-
-def _of_condition(at: RunAt, wait: Wait) -> WaitFor:
-    monitor = wait.on.number
+def _of_condition(at: RunAt, monitor: int) -> WaitFor:
     tests = [holds for time, holds in at.run.tests.get(monitor, ()) if time <= at.moment]
-    asked = at.run.conditions.get(monitor)
-    is_demon = not at.run.tasks[monitor].message_class.has_condition
-    name = "" if is_demon else (asked if asked and asked.received <= at.moment else at.run.tasks[monitor]).name
+    asked, task = at.run.conditions.get(monitor), at.run.tasks[monitor]
+    asking = asked if asked and asked.received <= at.moment else task
+    name = asking.name if task.message_class.has_condition else ""
     return WaitFor(WaitKind.CONDITION, name=name, holds=tests[-1] if tests else None)
 
 
-_MADE: dict[WaitKind, Callable[[RunAt, Wait], WaitFor]] = {
-    WaitKind.CONSTRAINT: _of_constraint,
-    WaitKind.LISTENER: _of_constraint,
-    WaitKind.DELAY: _of_constraint,
-    WaitKind.REPLY: _of_reply,
-    WaitKind.LOCK: _of_lock,
-    WaitKind.RESUME: _of_suspension,
-    WaitKind.CONDITION: _of_condition,
-    WaitKind.RUNNING: _of_run,
-}
-"""Kinds of waits that are told by more than a point of a task."""
+def of_query(at: RunAt, query: Message) -> WaitFor:
+    """A query that is waited for, with where it is; of one to many how many have answered, and where the others are."""
+    answered, where = 0, list[WaitFor]()
+    if query.answered is None or query.answered > at.moment:
+        if query.message_class.asks_many:
+            runs, queueings = at.copies_of(query)
+            answered = sum(run.until <= at.moment for run in query.handlings)
+        else:
+            run, queueing = at.handling_of(query), at.queueing_of(query)
+            queueings, runs = [queueing] if queueing else [], [run] if run and not queueing else []
+        where = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
+        for one in queueings:
+            by = kept_out(at, one.module, one.resource, query) if one.module else Keepers()
+            where.append(of_queueing(at, one, by))
+    return WaitFor(WaitKind.REPLY, query.id, query.name, answered=answered, because=tuple(where))
 
 
 def of_claim(at: RunAt, claim: Claim, by: Keepers) -> WaitFor:
     """A lock or reservation that is waited for."""
     what = "reservation" if claim.is_reserved else "lock"
-    because = (*_running(at, by.runs), *([_keeper(at, by.claim)] if by.claim else []))
+    because = _because(at, by)
     return WaitFor(WaitKind.LOCK, claim.id, what, module=claim.module, resource=claim.resource, because=because)
 
 
 def of_queueing(at: RunAt, queueing: Queueing, by: Keepers) -> WaitFor:
     """A stay in a queue, with what keeps the resource busy."""
-    if not queueing.module:
+    module, resource, because = queueing.module, queueing.resource, _because(at, by)
+    if not module:
         return WaitFor(WaitKind.HANDLER, name=at.run.name(queueing.message_id))
-    because = _kept_by(at, queueing, by)
-    return WaitFor(WaitKind.RESOURCE, module=queueing.module, resource=queueing.resource, because=because)
+    if not because and not at.capacity(module, resource):
+        because = (WaitFor(WaitKind.HANDLER),)
+    return WaitFor(WaitKind.RESOURCE, module=module, resource=resource, because=because)
 
 
-def _kept_by(at: RunAt, queueing: Queueing, by: Keepers) -> tuple[WaitFor, ...]:
-    if by.claim is not None:
-        return (_keeper(at, by.claim),)
-    if not by.runs and not at.capacity(queueing.module, queueing.resource):
-        return (WaitFor(WaitKind.HANDLER),)
-    return _running(at, by.runs)
-
-
-def _running(at: RunAt, runs: tuple[Handling, ...]) -> tuple[WaitFor, ...]:
-    found = [WaitFor(WaitKind.RUNNING, run.message_id, at.run.name(run.message_id)) for run in runs[:NAMED]]
-    return tuple(_some(found, len(runs)))
+def _because(at: RunAt, by: Keepers) -> tuple[WaitFor, ...]:
+    found = [WaitFor(WaitKind.RUNNING, run.message_id, at.run.name(run.message_id)) for run in by.runs[:NAMED]]
+    return (*_some(found, len(by.runs)), *([_keeper(at, by.claim)] if by.claim else []))
 
 
 def _keeper(at: RunAt, claim: Claim) -> WaitFor:
@@ -164,27 +144,9 @@ def _keeper(at: RunAt, claim: Claim) -> WaitFor:
     what = "reservation" if claim.is_reserved else "lock"
     whose: tuple[WaitFor, ...] = ()
     if claim.by is not None:
-        is_over = claim.by.end is not None and claim.by.end <= at.moment
-        how = WaitKind.TASK if is_over else WaitKind.RUNNING
+        how = WaitKind.RUNNING if claim.by.until > at.moment else WaitKind.TASK
         whose = (WaitFor(how, claim.by.message_id, at.run.name(claim.by.message_id)),)
     return WaitFor(kind, claim.id, what, module=claim.sender, resource=claim.resource, because=whose)
-
-
-def where(at: RunAt, query: Message) -> tuple[int, tuple[WaitFor, ...]]:
-    """Where a query is that is waited for; of one to many how many have answered, and where the others are."""
-    if query.answered is not None and query.answered <= at.moment:
-        return 0, ()
-    if query.message_class.asks_many:
-        runs, queueings = at.copies_of(query)
-        answered = sum(run.end is not None and run.end <= at.moment for run in query.handlings)
-    else:
-        (run, queueing), answered = (at.handling_of(query), at.queueing_of(query)), 0
-        queueings, runs = [queueing] if queueing else [], [run] if run and not queueing else []
-    found = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
-    for one in queueings:
-        by = kept_out(at, one.module, one.resource, query) if one.module else Keepers()
-        found.append(of_queueing(at, one, by))
-    return answered, tuple(found)
 
 
 # --- what a task waits for now ---------------------------------------------------------------------------------------
@@ -205,13 +167,10 @@ def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
     under it, without its children.
     """
     waits = waits_now(at, task.id)
-    if not waits and task.handling and task.state is not State.ENDING:
-        return []
-    is_ending = task.state is State.ENDING
-    kept = [one for one in waits if one.kind is not WaitKind.RUNNING or is_ending or not one.holds]
-    if not with_children and not is_ending:
-        kept = [one for one in kept if one.kind is not WaitKind.SUBTASK]
-    return kept
+    if task.state is State.ENDING:
+        return waits
+    kept = [one for one in waits if one.kind is not WaitKind.RUNNING or not one.holds]
+    return [one for one in kept if with_children or one.kind is not WaitKind.SUBTASK]
 
 
 def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
@@ -256,26 +215,26 @@ class Last(NamedTuple):
     """How many others there are."""
 
     def __str__(self) -> str:
-        return f"for {self.thing}, which {self.which}{self.others}"
+        return ", and ".join(filter(None, [f"for {self.thing}, which {self.which}", self.others]))
 
     @property
     def brief(self) -> str:
         """Without why."""
-        return f"for {self.thing}{self.others}"
-
-    @property
-    def others(self) -> str:
-        """``, and for 2 others``."""
-        return f", and {self._others}" if self.more else ""
+        return ", and ".join(filter(None, [f"for {self.thing}", self.others]))
 
     @property
     def behind(self) -> str:
         """What is said behind its name: ``no module handles that; in the end also for 2 others``."""
-        return f"{self.that}; in the end also {self._others}" if self.more else self.that
+        return f"{self.that}; in the end also {self.others}" if self.more else self.that
 
     @property
-    def _others(self) -> str:
-        return f"for {counted(self.more, 'other')}" if self.more < MOST else f"for {MOST} or more others"
+    def others(self) -> str:
+        """``for 2 others``; "" if there are none."""
+        return (
+            f"for {MOST} or more others"
+            if self.more >= MOST
+            else f"for {counted(self.more, 'other')}" * bool(self.more)
+        )
 
 
 def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
@@ -309,28 +268,20 @@ def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
 
 def last_of(at: RunAt, end: End, more: int = 0) -> Last:
     """One end in words, and how many more there are."""
-    run = at.run
-    if (claim := run.claims.get(end.number)) is not None:
-        does = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}"
-        return Last(f"the {claim}", end.number, does, f"{does} that", more)
-    thing = at.describe(end.number)
-    query = run.messages.get(end.number)
+    claim, query = at.run.claims.get(end.number), at.run.messages.get(end.number)
+    thing = f"the {claim}" if claim else at.describe(end.number)
+    run = at.handling_of(query) if query and end.kind is WaitKind.RUNNING else None
     if query and query.message_class.asks_many and end.kind is not WaitKind.CIRCLE:
         asked_of = of_query(at, query)
-        late = not_answered(asked_of) if asked_of.because else "has not been answered"
-        return Last(thing, end.number, late, late, more)
-    if does := "no module handles" if end.kind is WaitKind.HANDLER else _handled_by(at, end):
-        return Last(thing, end.number, does, f"{does} that", more)
-    which = _why_last(at, end)
-    return Last(thing, end.number, which, f"that {which}", more)
-
-
-def _handled_by(at: RunAt, end: End) -> str:
-    """Who handles it, where that goes on."""
-    message = at.run.messages.get(end.number)
-    is_of_one = message and end.kind is WaitKind.RUNNING and not message.message_class.asks_many
-    run = at.handling_of(message) if message and is_of_one else None
-    return f"{place(run.module, run.resource)} handles" if run else ""
+        which = that = not_answered(asked_of) if asked_of.because else "has not been answered"
+    elif claim or run or end.kind is WaitKind.HANDLER:
+        which = f"{place(run.module, run.resource)} handles" if run else "no module handles"
+        which = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}" if claim else which
+        that = f"{which} that"
+    else:
+        which = _why_last(at, end)
+        that = f"that {which}"
+    return Last(thing, end.number, which, that, more)
 
 
 def _why_last(at: RunAt, end: End) -> str:
