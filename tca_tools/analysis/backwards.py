@@ -184,7 +184,8 @@ class Causes:
         was_killed = any(when == at.time and name in ("killed", "failure") for when, name, _ in message.changes)
         found = going_on(RunAt(self._run, nextafter(at.time, 0.0)), message, at.time)
         if found is not None:
-            return found.standing, _At(found.time, found.message_id, found.handling)
+            since = found.standing.start if found.standing else at.time
+            return found.standing, _At(since, found.message_id, found.handling)
         if at.wait is not None and at.wait.start < at.time and not was_killed:
             return self._in_vain(at.wait, at.time)
         since = last_change(self._run, message, at.time)

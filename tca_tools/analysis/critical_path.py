@@ -78,10 +78,11 @@ def critical_path(run: Run, causes: Causes, task: Task) -> CriticalPath:
     if is_over(task):
         steps = list(causes.back_from(_end_of(task), task.id))
         return CriticalPath(task, False, steps[::-1])
-    found = at_last(run, task)
-    steps = [found.standing] if found.standing else []
-    steps += causes.back_from(found.time, found.message_id, found.handling)
-    return CriticalPath(task, True, steps[::-1], found.because)
+    found, because = at_last(run, task)
+    steps = [found.standing] if found.standing and found.standing.seconds > 0 else []
+    since = found.standing.start if found.standing else run.time
+    steps += causes.back_from(since, found.message_id, found.handling)
+    return CriticalPath(task, True, steps[::-1], because)
 
 
 def shares(run: Run, path: CriticalPath) -> list[Share]:

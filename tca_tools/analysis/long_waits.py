@@ -1,11 +1,10 @@
 """The longest waits of a run: who waited, how long, and for what, cut by cause."""
 
-import heapq
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from heapq import nlargest
 from math import inf, nextafter
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
@@ -36,26 +35,20 @@ class LongWait(NamedTuple):
 
     who: str
     start: float
-    end: float
+    seconds: float
     is_open: bool
     """Whether it went on when the journal ended."""
     what: str
     """For what, in words: "until take steps {2} is achieved"."""
 
-    @property
-    def seconds(self) -> float:
-        """How long."""
-        return self.end - self.start
 
-
-@dataclass(slots=True)
-class WaitsOfKind:
+class WaitsOfKind(NamedTuple):
     """All waits of one kind."""
 
     kind: WaitKind
-    number: int = 0
-    seconds: float = 0.0
-    longest: list[LongWait] = field(default_factory=list)
+    number: int
+    seconds: float
+    longest: list[LongWait]
 
 
 class _Found(NamedTuple):
@@ -68,65 +61,57 @@ class _Found(NamedTuple):
 
 def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
     """For each kind of wait that took time: how many there were, how long together, and the longest, with reasons."""
-    of_kinds = {kind: WaitsOfKind(kind) for kind in KINDS}
-    longest: dict[WaitKind, list[tuple[float, int, _Found]]] = {kind: [] for kind in KINDS}
-    for number, found in enumerate(_all(run)):
-        seconds = (run.time if found.end is None else found.end) - found.start
-        if seconds < NO_TIME:
-            continue
-        of_kind = of_kinds[found.kind]
-        of_kind.number += 1
-        of_kind.seconds += seconds
-        heap = longest[found.kind]
-        push = heapq.heappush if len(heap) < at_most else heapq.heappushpop
-        push(heap, (seconds, -number, found))
-    for kind, heap in longest.items():
-        of_kinds[kind].longest = [_described(run, found) for _, _, found in sorted(heap, reverse=True)]
-    return [of_kind for of_kind in of_kinds.values() if of_kind.number]
+    found: dict[WaitKind, list[tuple[float, _Found]]] = {kind: [] for kind in KINDS}
+    for one in _all(run):
+        seconds = (run.time if one.end is None else one.end) - one.start
+        if seconds >= NO_TIME:
+            found[one.kind].append((seconds, one))
+    told: list[WaitsOfKind] = []
+    for kind, waits in found.items():
+        longest = [
+            LongWait(_who(run, one), one.start, seconds, one.end is None, _what(run, one))
+            for seconds, one in nlargest(at_most, waits, key=itemgetter(0))
+        ]
+        told.append(WaitsOfKind(kind, len(waits), sum(seconds for seconds, _ in waits), longest))
+    return [one for one in told if one.number]
 
 
 def _all(run: Run) -> Iterator[_Found]:
+    """What is held, suspended or queued, and what handlers wait for."""
     for task in run.tasks.values():
         for since, end, state in task.spans():
             if state in (State.HELD, State.PLANNED):
                 yield _Found(WaitKind.CONSTRAINT, task.id, since, None if end == inf else end, task)
-    yield from _of_the_rest(run)
-
-
-def _of_the_rest(run: Run) -> Iterator[_Found]:
-    """What is suspended or queued, and what handlers wait for."""
     for suspension in run.suspensions():
         if (still := suspension.standstill) is not None:
             yield _Found(WaitKind.RESUME, suspension.task, still, suspension.end, suspension)
     for queueing in run.queueings:
-        kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
-        if queueing.module and _was_locked(run, queueing):
-            kind = WaitKind.LOCK
-        yield _Found(kind, queueing.message_id, queueing.start, queueing.end, queueing)
+        yield _Found(_kind(run, queueing), queueing.message_id, queueing.start, queueing.end, queueing)
     for handling in run.handlings:
         for wait in handling.waits:
             yield _Found(of_handler_wait(run, wait).kind, handling.message_id, wait.start, wait.end, wait)
 
 
-def _was_locked(run: Run, queueing: Queueing) -> bool:
-    """Whether the resource was locked or reserved at some time of a stay in its queue."""
+def _kind(run: Run, queueing: Queueing) -> WaitKind:
+    """Whether nobody handled it, the resource was locked or reserved at some time, or it was just busy."""
+    if not queueing.module:
+        return WaitKind.HANDLER
     grants = run.granted(queueing.module, queueing.resource)
-    place_before = bisect_left(grants, run.time if queueing.end is None else queueing.end, key=attrgetter("granted"))
-    last = grants[place_before - 1] if place_before else None
-    return last is not None and (last.end is None or last.end > queueing.start)
+    granted = bisect_left(grants, run.time if queueing.end is None else queueing.end, key=attrgetter("granted"))
+    was_locked = any(one.end is None or one.end > queueing.start for one in grants[max(granted - 1, 0) : granted])
+    return WaitKind.LOCK if was_locked else WaitKind.RESOURCE
 
 
-def _described(run: Run, found: _Found) -> LongWait:
-    who, record = run.describe(found.message_id), found.record
-    if isinstance(record, Queueing):
-        what = _in_queue(run, record)
-    elif isinstance(record, Suspension):
-        what = _until_resumed(record)
-    elif isinstance(record, HandlerWait):
-        who, what = f"the handler of {who}", handler_wait_in_words(run, record)
-    else:
-        what = _why_held(run, record, found)
-    return LongWait(who, found.start, run.time if found.end is None else found.end, found.end is None, what)
+def _who(run: Run, found: _Found) -> str:
+    return "the handler of " * isinstance(found.record, HandlerWait) + run.describe(found.message_id)
+
+
+def _what(run: Run, found: _Found) -> str:
+    if isinstance(found.record, HandlerWait):
+        return handler_wait_in_words(run, found.record)
+    if isinstance(found.record, Suspension):
+        return _until_resumed(found.record)
+    return _in_queue(run, found.record) if isinstance(found.record, Queueing) else _why_held(run, found.record, found)
 
 
 def _in_queue(run: Run, queueing: Queueing) -> str:
@@ -162,15 +147,12 @@ def _why_held(run: Run, task: Task, found: _Found) -> str:
 
 def handler_wait_in_words(run: Run, wait: HandlerWait) -> str:
     """What a handler or program waited for, and whether that was in vain."""
-    claim = run.claims.get(wait.awaited)
-    if claim is not None:
-        text = _cut(run, parts_of_claim(run, wait, claim), lambda at, part: of_claim(at, claim, part.by))
-        return text + ", in vain" * is_in_vain(run, wait)
-    is_open = wait.end is None
+    in_vain = ", in vain" * is_in_vain(run, wait)
+    if (claim := run.claims.get(wait.awaited)) is not None:
+        return _cut(run, parts_of_claim(run, wait, claim), lambda at, part: of_claim(at, claim, part.by)) + in_vain
     at = RunAt(run) if wait.end is None else RunAt(run, nextafter(wait.end, 0.0))
-    text = in_words(wait_for(at, of_handler_wait(run, wait)))
-    circle = "" if is_open else run.deadlock(wait)
-    return text + (", in vain" + (f": {circle}" if circle else "")) * is_in_vain(run, wait)
+    circle = run.deadlock(wait)
+    return in_words(wait_for(at, of_handler_wait(run, wait))) + in_vain + (f": {circle}" if circle else "")
 
 
 def is_in_vain(run: Run, wait: HandlerWait) -> bool:

@@ -6,8 +6,8 @@ worked off, a queue that is always about as long, and a handler that hangs are s
 """
 
 from collections import Counter
-from dataclasses import dataclass
 from math import ceil, sqrt
+from typing import NamedTuple
 
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.run.records import Queueing
@@ -25,8 +25,7 @@ _SHARE = 0.2
 """It must have grown for so long, as a share of the run."""
 
 
-@dataclass(frozen=True, slots=True)
-class Growing:
+class Growing(NamedTuple):
     """A queue that grew until the end."""
 
     key: Key
@@ -37,22 +36,14 @@ class Growing:
     """When the resource was given or sent its last message."""
     length: int
     """How many stood in it then."""
-    handled: int
-    """How many messages the resource was given meanwhile."""
+    rate_in: float
+    """How many came a second."""
+    rate_out: float
+    """How many were handled a second."""
     longest: float
     """How long the oldest of the queue had waited at the end, in seconds."""
     message: str
     """What most of the queue were."""
-
-    @property
-    def rate_in(self) -> float:
-        """How many came a second."""
-        return (self.handled + self.length) / (self.end - self.start)
-
-    @property
-    def rate_out(self) -> float:
-        """How many were handled a second."""
-        return self.handled / (self.end - self.start)
 
     @property
     def needed(self) -> int:
@@ -82,11 +73,10 @@ def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
     is_more = len(left) >= max(_GROWTH * handled, _CHANCE * sqrt(handled))
     if not is_steady or not is_more or handled < _HANDLED or run.granted(*key):
         return None
-    names = Counter(run.name(one.message_id) for one in left)
-    longest = end - min(one.start for one in left)
-    return Growing(
-        key, capacity_of(run, key), start, end, len(left), handled, longest, names.most_common(1)[0][0]
-    )  # fmt: skip
+    names, length = Counter(run.name(one.message_id) for one in left), len(left)
+    rate_in, rate_out = (number / (end - start) for number in (handled + length, handled))
+    longest, (message, _) = end - min(one.start for one in left), names.most_common(1)[0]
+    return Growing(key, capacity_of(run, key), start, end, length, rate_in, rate_out, longest, message)
 
 
 def _was_given(run: Run, queueing: Queueing) -> bool:

@@ -118,22 +118,12 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], st
     locks = [clipped(claim.granted or claim.start, claim.end, start, end) for claim in grants]
     capacity = capacity_of(run, key)
     had = busy(handled, capacity, start, end)
+    longest_queue = max((count for _, count in levels(lines)), default=0)
+    longest_wait = max((until - since for since, until in lines), default=0.0)
     return Use(
-        key,
-        place(*key),
-        capacity,
-        len(handled),
-        had.seconds,
-        had.waiting,
-        had.share,
-        Cover(runs, capacity).total,
-        len(queued),
-        lengths(lines),
-        max((count for _, count in levels(lines)), default=0),
-        max((until - since for since, until in lines), default=0.0),
-        Cover(locks).total,
-        (start, end),
-    )
+        key, place(*key), capacity, len(handled), had.seconds, had.waiting, had.share, Cover(runs, capacity).total,
+        len(queued), lengths(lines), longest_queue, longest_wait, Cover(locks).total, (start, end),
+    )  # fmt: skip
 
 
 def clipped(since: float, until: float | None, start: float, end: float) -> Span:

@@ -4,7 +4,6 @@ A walk follows all that the task waits for, each thing once. What is under it co
 on, its constraints, and its handlers that wait, lead to tasks elsewhere.
 """
 
-from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple
 
@@ -19,45 +18,43 @@ from tca_wire.text.waits_in_words import in_words
 from tca_wire.waits import WaitKind
 
 
-@dataclass(slots=True)
-class GoingOn:
+class GoingOn(NamedTuple):
     """What a task waits for at a moment."""
 
-    time: float
-    """Until when something went on: that moment, or when it came to stand."""
+    node: Node
+    is_elsewhere: bool
+    """Whether it is not under the task."""
     message_id: int
-    handling: Handling | None = None
+    """The message that runs; or at whose event something came to stand."""
+    handling: Handling | None
     """The handler that went on until then."""
-    standing: Step | None = None
-    """If nothing does: what stands since then."""
-    because: list[str] = field(default_factory=list)
-    """If it is not under the task: the waits that lead there, in words."""
+    standing: Step | None
+    """What stands; None: it runs."""
+
+    def rank(self) -> tuple[bool, bool, float]:
+        """What counts first has the least."""
+        watches = self.standing is not None and self.standing.doing is Doing.WATCHING
+        return watches, self.is_elsewhere, self.standing.start if self.standing else -inf
 
 
 def going_on(at: RunAt, message: Message, until: float) -> GoingOn | None:
     """What a task or message waited for *until* just after a moment: what runs comes before what stands, and that
     before monitors that watch; of what stands that which has stood longest. None if nothing is known.
     """
-    walk = _Walk(at, message, until)
-    found = min(walk.found, key=_Found.rank, default=None)
-    if found is None:
-        return None
-    step = found.stands
-    because = walk.way_to(found.node) if found.is_elsewhere else []
-    if step is None:
-        return GoingOn(until, found.cause, found.handling, None, because)
-    return GoingOn(step.start, found.cause, found.handling, step if step.seconds > 0 else None, because)
+    return min(_Walk(at, message, until).found, key=GoingOn.rank, default=None)
 
 
-def at_last(run: Run, task: Task) -> GoingOn:
-    """What an open task waits for when the journal ends; if that is not known, since when nothing happened under it."""
-    if (found := going_on(RunAt(run), task, run.time)) is not None:
-        return found
+def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
+    """What an open task waits for when the journal ends; and if that is not under it, the waits that lead there, in
+    words. If it is not known, since when nothing happened under the task.
+    """
+    walk = _Walk(RunAt(run), task, run.time)
+    if (found := min(walk.found, key=GoingOn.rank, default=None)) is not None:
+        return found, walk.way_to(found.node) if found.is_elsewhere else []
     last = last_change(run, task, inf)
     is_held = waits_now(RunAt(run), task.id) and not task.handling  # else its handler stands in a circle of waits
-    doing = Doing.HELD if is_held else Doing.UNKNOWN
-    step = Step(last, run.time, doing, task.id, "") if run.time > last else None
-    return GoingOn(last, task.id, standing=step)
+    step = Step(last, run.time, Doing.HELD if is_held else Doing.UNKNOWN, task.id, "")
+    return GoingOn(Node(task.id), False, task.id, None, step), []
 
 
 def last_change(run: Run, message: Message, before: float) -> float:
@@ -75,24 +72,6 @@ class _Way(NamedTuple):
     before: Node | None
     wait: Wait | None
     is_elsewhere: bool
-    """Whether that is not under the task from which the walk began."""
-
-
-class _Found(NamedTuple):
-    """Something at which a walk may end."""
-
-    node: Node
-    is_elsewhere: bool
-    stands: Step | None
-    """None: it runs."""
-    cause: int
-    """The message at whose event it came to that."""
-    handling: Handling | None = None
-
-    def rank(self) -> tuple[bool, bool, float]:
-        """What counts first has the least."""
-        watches = self.stands is not None and self.stands.doing is Doing.WATCHING
-        return watches, self.is_elsewhere, self.stands.start if self.stands else -inf
 
 
 class _Walk:
@@ -101,27 +80,29 @@ class _Walk:
     def __init__(self, at: RunAt, message: Message, until: float) -> None:
         self._at, self._until = at, until
         self._own = {one.id for one in at.run.under(message)} if isinstance(message, Task) else {message.id}
-        self.found: list[_Found] = []
+        self.found: list[GoingOn] = []
         self._ways: dict[Node, _Way] = {}
         self._nodes: list[Node] = []
         self._come_to(Node(message.id, END_ACHIEVING if isinstance(message, Task) else 0), None, None)
         for node in self._nodes:  # grows while it is walked
             if (claim := at.run.claims.get(node.number)) is not None:
                 self._at_claim(node, claim)
-            else:
-                self._at_message(node)
+                continue
+            for wait in keeping(at, node):
+                for other in further(at, wait):
+                    self._come_to(other, node, wait)
+                self._end(node, wait)
 
     def way_to(self, node: Node) -> list[str]:
         """The waits that lead to a node, in words."""
-        words = []
-        way: _Way | None = self._ways[node]
-        while way is not None and way.before is not None:
+        words, way = list[str](), self._ways[node]
+        while way.before is not None:
             if way.wait is not None and way.wait.kind is not WaitKind.SUBTASK:
-                who = self._at.describe(way.before.number)
-                who = f"the handler of {who}" if isinstance(way.wait.record, HandlerWait) else who
-                words.append(f"{who} waits {in_words(wait_for(self._at, way.wait))}")
+                who = "the handler of " * isinstance(way.wait.record, HandlerWait)
+                who += self._at.describe(way.before.number)
+                words.insert(0, f"{who} waits {in_words(wait_for(self._at, way.wait))}")
             way = self._ways[way.before]
-        return words[::-1]
+        return words
 
     def _come_to(self, node: Node, before: Node | None, wait: Wait | None) -> None:
         if node not in self._ways:
@@ -131,43 +112,44 @@ class _Walk:
             self._ways[node] = _Way(before, wait, is_elsewhere)
             self._nodes.append(node)
 
-    def _at_message(self, node: Node) -> None:
-        for wait in keeping(self._at, node):
-            for other in further(self._at, wait):
-                self._come_to(other, node, wait)
-            if (found := self._end(node, wait)) is not None:
-                self.found.append(found)
-
     def _at_claim(self, node: Node, claim: Claim) -> None:
         """Who waits for a lock waits for all that its holder waits for; or a program has it, outside of handlers."""
         others, _ = steps(self._at, node)
         for other in others:
             self._come_to(other, node, None)
-        way: _Way = self._ways[node]
+        way = self._ways[node]
         while way.before is not None and not (way.wait and isinstance(way.wait.record, HandlerWait)):
             way = self._ways[way.before]
         wait = way.wait.record if way.wait else None
         if others or not self._at.is_granted(claim) or not isinstance(wait, HandlerWait):
             return
-        since, by = max(wait.start, claim.granted or 0.0), wait.by
-        number = by.message_id if isinstance(by, Handling) else 0
-        step = Step(since, self._until, Doing.LOCKED, number, claim.sender)
-        handling = by if isinstance(by, Handling) and since == wait.start else None
-        self.found.append(_Found(node, self._ways[node].is_elsewhere, step, number, handling))
+        since, handling = max(wait.start, claim.granted or 0.0), wait.by if isinstance(wait.by, Handling) else None
+        number = handling.message_id if handling else 0
+        self._stands(
+            node, number, number, since, Doing.LOCKED, claim.sender, by=handling if since == wait.start else None
+        )
 
-    def _end(self, node: Node, wait: Wait) -> _Found | None:
-        run, record, elsewhere = self._at.run, wait.record, self._ways[node].is_elsewhere
+    def _end(self, node: Node, wait: Wait) -> None:
+        """Note what waits for nothing else: it runs, or stands."""
+        record, number = wait.record, node.number
         if wait.kind is WaitKind.RUNNING and isinstance(record, Handling):
-            return _Found(node, elsewhere, None, record.message_id, record)
-        if isinstance(record, Queueing):
+            elsewhere = self._ways[node].is_elsewhere
+            self.found.append(GoingOn(node, elsewhere, record.message_id, record, None))
+        elif isinstance(record, Queueing):
             doing = Doing.QUEUED if record.module else Doing.NO_HANDLER
-            step = Step(record.start, self._until, doing, node.number, record.module, record.resource)
-            return _Found(node, elsewhere, step, node.number)
-        if wait.kind is WaitKind.DELAY and isinstance(record, Hold):
-            start, cause = delay_of(run, run.tasks[node.number], record)
-            return _Found(node, elsewhere, Step(start, self._until, Doing.DELAY, node.number, ""), cause)
-        if isinstance(record, Suspension) and (since := record.standstill) is not None and since < self._until:
-            return _Found(node, elsewhere, Step(since, self._until, Doing.SUSPENDED, record.cause, ""), record.cause)
-        if wait.kind is WaitKind.CONDITION:
-            return _Found(node, elsewhere, Step(wait.start, self._until, Doing.WATCHING, node.number, ""), node.number)
-        return None
+            self._stands(node, number, number, record.start, doing, record.module, record.resource)
+        elif wait.kind is WaitKind.DELAY and isinstance(record, Hold):
+            start, cause = delay_of(self._at.run, self._at.run.tasks[number], record)
+            self._stands(node, number, cause, start, Doing.DELAY)
+        elif isinstance(record, Suspension):
+            if (since := record.standstill) is not None and since < self._until:
+                self._stands(node, record.cause, record.cause, since, Doing.SUSPENDED)
+        elif wait.kind is WaitKind.CONDITION:
+            self._stands(node, number, number, wait.start, Doing.WATCHING)
+
+    def _stands(
+        self, node: Node, number: int, cause: int, since: float, doing: Doing, module: str = "", resource: str = "",
+        by: Handling | None = None,
+    ) -> None:  # fmt: skip
+        step = Step(since, self._until, doing, number, module, resource)
+        self.found.append(GoingOn(node, self._ways[node].is_elsewhere, cause, by, step))

@@ -13,8 +13,8 @@ from tca_wire.vocabulary import CENTRAL
 
 ENDED_BADLY = (State.FAILED, State.KILLED)
 """States of a task that has ended and is not achieved."""
-_LONGEST_REASON = 200
-_ID = attrgetter("id")
+_LONGEST = 200
+"""Characters of a reason."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Summary:
     messages: int
     tasks: dict[str, int]
     """How many tasks stand how at the end, in words, those that occur."""
-    top: dict[State, int]
-    """The same of top-level tasks, without monitors that watch until somebody ends them."""
+    top: int
+    """How many top-level tasks there are, without monitors that watch until somebody ends them."""
     failures: int
     """How many failures were raised on tasks and other messages."""
     reasons: list[tuple[str, int]]
@@ -58,7 +58,6 @@ def summary(run: Run) -> Summary:
     """What there is to say of the whole run."""
     counts = Counter(standing(run, task, task.state) for task in run.tasks.values())
     top = [task for task in map(run.tasks.__getitem__, run.top) if not stands_by(task)]
-    top_counts = Counter(task.state for task in top)
     failures = sum(len(message.failures) for message in run.messages.values())
     start, end = span_of(run)
     return Summary(
@@ -70,11 +69,11 @@ def summary(run: Run) -> Summary:
         len(_working(run)),
         len(run.messages),
         {one: counts[one] for one in STANDINGS if counts[one]},
-        {state: top_counts[state] for state in State if top_counts[state]},
+        len(top),
         failures,
         _reasons(run, top),
         bool(top) and all(task.state is State.ACHIEVED for task in top),
-        _outcome(run, top, top_counts, failures),
+        _outcome(run, top, failures),
     )
 
 
@@ -109,7 +108,7 @@ def mattering(run: Run) -> list[Task]:
             walked += task.children
         else:
             found.append(task)
-    return sorted(found, key=_ID) or [run.tasks[number] for number in run.top]
+    return sorted(found, key=attrgetter("id")) or [run.tasks[number] for number in run.top]
 
 
 def stands_by(task: Task) -> bool:
@@ -124,28 +123,30 @@ def is_over(task: Task) -> bool:
     return task.state in OVER
 
 
-def _outcome(run: Run, top: list[Task], counts: Counter[State], failures: int) -> str:
+def _outcome(run: Run, top: list[Task], failures: int) -> str:
     """One sentence: good, bad or not over, and the first reason; monitors that go on apart."""
     if not run.top:
         return "No task was sent."
     bad = [task for task in top if task.state in ENDED_BADLY]
-    living = len(top) - len(bad) - counts[State.ACHIEVED]
+    living = sum(not is_over(task) for task in top)
     parts = [] if top else ["No top-level task but monitors was sent"]
     if top and not bad and not living:
-        which = f"{'The' if len(top) == 1 else f'All {len(top):,}'} top-level task{'s' * (len(top) > 1)}"
-        after = f", after {failures:,} failure{'s' * (failures > 1)} on the way" if failures else ""
-        parts.append(f"{which} {'was' if len(top) == 1 else 'were'} achieved{after}")
+        after = f", after {counted(failures, 'failure')} on the way" if failures else ""
+        parts.append(f"{_some(len(top), top)} achieved{after}")
     if bad:
-        parts.append(_worst(bad, top))
+        parts.append(f"{_some(len(bad), top)} not achieved: {'first ' * (len(bad) > 1)}{_ended(bad[0])}")
     if living:
-        subject = "The task" if len(top) == 1 else f"{living:,} of {len(top):,} top-level tasks"
-        is_one = living == 1
-        still = f"{'is' if is_one else 'are'} still running, as of {run_time(run.time)}"
-        parts.append(f"{subject} {still if run.is_live else 'had not ended when the journal did'}")
+        still = f"still running, as of {run_time(run.time)}" if run.is_live else "not over when the journal ended"
+        parts.append(f"{_some(living, top, is_now=run.is_live)} {still}")
     if watching := sum(stands_by(run.tasks[task]) and not is_over(run.tasks[task]) for task in run.top):
-        verb = f"still watch{'es' * (watching == 1)}" if run.is_live else "still watched"
-        parts.append(f"{counted(watching, 'monitor')} {verb}")
+        parts.append(f"{counted(watching, 'monitor')} still {'watching' if run.is_live else 'watched'}")
     return "; ".join(parts) + "."
+
+
+def _some(number: int, top: list[Task], *, is_now: bool = False) -> str:
+    """``The top-level task was``, ``2 of 3 top-level tasks were``."""
+    verb = ("is" if is_now else "was") if number == 1 else ("are" if is_now else "were")
+    return f"The top-level task {verb}" if len(top) == 1 else f"{number:,} of {len(top):,} top-level tasks {verb}"
 
 
 def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
@@ -155,21 +156,11 @@ def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
             failed = run.tasks.get(task.killed_for, task) if task.state is State.KILLED else task
             why = failed.failure.name if failed.failure else task.killed
             found.setdefault((task.name, task.state, why), []).append(task)
-    told = ((f"{tasks[0]} {_fate(tasks[0])}", len(tasks)) for tasks in found.values())
-    return sorted(told, key=lambda row: -row[1])
+    return sorted(((_ended(tasks[0]), len(tasks)) for tasks in found.values()), key=lambda row: -row[1])
 
 
-def _worst(bad: list[Task], top: list[Task]) -> str:
-    if len(top) == 1:
-        return f"The top-level task was not achieved: {bad[0]} {_fate(bad[0])}"
-    which = f"{len(bad):,} of {len(top):,} top-level tasks {'was' if len(bad) == 1 else 'were'} not achieved"
-    return f"{which}; the first, {bad[0]}, {_fate(bad[0])}"
-
-
-def _fate(task: Task) -> str:
-    if task.state is State.FAILED:
-        text = f"failed: {task.failure}"
-    else:
-        text = f"was killed: {task.why_killed or 'nobody said why'}"
-    text = first_line(text)
-    return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + "…"
+def _ended(task: Task) -> str:
+    """``move {5} failed: jam``: a task that was not achieved, and why."""
+    killed = f"was killed: {task.why_killed or 'nobody said why'}"
+    text = first_line(f"{task} failed: {task.failure}" if task.state is State.FAILED else f"{task} {killed}")
+    return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"

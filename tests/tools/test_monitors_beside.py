@@ -53,10 +53,10 @@ def test_a_monitor_that_stands_by_does_not_hide_the_run() -> None:
 
 def test_in_the_middle_of_a_walk() -> None:
     run = watched_walk(5.0).fold()
-    assert summary(run).outcome == "The task had not ended when the journal did; 1 monitor still watched."
+    assert summary(run).outcome == "The top-level task was not over when the journal ended; 1 monitor still watched."
     assert (str(last_task(run)), str(longest_task(run)), span_of(run)) == ("walk {2}", "walk {2}", (2.0, 5.0))
     run.is_live = True
-    assert summary(run).outcome == "The task is still running, as of 5.000 s; 1 monitor still watches."
+    assert summary(run).outcome == "The top-level task is still running, as of 5.000 s; 1 monitor still watching."
 
 
 def ended(story: Story, by: str) -> Story:
@@ -68,7 +68,7 @@ def ended(story: Story, by: str) -> Story:
     ("by", "outcome"),
     [
         ("user", "The top-level task was achieved."),
-        ("central", "1 of 2 top-level tasks was not achieved; the first, battery watch {1}, was killed: over."),
+        ("central", "1 of 2 top-level tasks was not achieved: battery watch {1} was killed: over."),
     ],
 )
 def test_a_module_may_end_its_monitor_but_central_does_so_for_a_reason(by: str, outcome: str) -> None:

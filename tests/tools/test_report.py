@@ -113,7 +113,7 @@ def test_all_that_a_report_says(
 def test_a_run_that_is_not_over(reported: Reported) -> None:
     shown = reported(walking())
     assert ("class", "r-verdict open") in shown.attributes
-    assert "The task had not ended when the journal did." in shown.text
+    assert "The top-level task was not over when the journal ended." in shown.text
 
 
 def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
         assert tca_report(run, "-o", out).exit_code == 0
     shown = Page(out.read_text())
     assert re.search(r"; it is still running : this is how it was at 20\S+ \S+ UTC \(64\.\d+ s\)", shown.text)
-    assert "The task is still running, as of 64." in shown.text
+    assert "The top-level task is still running, as of 64." in shown.text
     assert re.search(r"6\d\.\d s from the first task to now", shown.text)
     assert "journal did" not in shown.text
 
@@ -142,7 +142,7 @@ def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened
         story.reached(fry, Moment.END_HANDLING, Moment.END_ACHIEVING)
     shown = reported(story)
     assert "\\n" not in shown.text
-    assert "was not achieved; the first, fry {1}, failed: handler error: KeyError: 'salt' ...." in shown.text.replace(
+    assert "was not achieved: first fry {1} failed: handler error: KeyError: 'salt' ...." in shown.text.replace(
         "were", "was"
     )
     assert shown.text.count("~~^^^^^^^^") == 1  # of both the same, told once
