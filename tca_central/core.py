@@ -26,7 +26,6 @@ from tca_central.failing import attaching, failures
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection
-from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability, direct_routes
 from tca_central.requests import joining, replying, sending, variables, waiting
@@ -79,10 +78,11 @@ class Central(State):
 
     def _let_fire(self, timer: Timer, time: float) -> list[Effect]:
         self.events += 1
-        due, about = timer.due, _subject_of(timer)
-        TIMERS[due](self, timer.subject)
+        due, subject = timer.due, timer.subject
+        about = getattr(subject, "task", subject)  # the task or the claim
+        TIMERS[due](self, subject)
         self._settle()
-        return self._effects(time, causes.TimeOver(due, about))
+        return self._effects(time, causes.TimeOver(due, about.id if about is not None else 0))
 
     def _on_line(self, event: BadBytes | ConnectionLost) -> list[Effect]:
         """Something happened to a connection."""
@@ -106,15 +106,19 @@ class Central(State):
         number: int = header.number if kind.has_number else 0  # type: ignore[union-attr]
         connection = self.registry.connections.get(event.connection)
         try:
-            if connection is None:
-                self._greet(event, number)
+            if connection is None and isinstance(header, headers.Hello):
+                joining.greet(self, event.connection, header)
                 connection = self.registry.connections.get(event.connection)
+            elif connection is None:
+                self.messages.append(Transmit(event.connection, headers.Unknown(number)))
             elif number and number <= connection.last_number and type(header) is not headers.Hello:
                 self._repeat(connection, number)
             else:
                 connection.last_number = max(connection.last_number, number)
                 if kind.origin is not None and (origin := kind.origin(header)):
-                    self.origin = self._checked(connection, origin)
+                    asking = self.dispatcher.running.get(origin)
+                    is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
+                    self.origin = origin if is_its else 0
                 HANDLERS[type(header)](self, connection, header, event.body)
         except RequestError as error:
             self._refuse(event.connection, number, error.refusal, error.text)
@@ -128,12 +132,6 @@ class Central(State):
         self.origin = 0
         return self._effects(event.time, cause)
 
-    def _checked(self, connection: Connection, origin: int) -> int:
-        """The delivery that a connection names, if its module has it; else 0."""
-        asking = self.dispatcher.running.get(origin)
-        is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
-        return origin if is_its else 0
-
     def _effects(self, time: float, cause: causes.Cause) -> list[Effect]:
         """The journal entry and the messages of the event that has just been handled."""
         effects, self.messages = self.messages, []
@@ -145,13 +143,6 @@ class Central(State):
         self.facts.clear()
         failed, self.failed = self.failed, {}
         return [Record(entry, failed), *effects]
-
-    def _greet(self, event: RequestReceived, number: int) -> None:
-        """Somebody speaks who has not said hello."""
-        if isinstance(event.header, headers.Hello):
-            joining.greet(self, event.connection, event.header)
-        else:
-            self.messages.append(Transmit(event.connection, headers.Unknown(number)))
 
     def _refuse(self, connection_id: Any, number: int, refusal: Refusal, text: str) -> None:
         connection = self.registry.connections.get(connection_id)
@@ -248,14 +239,6 @@ class Central(State):
 def _named(connection: Connection | None) -> tuple[str, int]:
     """A connection as causes name it."""
     return ("?", 0) if connection is None else (connection.module.name, connection.number)
-
-
-def _subject_of(timer: Timer) -> int:
-    """The task, or the claim, that a timer is about."""
-    subject: Any = timer.subject
-    if subject is None:
-        return 0
-    return int(subject.id if isinstance(subject, Claim) else subject.task.id)
 
 
 def _first_of(startable: list[Task]) -> list[Task]:

@@ -66,12 +66,11 @@ class PendingKill:
         if self.task.rare is not None:
             self.task.rare.pending.pop(self, None)
         if self._is_there(central):
-            for task in self._doomed():
+            for task in [self.task] if self.scope is Scope.TASK else self._relatives():
                 kill(central, task, self.verdict)
 
-    def _doomed(self) -> list[Task]:
-        if self.scope is Scope.TASK:
-            return [self.task]
+    def _relatives(self) -> list[Task]:
+        """Its children, or its siblings."""
         parent = self.task if self.scope is Scope.DESCENDANTS else self.task.parent
         assert parent is not None
         return [child for child in (parent.children or {}).values() if child is not self.task and not child.survives]

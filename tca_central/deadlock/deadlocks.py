@@ -79,14 +79,16 @@ def _may_close(central: State, suspect: Suspect) -> Node | None:
     if isinstance(suspect, Delivery):
         return Turn(suspect)
     connection, number = suspect
-    if _is_answered_soon(connection, number) or not _is_waited_for(central, connection):
-        return None
-    return Waiting(connection, number)
+    due = connection.outstanding.get(number)
+    if due is None or (isinstance(due, Delivery) and due.slot is not None and not due.slot.waits):
+        return None  # it was answered, or a handler that nothing blocks is about to
+    has_claims = any(claim.slot is connection for claim in central.claims.values())
+    return Waiting(connection, number) if connection.handling or has_claims else None
 
 
 def note_event(central: State) -> None:
     """An event is over in which somebody blocks: see later whether anything in it has closed a circle."""
-    if not central.may_have_closed and any(_may_matter(fact) for fact in central.facts):
+    if not central.may_have_closed and any(map(_may_matter, central.facts)):
         schedule_look(central)
 
 
@@ -146,17 +148,6 @@ def _is_there(start: Node) -> bool:
     return not isinstance(start, Waiting) or start.number in start.connection.waits
 
 
-def _is_waited_for(central: State, connection: Connection) -> bool:
-    """Whether others may wait for what a connection waits for."""
-    return bool(connection.handling) or any(claim.slot is connection for claim in central.claims.values())
-
-
-def _is_answered_soon(connection: Connection, number: int) -> bool:
-    """Whether it is plain that a request will be answered: it was, or a handler that nothing blocks is about to."""
-    due = connection.outstanding.get(number)
-    return due is None or (isinstance(due, Delivery) and due.slot is not None and not due.slot.waits)
-
-
 # --- what is done about it -------------------------------------------------------------------------------------------
 
 
@@ -175,12 +166,15 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     waits = [node for node in circle if isinstance(node, Waiting)]
     kept = [node.claim for node in circle if isinstance(node, Releasing) and is_kept(node.claim)]
     goes_first = _of_recovery(central, circle)
-    if kept and goes_first:
-        _revoke_first(central, kept, text)
+    if kept and goes_first:  # somebody loses what they need; who knows of no trouble is told
+        claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
+        revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
     elif waits:
         refused = [wait for wait in waits if wait not in goes_first] or waits
         connection, number = max(refused, key=lambda node: node.connection.waits[node.number].since)
-        _refuse(central, connection, number, text)
+        central.facts.append(facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text))
+        give_up(central, connection, number, DEADLOCK)
+        central.send(connection, number, Refused(number, Refusal.DEADLOCK, text))
     else:
         return _raise_or_revoke(central, kept, search, text)
     return True
@@ -190,22 +184,13 @@ def _raise_or_revoke(central: State, kept: list[Claim[Connection]], search: Sear
     """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
     if not kept or any(_is_being_handled(claim.holder, search) for claim in kept):
         return False
-    told = next((claim.holder for claim in kept if not _knows(claim.holder)), None)
+    holders: list[Task] = [claim.holder for claim in kept]
+    told = next((one for one in holders if one.failure is None or one.failure[0] != DEADLOCK), None)
     if told is not None:
         raise_failure(central, told, RaisedFailure(DEADLOCK, text))
     else:
         revoke(central, kept[0], f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
     return True
-
-
-def _revoke_first(central: State, kept: list[Claim[Connection]], text: str) -> None:
-    """FailureContext and safe ends go first: somebody loses what they need. Who knows of no trouble is told."""
-    claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
-    revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
-
-
-def _knows(task: Task) -> bool:
-    return task.failure is not None and task.failure[0] == DEADLOCK
 
 
 def _is_being_handled(task: Task, search: Search) -> bool:
@@ -256,12 +241,6 @@ def _is_recovery(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
     return does
 
 
-def _refuse(central: State, connection: Connection, number: int, text: str) -> None:
-    central.facts.append(facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text))
-    give_up(central, connection, number, DEADLOCK)
-    central.send(connection, number, Refused(number, Refusal.DEADLOCK, text))
-
-
 # --- words -----------------------------------------------------------------------------------------------------------
 
 
@@ -282,7 +261,9 @@ def _waiter(central: State, node: Node, following: Node) -> Waiter | None:
     match node, following:
         case Waiting(connection, number), _:
             who = central.dispatcher.running.get(connection.waits[number].origin)
-            module, waits = connection.module.name, tuple(map(_without_reasons, waits_of(central, node)))
+            module, waits = connection.module.name, tuple(waits_of(central, node))
+            if waits and waits[0].kind is WaitKind.REPLY:  # where the query is, the next in the circle tells
+                waits = (replace(waits[0], because=()),)
         case Granting(claim), _:
             who, module, waits = claim.holder, claim.slot.module.name, tuple(waits_of(central, node))
         case TurnAt(delivery, _), _:
@@ -297,8 +278,3 @@ def _waiter(central: State, node: Node, following: Node) -> Waiter | None:
             return None
     number, name = (who.message_id, who.message.name) if who is not None else (0, "")
     return Waiter(number, name, module, waits=waits)
-
-
-def _without_reasons(wait: WaitFor) -> WaitFor:
-    """Where a query is, the next in the circle tells."""
-    return replace(wait, because=()) if wait.kind is WaitKind.REPLY else wait

@@ -2,6 +2,7 @@
 
 import heapq
 import math
+from typing import Any
 
 from tca_central.errors import RequestError
 from tca_wire.vocabulary import LONGEST_TIME, Due, Refusal
@@ -15,7 +16,7 @@ class Timer:
 
     __slots__ = ("due", "is_cancelled", "subject", "time")
 
-    def __init__(self, time: float, due: Due, subject: object) -> None:
+    def __init__(self, time: float, due: Due, subject: Any) -> None:
         self.time, self.due, self.subject = time, due, subject
         self.is_cancelled = False
 
@@ -29,7 +30,7 @@ class Clock:
         self._asked = 0
         self._cancelled = 0
 
-    def after(self, seconds: float, due: Due, subject: object) -> Timer:
+    def after(self, seconds: float, due: Due, subject: Any) -> Timer:
         """Let something be due in so many seconds."""
         self._asked += 1
         timer = Timer(self.now + seconds, due, subject)

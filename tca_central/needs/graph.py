@@ -116,9 +116,8 @@ def _of_handler(_: State, node: Returning, each: Each) -> Groups:
 
 
 def _of_turn(_: State, node: Turn, __: Each) -> Groups:
-    delivery = node.delivery
-    if delivery.queues:
-        yield [TurnAt(delivery, resource) for resource in delivery.queues]
+    if node.delivery.queues:
+        yield [TurnAt(node.delivery, resource) for resource in node.delivery.queues]
 
 
 def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:

@@ -117,8 +117,8 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     claims.end_claims_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
-        if module.connections:
-            _begin_leaving(central)
+        if module.connections:  # its exception handlers are passed over only when its slots are gone
+            central.dispatcher.stranded.clear()
     orphans = central.dispatcher.remove_slot(connection)
     for delivery in orphans:
         _note_orphan(connection, delivery, why)
@@ -127,7 +127,7 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
         direct_routes.review_slots(central, connection)
         direct_routes.tell_slot_gone(central, connection, why, lost=lost)
-    _connection_gone(central, module, why)
+    _forget_if_gone(central, module, why)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             _fail_or_drop(central, delivery, module, why, lost=lost)
@@ -145,21 +145,12 @@ def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
         del connection.late[next(iter(connection.late))]
 
 
-def _begin_leaving(central: State) -> None:
-    """A module handles nothing any more; its exception handlers are passed over only when its slots are gone."""
-    central.dispatcher.stranded.clear()
-
-
-def _connection_gone(central: State, module: Module, why: str) -> None:
-    """Perhaps the last one, or the last that had anything at work of a module that goes on sending."""
-    if not module.connections:
-        _forget(central, module, why)
-    elif not module.handlers and not module.has_slots:
-        central.dispatcher.strand_all(central.registry.messages.values())
-
-
-def _forget(central: State, module: Module, why: str) -> None:
-    """A module is gone, with all that it handled, had and kept."""
+def _forget_if_gone(central: State, module: Module, why: str) -> None:
+    """A module has lost a connection. If that was the last, all that it handled, had and kept is gone."""
+    if module.connections:
+        if not module.handlers and not module.has_slots:  # it only sends
+            central.dispatcher.strand_all(central.registry.messages.values())
+        return
     remove_handlers(central, list(module.handlers.values()))
     central.dispatcher.strand_all(central.registry.messages.values())
     claims.end_claims_on_module(central, module, why)
@@ -249,8 +240,8 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
     remove_handlers(central, [handlers[name] for name in names if name in handlers])
-    if not header.messages and connection.module.has_slots:
-        _begin_leaving(central)
+    if not header.messages and connection.module.has_slots:  # it is leaving, as above
+        central.dispatcher.stranded.clear()
     central.accept(connection, header.number)
 
 

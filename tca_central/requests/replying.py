@@ -133,16 +133,11 @@ def _collect(central: State, collector: Collector, delivery: Delivery, answer: A
         collector.end = Answer(collector.number), b""
         central.tell(collector.connection, Answer(collector.number, more=True), body)
     else:
-        collector.failures.append(f"{module} failed ({_summary(answer.failure, answer.text)})")
+        text = answer.text.partition("\n")[0][:_LONGEST]
+        collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         if collector.end is None:  # until somebody replies it ends with the first failure
             collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), body
     end_if_complete(central, collector)
-
-
-def _summary(failure: str, text: str) -> str:
-    """A failure and the first line of its text."""
-    first = text.partition("\n")[0][:_LONGEST]
-    return f"{failure}: {first}" if first else failure
 
 
 def end_if_complete(central: State, collector: Collector) -> None:

@@ -25,9 +25,7 @@ Waits = Sequence[WaitFor]
 
 
 def in_words(wait: WaitFor, now: float | None = None) -> str:
-    """One wait: ``until move leg {4} is achieved``. *now*, where somebody reads it at once: a delay is told as how long
-    it still takes, not as when it is over.
-    """
+    """One wait: ``until move leg {4} is achieved``. With *now* a delay is told as how long it still takes."""
     return _clause([wait], now)
 
 
@@ -54,9 +52,7 @@ def waiter_in_words(waiter: Waiter) -> str:
 
 
 def whereabouts(query: WaitFor) -> str:
-    """Where a query is that has no answer yet: ``no module handles it``, ``it is queued for arm, busy with walk {3}``,
-    ``arm and legs have not answered (1 of 3 has)``.
-    """
+    """Where a query is that has no answer yet: ``no module handles it``, ``it is queued for arm``."""
     if len(query.because) > 1 or query.answered:
         return not_answered(query)
     where = query.because[0]
@@ -64,7 +60,8 @@ def whereabouts(query: WaitFor) -> str:
         return "no module handles it"
     if where.kind is WaitKind.RESOURCE:
         return f"it is queued {_resource([where])}"
-    return f"{place(where.module, where.resource)} handles it{_and_waits(where)}"
+    waits = f" and waits {several_in_words(where.because)}" if where.because else ""
+    return f"{place(where.module, where.resource)} handles it{waits}"
 
 
 def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
@@ -75,21 +72,16 @@ def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
     for wait, seconds in causes:
         lengths[wait] = lengths.get(wait, 0.0) + seconds
     if len(lengths) == 1:
-        return _clause([next(iter(lengths))], None)
+        return in_words(next(iter(lengths)))
     longest = sorted(lengths, key=lambda wait: -lengths[wait])[:_CAUSES]
     named = [wait for wait in lengths if wait in longest]
-    told = [f"{_clause([wait], None)} ({duration(lengths[wait])})" for wait in named[:1]]
-    told += [f"{_after(named[0], wait)} ({duration(lengths[wait])})" for wait in named[1:]]
+    told = [f"{in_words(named[0])} ({duration(lengths[named[0]])})"]
+    for wait in named[1:]:  # what is the same as of the first is not said again
+        is_same = wait.kind in (WaitKind.RESOURCE, WaitKind.LOCK) and wait.because and named[0].kind is wait.kind
+        told.append(f"{_keepers(wait.because) if is_same else in_words(wait)} ({duration(lengths[wait])})")
     if more := [seconds for wait, seconds in lengths.items() if wait not in longest]:
         told.append(f"and {len(more):,} more ({duration(sum(more))})")
     return "; ".join(told)
-
-
-def _after(first: WaitFor, wait: WaitFor) -> str:
-    """Another cause of the same wait: what is the same is not said again."""
-    if wait.kind in (WaitKind.RESOURCE, WaitKind.LOCK) and wait.because and first.kind is wait.kind:
-        return _keepers(wait.because)
-    return _clause([wait], None)
 
 
 def reached(moment: int, number: int = 1) -> str:
@@ -123,15 +115,6 @@ def _point(waits: Waits) -> str:
     return f"until {after}{_names(waits)} {reached(waits[0].moment, _number(waits))}"
 
 
-def _parent(waits: Waits) -> str:
-    return f"until its parent {_names(waits)} {reached(waits[0].moment)}"
-
-
-def _listener(waits: Waits) -> str:
-    wait = waits[0]
-    return f"until {_names(waits)}, the listener of a wiretap{by_whom(wait.module)}, {reached(wait.moment)}"
-
-
 def _handler(waits: Waits) -> str:
     names = listed([one.name for one in waits], sum(one.more for one in waits))
     return f"for a module that handles {names}" if _number(waits) == 1 else f"for modules that handle {names}"
@@ -163,22 +146,16 @@ def _keepers(because: Waits) -> str:
 
 def _keeper(wait: WaitFor, *, is_first: bool) -> str:
     verb = "reserve" if wait.name == "reservation" else "lock"
-    whose = f" {_for_what(wait.because[0])}" if wait.because else ""
+    whose = ""
+    if wait.because:
+        message = wait.because[0]
+        how = "while handling" if message.kind is WaitKind.RUNNING else "for"
+        whose = f" {how} {numbered(message.name, message.number)}"
     if wait.kind is WaitKind.HANDLER:
         return "has no handler now"
     if wait.kind is WaitKind.LOCKED:
         return f"{wait.module} has {verb}{'d' if verb == 'reserve' else 'ed'}{whose}"
     return f"{wait.module} waits to {verb}{'' if is_first else ' first'}{whose}"
-
-
-def _for_what(message: WaitFor) -> str:
-    how = "while handling" if message.kind is WaitKind.RUNNING else "for"
-    return f"{how} {numbered(message.name, message.number)}"
-
-
-def _reply(waits: Waits) -> str:
-    reply = "reply" if _number(waits) == 1 else "replies"
-    return f"for the {reply} to {_names(waits)}{_whereabouts(waits[0])}"
 
 
 def _whereabouts(query: WaitFor) -> str:
@@ -192,11 +169,7 @@ def _whereabouts(query: WaitFor) -> str:
         return ", which no module handles"
     if where.kind is WaitKind.RESOURCE:
         return f", which is queued {_resource([where])}"
-    return f", which {place(where.module, where.resource)} handles{_and_waits(where)}"
-
-
-def _and_waits(handler: WaitFor) -> str:
-    return f" and waits {several_in_words(handler.because)}" if handler.because else ""
+    return f", which {whereabouts(query).replace(' handles it', ' handles', 1)}"
 
 
 def not_answered(query: WaitFor) -> str:
@@ -223,10 +196,6 @@ def _resume(waits: Waits) -> str:
     return f"until {numbered(wait.name, wait.number)}{by and f', {by},'} is resumed"
 
 
-def _recovery(waits: Waits) -> str:
-    return f"until {_names(waits) if waits[0].number else 'somebody'} has dealt with its failure"
-
-
 def _condition(waits: Waits) -> str:
     wait = waits[0]
     if not wait.name:
@@ -243,15 +212,6 @@ def _running(waits: Waits) -> str:
     return f"until {whose} return{'s' * (number == 1)}{on}"
 
 
-def _locked(waits: Waits) -> str:
-    wait = waits[0]
-    return f"until {wait.module} releases {wait.resource}"
-
-
-def _circle(waits: Waits) -> str:
-    return f"for itself, by way of {_names(waits)}"
-
-
 _TOGETHER = frozenset((
     WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.HANDLER, WaitKind.PRESENCE, WaitKind.REPLY,
     WaitKind.RUNNING,
@@ -260,20 +220,26 @@ _TOGETHER = frozenset((
 
 _WORDS: dict[WaitKind, Callable[[Waits], str]] = {
     WaitKind.CONSTRAINT: _point,
-    WaitKind.PARENT: _parent,
-    WaitKind.LISTENER: _listener,
+    WaitKind.PARENT: lambda waits: f"until its parent {_names(waits)} {reached(waits[0].moment)}",
+    WaitKind.LISTENER: lambda waits: (
+        f"until {_names(waits)}, the listener of a wiretap{by_whom(waits[0].module)}, {reached(waits[0].moment)}"
+    ),
     WaitKind.SUBTASK: _point,
     WaitKind.RESOURCE: _resource,
     WaitKind.HANDLER: _handler,
-    WaitKind.REPLY: _reply,
+    WaitKind.REPLY: lambda waits: (
+        f"for the {'reply' if _number(waits) == 1 else 'replies'} to {_names(waits)}{_whereabouts(waits[0])}"
+    ),
     WaitKind.TASK: _point,
     WaitKind.LOCK: _lock,
     WaitKind.RESUME: _resume,
-    WaitKind.RECOVERY: _recovery,
+    WaitKind.RECOVERY: lambda waits: (
+        f"until {_names(waits) if waits[0].number else 'somebody'} has dealt with its failure"
+    ),
     WaitKind.PRESENCE: _handler,
     WaitKind.CONDITION: _condition,
     WaitKind.RUNNING: _running,
-    WaitKind.LOCKED: _locked,
-    WaitKind.CIRCLE: _circle,
+    WaitKind.LOCKED: lambda waits: f"until {waits[0].module} releases {waits[0].resource}",
+    WaitKind.CIRCLE: lambda waits: f"for itself, by way of {_names(waits)}",
 }
 """One row per kind that needs no clock."""
