@@ -1,6 +1,6 @@
 """Plays modules against the pure core: each call is one event, each returns what central sent."""
 
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 
@@ -31,6 +31,15 @@ class Player:
         self.entries: list[Entry] = []
         self.inbox: dict[str, list[tuple[Any, bytes]]] = {}
         self.numbers: dict[str, int] = {}
+
+    @classmethod
+    def of(cls, *modules: str, check: bool = True) -> Self:
+        """A central with modules and what they handle: "legs: command move, query where", "user"."""
+        player = cls()
+        player.check = check
+        for name, _, handled in (module.partition(": ") for module in modules):
+            player.module(name, *filter(None, handled.split(", ")))
+        return player
 
     def event(self, event: Any) -> list[Effect]:
         effects = self.central.handle(event)

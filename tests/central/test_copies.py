@@ -2,7 +2,7 @@
 
 import pytest
 from central.player import Player
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tools.runs import OPENED, checked
 
@@ -14,11 +14,7 @@ from tca_wire.packets.parts import HandlerFormat
 
 @pytest.fixture
 def robot() -> Player:
-    player = Player()
-    player.module("legs", "command move")
-    player.module("user")
-    player.module("other")
-    return player
+    return Player.of("legs: command move", "user", "other")
 
 
 def join(player: Player, connection: str, *, pool: str = "") -> None:
@@ -91,6 +87,7 @@ OPERATIONS = ("join", "pool", "lose", "move", "reply", "lock", "reserve", "relea
 
 
 @given(st.lists(st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 7)), max_size=60))
+@settings(max_examples=50)
 def test_whatever_comes_and_goes_nobody_is_let_in(life: list[tuple[str, int]]) -> None:
     """The invariants are looked at after each event; in the end all is handled, and the journal says nothing else."""
     player, made = Player(), 0

@@ -18,7 +18,7 @@ from central.transcript import Transcript
 import tca_central
 
 HERE = str(Path(tca_central.__file__).parent)
-FEW, MANY = 15, 300
+FEW, MANY = 15, 200
 LEEWAY = 120
 """Steps more that are no growth: of sweeps that come after so many events, and of a heap's logarithm."""
 

@@ -23,10 +23,7 @@ def why(robot: Player, name: str, request: int) -> str:
 @pytest.fixture
 def robot() -> Player:
     """A map and eyes, whose handlers are asked by a user."""
-    robot = Player()
-    robot.module("map", "query where")
-    robot.module("eyes", "query look", "command turn")
-    robot.module("user")
+    robot = Player.of("map: query where", "eyes: query look, command turn", "user")
     robot.declare("user", "query nobody", "goal plan")
     return robot
 

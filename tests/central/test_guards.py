@@ -1,6 +1,6 @@
 """A failing task knows the nearest exception handlers above it: they are those that a search up to the root finds."""
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tca_central.model.guards import MOST_IDLE, Guard, Guards
@@ -68,6 +68,7 @@ class World:
 
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 99), st.integers(0, 2)), max_size=80))
+@settings(max_examples=60)
 def test_they_are_those_that_a_search_finds(steps: list[tuple[int, int, int]]) -> None:
     world = World()
     for what, where, which in steps:

@@ -26,10 +26,7 @@ from tca_wire.waits import WaitFor, WaitKind
 
 
 def test_a_request_holds_so_many_constraints_and_no_more() -> None:
-    player = Player()
-    player.module("legs", "command move")
-    player.module("user")
-    player.declare("user", "command move")
+    player = Player.of("legs: command move", "user")
     task, other = player.task("user", "move"), player.task("user", "move")
     constraint = before(point(task, Moment.END_ACHIEVING), point(other, Moment.END_ACHIEVING))
     (answer,) = player.receive("user", headers.Constrain(player.number("user"), [constraint] * 1001))
@@ -40,10 +37,7 @@ def test_a_request_holds_so_many_constraints_and_no_more() -> None:
 
 def test_queues_are_bounded_for_each_listener(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 3)
-    player = Player()
-    player.module("slow", "broadcast pose", "multi-query all")
-    player.module("user")
-    player.declare("user", "broadcast pose", "multi-query all")
+    player = Player.of("slow: broadcast pose, multi-query all", "user")
     for _ in range(3):
         player.send("user", "pose")
     player.module("quick", "broadcast pose")
@@ -70,10 +64,7 @@ def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest
 def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
     """Here messages of another kind, which are tasks: they are never turned away, and fill it beyond the limit."""
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
-    player = Player()
-    player.module("map", "command survey", "query where", "inform note", "multi-query all")
-    player.module("user")
-    player.declare("user", "command survey", "query where", "inform note", "multi-query all")
+    player = Player.of("map: command survey, query where, inform note, multi-query all", "user")
     first, second, *_ = [player.task("user", "survey", flags=Flags.NONE, priority=-1) for _ in range(4)]
     busy = WaitFor(WaitKind.RESOURCE, module="map", because=(WaitFor(WaitKind.RUNNING, first, "survey"),))
     full = f"3 messages wait {in_words(busy)}, survey {{{second}}} first in line; from 2 on only tasks are let in"
@@ -87,10 +78,7 @@ def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.Mon
 
 def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 1)
-    player = Player()
-    player.module("map", "query where")
-    player.module("user")
-    player.declare("user", "query where")
+    player = Player.of("map: query where", "user")
     player.receive("user", headers.Lock(player.number("user"), "map"))
     player.send("user", "where")
     assert player.send("user", "where")[0].text == (
@@ -106,10 +94,7 @@ def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(monkeyp
 
 
 def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
-    player = Player()
-    player.module("eyes", "query look")
-    player.module("user")
-    player.declare("user", "query look")
+    player = Player.of("eyes: query look", "user")
     player.send("user", "look")
     text = f"ValueError: not an image: {'iVBORw0K' * 4000}\nTraceback, at last: line 7"
     player.receive("eyes/1", headers.Fail(player.delivered("eyes/1")[-1], "handler error", text))
@@ -121,11 +106,7 @@ def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
 
 
 def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
-    player = Player()
-    player.module("legs", "command move")
-    player.module("expert", "exception handler recover")
-    player.module("user")
-    player.declare("user", "command move")
+    player = Player.of("legs: command move", "expert: exception handler recover", "user")
     for of in ("", "move"):
         player.receive("expert", headers.Attach(player.number("expert"), Attachment("slip", "recover"), TaskId(0), of))
     player.task("user", "move")
@@ -148,10 +129,7 @@ def test_names_of_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_void_entries_of_a_queue_do_not_pile_up() -> None:
-    player = Player(check=False)
-    player.module("map", "query where")
-    player.module("user")
-    player.declare("user", "query where")
+    player = Player.of("map: query where", "user", check=False)
     player.send("user", "where")
     player.send("user", "where")
     for _ in range(500):
@@ -179,10 +157,7 @@ def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: 
 
 
 def test_the_words_of_a_failure_are_bounded() -> None:
-    player = Player()
-    player.module("legs", "command move")
-    player.module("user")
-    player.declare("user", "command move")
+    player = Player.of("legs: command move", "user")
     task = player.task("user", "move")
     player.receive("legs/1", headers.Fail(task, "x" * 1_000_000, "y" * 1_000_000 + "the reason"))
     (failed,) = player.facts_of("failed")
@@ -217,10 +192,7 @@ def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monke
 
 def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(keeping, "MOST_KEPT", 3)
-    player = Player()
-    player.module("legs", "command move")
-    player.module("user")
-    player.declare("user", "command move")
+    player = Player.of("legs: command move", "user")
     for _ in range(3):
         player.task("user", "move", keep=True)
     newest = player.central.tree.newest
@@ -239,11 +211,8 @@ def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(monkeypatch: p
 
 
 def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
-    player = Player(check=False)
-    player.module("planner", "goal walk")
-    player.module("user")
-    player.declare("user", "goal walk")
-    depth, parent = 3000, 0
+    player = Player.of("planner: goal walk", "user", check=False)
+    depth, parent = 1200, 0
     for _ in range(depth):
         parent = player.task("user", "walk", under=parent, flags=Flags.NONE, keep=True)
     while player.central.dispatcher.running:

@@ -30,9 +30,7 @@ def waits(told: dict[str, Any]) -> list[tuple[str, str, float]]:
 
 
 def test_messages_are_counted_and_their_time_added_up() -> None:
-    robot = Player()
-    robot.module("legs", "command step")
-    robot.module("user")
+    robot = Player.of("legs: command step", "user")
     for fails in (False, True):
         robot.task("user", "step")
         robot.tick(4.0)
@@ -49,9 +47,7 @@ def test_messages_are_counted_and_their_time_added_up() -> None:
 
 
 def test_what_is_handled_now_counts_until_now() -> None:
-    robot = Player()
-    robot.module("legs", "command step")
-    robot.module("user")
+    robot = Player.of("legs: command step", "user")
     step = robot.task("user", "step")
     robot.tick(2.5)
     legs = resource(load(robot.central), "legs")
@@ -70,9 +66,7 @@ def test_the_time_of_a_module_that_is_lost_is_counted() -> None:
 
 
 def test_the_longest_waits_come_first() -> None:
-    robot = Player()
-    robot.module("legs", "command step")
-    robot.module("user", "query where")
+    robot = Player.of("legs: command step", "user: query where")
     robot.send("user", "where")  # its handler does not answer
     robot.module("other")
     robot.declare("other", "command dance")
@@ -104,9 +98,7 @@ def test_claims_and_who_holds_a_resource() -> None:
 
 
 def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
-    robot = Player()
-    robot.module("planner", "goal walk")
-    robot.module("user")
+    robot = Player.of("planner: goal walk", "user")
     walk = robot.task("user", "walk")
     robot.declare("planner/1", "command dance")
     dance = robot.task("planner/1", "dance", under=walk)
@@ -119,10 +111,7 @@ def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
 
 
 def test_held_tasks_say_what_they_wait_for_the_longest_first() -> None:
-    robot = Player()
-    robot.module("planner", "goal walk")
-    robot.module("legs", "command step")
-    robot.module("user")
+    robot = Player.of("planner: goal walk", "legs: command step", "user")
     walk = robot.task("user", "walk")
     robot.declare("planner/1", "command step")
     first = robot.task("planner/1", "step", under=walk)
@@ -155,10 +144,7 @@ def test_direct_messages_count_like_others() -> None:
 
 
 def test_suspended_tasks_say_since_when_the_longest_first() -> None:
-    robot = Player()
-    robot.module("planner", "goal walk")
-    robot.module("legs", "command step")
-    robot.module("user")
+    robot = Player.of("planner: goal walk", "legs: command step", "user")
     walk = robot.task("user", "walk")
     robot.declare("planner/1", "command step")
     step = robot.task("planner/1", "step", under=walk)
@@ -200,9 +186,7 @@ def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all
 
 
 def test_killed_tasks_whose_handlers_still_run_say_what_these_wait_for() -> None:
-    robot = Player()
-    robot.module("planner", "goal walk")
-    robot.module("user")
+    robot = Player.of("planner: goal walk", "user")
     walk = robot.task("user", "walk")
     robot.declare("planner/1", "query where", "multi-query heights")
     robot.send("planner/1", "where", origin=walk)

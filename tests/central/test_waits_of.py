@@ -17,10 +17,7 @@ END = Moment.END_ACHIEVING
 
 @pytest.fixture
 def robot() -> Player:
-    robot = Player()
-    robot.module("planner", "goal walk")
-    robot.module("legs", "command step", "query where")
-    robot.module("user")
+    robot = Player.of("planner: goal walk", "legs: command step, query where", "user")
     robot.declare("user", "goal walk", "command step", "command dance", "query where")
     return robot
 

@@ -13,7 +13,7 @@ from tca_wire.vocabulary import Scope
 START = Moment.START_ACHIEVING
 
 
-@pytest.mark.parametrize("size", [30_000, pytest.param(100_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("size", [12_000, pytest.param(100_000, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("deep", [False, True], ids=["wide", "deep"])
 def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bool, size: int) -> None:
     bench = Steered()
@@ -27,11 +27,7 @@ def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bo
 @pytest.mark.parametrize("scope", [Scope.TASK, Scope.DESCENDANTS])
 def test_the_kill_of_a_long_sequence_costs_its_length(scope: Scope) -> None:
     """What comes after it still waits for the step that runs; of those between nobody has to know any more."""
-    player = Player(check=False)
-    player.module("planner", "goal walk")
-    player.module("legs", "command move")
-    player.module("user")
-    player.declare("user", "goal walk", "command move")
+    player = Player.of("planner: goal walk", "legs: command move", "user", check=False)
     player.declare("planner", "command move")
     walk = player.task("user", "walk")
     for _ in range(2_000):

@@ -41,7 +41,7 @@ def held(central: Central) -> Counter[str]:
 
 @given(st.lists(operation, max_size=60))
 @example([("send", 0, 0, 0, 0)] * 12 + [("lose", 1, 0, 0, 0)] * 2)  # a resource that has lost its slots
-@settings(max_examples=50)
+@settings(max_examples=30)
 def test_when_everything_has_ended_central_holds_nothing_of_it(
     operations: list[tuple[str, int, int, int, int]],
 ) -> None:
