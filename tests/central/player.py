@@ -1,5 +1,8 @@
 """Plays modules against the pure core: each call is one event, each returns what central sent."""
 
+import gc
+from collections.abc import Iterator
+from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any, Self
 
 import msgspec
@@ -183,3 +186,17 @@ def point(task: int, moment: Moment) -> Point:
 
 def before(one: Point, other: Point, delay: float = 0) -> Constraint:
     return Constraint(one, other, delay)
+
+
+CODE = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType)
+
+
+def reachable(central: Central) -> Iterator[object]:
+    """Every object but code, once."""
+    seen, frontier = {id(central)}, [central]
+    while frontier:
+        for one in gc.get_referents(frontier.pop()):
+            if not isinstance(one, CODE) and id(one) not in seen:
+                seen.add(id(one))
+                frontier.append(one)
+                yield one

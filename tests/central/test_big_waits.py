@@ -39,8 +39,6 @@ class Crowd(Player):
         self.module("watcher", "query done", "command note", capacity=2)
         self.module("map", "query where")
         self.module("user")
-        self.declare("user", "goal walk", "query done", "query where")
-        self.declare("planner", "command move", "command note")
         self.walk = self.task("user", "walk")
         for _ in range(WIDE):
             self.task("planner", "move", under=self.walk, flags=Flags.NONE)

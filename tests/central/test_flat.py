@@ -7,7 +7,6 @@ suspension and retry of what has many under it.
 
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -52,56 +51,20 @@ class Robot(Transcript):
             assert not re.search("refused|ignored", said), f"{line}: {said}"
 
 
-def deep(robot: Robot, size: int) -> None:
-    for _ in range(size):
-        robot.do("""planner: goal walk under {at} from outside
-            planner/1: reply""")
-        robot.at = robot.newest
-
-
-def wide(robot: Robot, size: int) -> None:
-    for _ in range(size):
-        robot.do("planner: command move under {at} from outside flags NONE")
-
-
-def wide_above(robot: Robot, size: int) -> None:
-    for _ in range(size):
-        robot.do("other: command move flags NONE")
-
-
-def in_sequence(robot: Robot, size: int) -> None:
-    for _ in range(size):
-        robot.do("planner: command move under {at} from outside")
-
-
-def watched(robot: Robot, size: int) -> None:
-    robot.do("planner: command halt under {at} from outside")
-    for _ in range(size):
-        robot.do("user: polling monitor watch under {at} every 1000000 from outside for ever")
-
-
-def waited_for(robot: Robot, size: int) -> None:
-    for _ in range(size):
-        robot.do("other: wait end achieving {at}")
-
-
-def kept(robot: Robot, size: int) -> None:
-    robot.do("legs/1: reply" if robot.player.delivered("legs/1") else "")
-    for _ in range(size):
-        robot.do(
-            """planner: command halt under {at} from outside kept
-            legs/1: reply"""
-        )
-
-
-def tapped(robot: Robot, size: int) -> None:
-    for _ in range(size):
-        robot.do("other: tap when killed of {at} with check")
-
-
-WORLDS: list[Callable[[Robot, int], None]] = [
-    deep, wide, wide_above, in_sequence, watched, waited_for, kept, tapped
-]  # fmt: skip
+WORLDS: dict[str, tuple[str, str]] = {
+    "deep": ("", "planner: goal walk under {at} from outside\nplanner/1: reply"),  # and what follows is under that
+    "wide": ("", "planner: command move under {at} from outside flags NONE"),
+    "wide above": ("", "other: command move flags NONE"),
+    "in sequence": ("", "planner: command move under {at} from outside"),
+    "watched": (
+        "planner: command halt under {at} from outside",
+        "user: polling monitor watch under {at} every 1000000 from outside for ever",
+    ),
+    "waited for": ("", "other: wait end achieving {at}"),
+    "kept": ("legs/1: reply", "planner: command halt under {at} from outside kept\nlegs/1: reply"),
+    "tapped": ("", "other: tap when killed of {at} with check"),
+}
+"""What is done once, and what many times."""
 
 ROUNDS = {
     "sent and killed": ["user: command move under {at} from outside", "user: kill {new}"],
@@ -202,17 +165,22 @@ class Steps:
         return self._line
 
 
-def cost(world: Callable[[Robot, int], None], size: int) -> dict[str, int]:
+def cost(world: str, size: int) -> dict[str, int]:
     """The steps of each round; the second of three times, so that what is made once counts little."""
-    robot, steps, found = Robot(), Steps(), {}
-    world(robot, size)
-    for name, commands in ROUNDS.items():
-        found[name] = sorted(sum(steps.of(robot, command) for command in commands) for _ in range(3))[1]
-    return found
+    robot, steps, (once, each) = Robot(), Steps(), WORLDS[world]
+    robot.do(once)
+    for _ in range(size):
+        robot.do(each)
+        if world == "deep":
+            robot.at = robot.newest
+    return {
+        name: sorted(sum(steps.of(robot, command) for command in commands) for _ in range(3))[1]
+        for name, commands in ROUNDS.items()
+    }
 
 
-@pytest.mark.parametrize("world", WORLDS, ids=lambda world: world.__name__)
-def test_nothing_that_is_asked_takes_more_steps_in_a_larger_tree(world: Callable[[Robot, int], None]) -> None:
+@pytest.mark.parametrize("world", WORLDS)
+def test_nothing_that_is_asked_takes_more_steps_in_a_larger_tree(world: str) -> None:
     few, many = cost(world, FEW), cost(world, MANY)
     grown = {name: (few[name], many[name]) for name in ROUNDS if many[name] > few[name] + LEEWAY}
     assert not grown

@@ -113,7 +113,6 @@ def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
 def test_held_tasks_say_what_they_wait_for_the_longest_first() -> None:
     robot = Player.of("planner: goal walk", "legs: command step", "user")
     walk = robot.task("user", "walk")
-    robot.declare("planner/1", "command step")
     first = robot.task("planner/1", "step", under=walk)
     second = robot.task("planner/1", "step", under=walk, flags=Flags.SEQ_ACH)
     robot.tick(4.0)
@@ -146,7 +145,6 @@ def test_direct_messages_count_like_others() -> None:
 def test_suspended_tasks_say_since_when_the_longest_first() -> None:
     robot = Player.of("planner: goal walk", "legs: command step", "user")
     walk = robot.task("user", "walk")
-    robot.declare("planner/1", "command step")
     step = robot.task("planner/1", "step", under=walk)
     other = robot.task("user", "step", flags=0)
 

@@ -164,34 +164,11 @@ def _check_watchers(life: Life) -> None:
         assert newest.get(handler.module.name) == (value.message_id if value else None)
 
 
-@given(st.lists(st.integers(-3, 3), max_size=30), st.integers(1, 3))
-@settings(max_examples=30)
-def test_a_resource_serves_by_priority_then_arrival_and_never_over_capacity(
-    priorities: list[int], capacity: int
-) -> None:
-    player = Player()
-    player.module("legs", "inform note", capacity=capacity)
-    player.module("user")
-    player.declare("user", "inform note")
-    for priority in priorities:
-        player.send("user", "note", priority=priority)
-    while player.central.dispatcher.running:
-        assert len(player.central.dispatcher.running) <= capacity
-        delivery = next(iter(player.central.dispatcher.running.values()))
-        assert delivery.slot
-        player.reply(delivery.slot.id.decode(), delivery.id)
-    order = [fact.id for fact in player.facts(Delivered)]
-    first = list(range(1, min(capacity, len(priorities)) + 1))
-    rest = sorted(range(len(first) + 1, len(priorities) + 1), key=lambda i: (-priorities[i - 1], i))
-    assert order == first + rest
-
-
 def test_a_deep_and_a_wide_tree_need_no_recursion_and_come_to_an_end() -> None:
     for depth, width in ((1200, 1), (1, 1200)):
         player = Player(check=False)
         player.module("planner", "goal walk", capacity=1)
         player.module("user")
-        player.declare("user", "goal walk")
         parent = player.task("user", "walk")
         top = parent
         for _ in range(max(depth, width)):

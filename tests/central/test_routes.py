@@ -19,7 +19,6 @@ def player() -> Player:
     player = Player()
     player.module("map", "query height", "inform pose", direct=True)
     player.module("user")
-    player.declare("user", "query height", "inform pose")
     player.send("user", "height")
     player.reply("map/1")
     return player
@@ -86,7 +85,6 @@ def test_handlers_that_share_a_message_need_central() -> None:
     player = Player()
     player.module("one", "query height", pool="maps", direct=True)
     player.module("user")
-    player.declare("user", "query height")
     player.send("user", "height")
     assert told(player) == ["height to ['one/1']"]
     player.module("two", "query height", pool="maps", direct=True)
@@ -99,7 +97,6 @@ def test_a_pending_limit_needs_central() -> None:
     player = Player()
     player.module("map", "query height", pending=3, direct=True)
     player.module("user")
-    player.declare("user", "query height")
     player.send("user", "height")
     assert told(player) == []
 

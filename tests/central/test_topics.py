@@ -1,14 +1,18 @@
 """What central tells about itself, topic by topic, of a robot of which something is going on everywhere: topics.json."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 from central.player import ANY, Player, before, point
+from central.transcript import Transcript
 
 from tca_central.core import Central
+from tca_central.status import topics
 from tca_central.status.topics import TOPICS, relatives
 from tca_wire.constraints import Flags
+from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import Moment, TaskId
@@ -66,3 +70,74 @@ def test_the_relatives_of_a_task(robot: Player) -> None:
     assert numbers(central, walk, "parent") == numbers(central, 999, "self") == numbers(central, walk, "kept") == []
     assert numbers(central, walk, "children", "move") == numbers(central, walk, "descendants", "move") == moves
     assert numbers(central, moves[0], "ancestors") == numbers(central, moves[0], "parent") == [walk]
+
+
+# --- what is attached: monitors wherever in the tree they are, and how many there are ----------------------------------
+
+
+def told(watcher: Transcript) -> list[int]:
+    return [one["id"] for one in topics.attached(watcher.player.central)["monitors"]]
+
+
+@pytest.fixture
+def watcher() -> Transcript:
+    """A user who can send monitors of a sensor."""
+    watcher = Transcript()
+    watcher.player.module("eye", "query hot?", "goal walk")
+    watcher.player.module("user")
+    watcher.player.declare("user", "query hot?", "goal walk")
+    watcher.declare("user", "polling monitor", "watch", "hot?, none")
+    return watcher
+
+
+def monitor(watcher: Transcript, **options: Any) -> int:
+    return watcher.player.task("user", "watch", watch=WatchOptions(period=1.0), **options)
+
+
+def test_monitors_are_told_however_many_tasks_are_older(watcher: Transcript, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(topics, "SHOWN_TASKS", 3)
+    walks = [watcher.player.task("user", "walk") for _ in range(10)]
+    first = monitor(watcher, under=walks[-1])
+    assert told(watcher) == [first]
+    more = [monitor(watcher) for _ in range(4)]
+    assert told(watcher) == [first, *more[:2]]
+    assert topics.attached(watcher.player.central)["totals"] == {"exception_handlers": 0, "wiretaps": 0, "monitors": 5}
+
+
+def test_what_watches_no_longer_is_not_told(watcher: Transcript) -> None:
+    walk = watcher.player.task("user", "walk")
+    ended, killed, below, retried = (monitor(watcher, under=under) for under in (0, 0, walk, 0))
+    player = watcher.player
+    player.receive("user", headers.EndMonitor(player.number("user"), TaskId(ended)))
+    player.receive("user", headers.Kill(player.number("user"), TaskId(killed)))
+    player.receive("user", headers.Kill(player.number("user"), TaskId(walk)))
+    assert told(watcher) == [retried]
+    player.receive("user", headers.Retry(player.number("user"), TaskId(retried)))
+    player.reply("eye/1", value=[0])
+    assert below not in told(watcher)
+    assert told(watcher) in ([], [retried])
+
+
+def test_what_is_refused_or_killed_at_once_is_not_told(watcher: Transcript) -> None:
+    walk = watcher.player.task("user", "walk")  # its handler has it, and so does not end at once
+    watcher.player.receive("user", headers.Kill(watcher.player.number("user"), TaskId(walk)))
+    assert monitor(watcher, under=walk) > walk
+    assert told(watcher) == []
+    watcher.player.send("user", "watch", under=walk, watch=WatchOptions(period=0.0))
+    assert told(watcher) == []
+
+
+def test_calls_of_exception_handlers_that_are_attached_anew_again_and_again_are_forgotten() -> None:
+    """A program that is restarted every hour attaches them to a task that lives for months."""
+    robot = Transcript()
+    for line in ("module legs handles command move", "module helper handles exception handler help", "module user",
+                 "user: command move", "user: command move flags NONE"):  # fmt: skip
+        robot.play(line)
+    for _ in range(100):
+        robot.play("user: attach slipped->help to 1")
+        attached = robot.player.central.tree.newest
+        robot.play("user: raise slipped on 1")
+        robot.play("helper/1: reply")
+        robot.play(f"user: remove {attached}")
+    assert len(robot.player.facts(facts.Caught)) == 100
+    assert len(robot.player.central.tree.tasks[TaskId(1)].more.invocations) < 20

@@ -88,13 +88,3 @@ def test_a_question_that_is_repeated_has_to_be_asked_anew(player: Player) -> Non
     get(player, "user", "pose")
     (answer,) = player.receive("user", headers.GetVariable(player.numbers["user"], "pose"))
     assert answer.refusal is Refusal.TOO_LATE
-
-
-def test_status_shows_values_that_are_short(player: Player) -> None:
-    player.set_variable("user", "pose", 5)
-    player.module("view", "variable pose", "variable map")
-    player.set_variable("view", "map", "x" * 600)
-    player.receive("user", headers.Ask(player.number("user"), "variables"))
-    pose, map_ = msgspec.msgpack.decode(player.inbox["user"][-1][1])
-    assert (pose["variable"], pose["value"], pose["set_by"], pose["watched_by"]) == ("pose", b"\x05", "user", ["view"])
-    assert (map_["variable"], map_["value"], map_["bytes"], map_["set_by"]) == ("map", b"", 603, "view")

@@ -28,7 +28,6 @@ def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bo
 def test_the_kill_of_a_long_sequence_costs_its_length(scope: Scope) -> None:
     """What comes after it still waits for the step that runs; of those between nobody has to know any more."""
     player = Player.of("planner: goal walk", "legs: command move", "user", check=False)
-    player.declare("planner", "command move")
     walk = player.task("user", "walk")
     for _ in range(2_000):
         last = player.task("planner", "move", under=walk)

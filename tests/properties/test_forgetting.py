@@ -4,8 +4,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
-from central.player import ANY, Player, before, point
-from central.reachable import reachable
+from central.player import ANY, Player, before, point, reachable
 from central.test_random_lives import end_life
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

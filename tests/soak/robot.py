@@ -4,8 +4,7 @@ import sys
 from collections import deque
 from typing import Any
 
-from central.player import ANY, Player, before, point
-from central.reachable import reachable
+from central.player import ANY, Player, before, point, reachable
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, RequestReceived, Tick, Transmit
