@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
+from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 from module.real_central import RealCentral
 
 from tca_live import questions as commands

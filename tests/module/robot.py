@@ -1,14 +1,42 @@
-"""A planner and legs, for stories about tasks."""
+"""A small walking robot: its vocabulary, a planner and legs."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 
-from module.gait_messages import MOVE_LEG, Footfall
-
-from tca_module import Module, Task
+from tca_module import Broadcast, Command, Failure, Goal, Inform, Module, MultiQuery, Query, Task
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Reached, Received
 from tca_wire.points import Moment
+
+
+@dataclass
+class Arc:
+    radius: float
+    steps: int
+
+
+@dataclass
+class Footfall:
+    leg: int
+    height: float
+
+
+WALK = Goal("walk", Arc)
+STEP = Goal("step", int)
+REST = Goal("rest")
+MOVE_LEG = Command("move leg", int, result=Footfall)
+STOP = Command("stop")
+STANCE = Query("stance", float, reply=list[int])
+TEMPERATURE = Query("temperature", reply=float)
+HEALTH = MultiQuery("health", reply=str)
+POSITION = Inform("position", Arc)
+ALARM = Broadcast("alarm", str)
+COLLISION = Failure("collision", Footfall)
+EXHAUSTED = Failure("exhausted")
+
+
+# --- A planner and legs, for stories about tasks ---------------------------------------------------------------------
 
 
 class Robot:

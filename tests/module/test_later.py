@@ -5,15 +5,14 @@ import threading
 from collections.abc import Callable
 
 import pytest
-from module.gait_messages import COLLISION, MOVE_LEG, STANCE, TEMPERATURE, Footfall
+from module.real_central import SOON
+from module.robot import COLLISION, MOVE_LEG, STANCE, TEMPERATURE, Footfall
 
 from tca_module import BadData, Client, LaterReply, Module, Outcome, QueryFailed, Stopped, Task, TaskFailed
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Delivered, Failed, Returned
 
 pytestmark = pytest.mark.usefixtures("attentive")
-
-SOON = 5.0
 
 
 @pytest.fixture

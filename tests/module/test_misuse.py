@@ -1,15 +1,17 @@
-"""What is wrong in a call is said where it is written, before anything leaves: what, which, and what it must be.
+"""What is wrong in a call is said in the words of that call, before anything leaves: what, which, and what it must be."""
 
-Whether each call refuses what is hostile is test_hostile_calls.py's matter; here is what people read.
-"""
-
+import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from module.real_central import SOON
 
+import tca_explorer
+import tca_module
 from tca_module import (
     BadData,
     Broadcast,
@@ -28,13 +30,16 @@ from tca_module import (
     PointMonitor,
     PollingMonitor,
     Query,
+    Scope,
+    SentTask,
     Task,
+    TcaError,
     Variable,
     connect,
     this,
 )
+from tca_module.testing import LocalCentral
 
-SOON = 5.0
 REST, WALK, SAY, HI = Command("rest"), Goal("walk", float), Inform("say", str), Broadcast("hi")
 WHERE, ALL, FREE = Query("where", reply=float), MultiQuery("all", reply=int), Query("free", reply=bool)
 HEAT, SLIPPED, FELL = Variable("heat", float), Failure("slipped", float), Failure("fell")
@@ -181,3 +186,273 @@ def test_what_is_said_at_the_wrong_time_or_in_the_wrong_thread(user: Client, leg
     with pytest.raises(MisuseError, match="this client is closed"):
         user.query(WHERE)
     assert said == ["late", "refused"]
+
+
+# --- Whatever somebody gives to any call that sends ------------------------------------------------------------------
+
+
+BRIEFLY = 0.01
+HOSTILE = (
+    None, 2.5, float("inf"), 2**70, float("nan"), -1, True, "x", "\ud800", "a" * 200, b"x", object(), [1], {"x": 1}, (1,),
+    REST, SAY, WHERE, ALL, HEAT, SLIPPED, SHRUG, POLL, int,
+)  # fmt: skip
+PATIENT = 4  # the first of them are times that one may wait
+
+
+def nothing(*_: Any) -> None: ...
+
+
+ATTACKED: dict[str, dict[str, Any]] = {
+    "goal": {"message": WALK, "data": 1.0, "sequential": True, "sequential_planning": True, "plan_first": True,
+             "delay_planning": True, "priority": 0, "constraints": [], "on_failure": [], "deadline": 9.0, "delay": 9.0,
+             "keep": False},
+    "command": {"message": REST, "data": None},
+    "query": {"message": WHERE, "data": None, "timeout": BRIEFLY, "priority": 0},
+    "query_send": {"message": WHERE, "data": None, "priority": 0},
+    "query_notify": {"message": WHERE, "data": None, "callback": nothing, "on_failure": nothing, "priority": 0},
+    "multi_query": {"message": ALL, "data": None, "maximum": None, "timeout": BRIEFLY},
+    "multi_query_send": {"message": ALL, "data": None, "maximum": None, "timeout": BRIEFLY},
+    "inform": {"message": SAY, "data": "hello"},
+    "broadcast": {"message": HI, "data": None},
+    "execute": {"message": SAY, "data": "hello"},
+    "execute_if_handled": {"message": SAY, "data": "hello"},
+    "task": {"task_id": 1},
+    "tasks": {"message": REST},
+    "on_failure": {"failure": SLIPPED, "handler": SHRUG, "of": REST, "maximum": None},
+    "tap": {"condition": Condition.WHEN_SENT, "tapped": SAY, "listener": HI},
+    "monitor": {"monitor": POLL, "data": None, "period": 9.0, "maximum": None, "fire_every": 1, "initial_wait": True,
+                "duration": 9.0, "until": None, "for_ever": False, "constraints": []},
+    "set_variable": {"variable": HEAT, "value": 1.0, "wait": True},
+    "get_variable": {"variable": HEAT, "default": None},
+    "swap_variable": {"variable": HEAT, "value": 1.0},
+    "lock": {"resource": "legs", "module": None, "timeout": BRIEFLY, "priority": 0},
+    "reserve": {"resource": "legs", "module": None, "timeout": BRIEFLY, "priority": 0},
+    "unlock": {"resource": "legs", "module": None},
+    "detach": {"number": 1},
+    "handlers": {"message": SAY},
+    "declared": {"name": "say"},
+    "status": {"topic": "status", "timeout": BRIEFLY},
+}  # fmt: skip
+BY_POSITION = {"constrain", "wait_until_handled", "sequence", "under"}
+WITHOUT = {"modules", "parallel", "close", "name", "address"}
+OF_TASKS: dict[str, dict[str, Any]] = {
+    "wait": {"timeout": BRIEFLY},
+    "wait_for": {"point": None, "timeout": BRIEFLY},
+    "result": {"timeout": BRIEFLY},
+    "kill": {"why": "", "delay": 9.0, "after": None, "scope": Scope.TASK},
+    "on_termination": {"message": REST, "data": None},
+    "deadline": {"seconds": 9.0, "point": None},
+    "on_failure": {"failure": SLIPPED, "handler": SHRUG, "maximum": None},
+    "fail": {"failure": SLIPPED(1.0)},
+    "retry": {"message": REST, "data": None},
+    "data": {"message": REST},
+    "kept": {"message": REST},
+    "children": {"message": REST},
+    "ancestors": {"message": REST},
+    "descendants": {"message": REST},
+}
+ALONE = {"id", "message", "suspend", "resume", "keep", "release", "info", "parent", "handling", "planning", "achieving"}
+
+
+@pytest.fixture
+def sender(central: LocalCentral, legs: Module) -> Iterator[Client]:
+    messages: tuple[Any, ...] = (REST, WALK, SAY, HI)
+    for message in messages:
+        legs.handles(message)(nothing)
+    legs.handles(WHERE)(lambda _: 1.0)
+    legs.handles(ALL)(lambda _: 1)
+    legs.handles(FREE)(lambda _: True)
+    with legs.running(), connect("sender", central) as sender:
+        yield sender
+
+
+def outcome(call: Callable[[Any], object], wrong: Any) -> tuple[object, Exception | None]:
+    try:
+        return call(wrong), None
+    except (TcaError, BadData) as error:
+        return None, error
+
+
+def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:
+    """Give a call all that is wrong, and what may happen to be right."""
+    for wrong in HOSTILE[PATIENT:] if no_times else HOSTILE:
+        made, error = outcome(call, wrong)
+        if error is None:
+            getattr(made, "release", nothing)()
+            continue
+        text = str(error)
+        assert text.isprintable()
+        assert isinstance(error, BadData) or "Expected" not in text, f"in words of the wire: {text}"
+        assert "what was given can't be sent" not in text, f"not foreseen: {text}"
+
+
+def is_public(kind: type) -> set[str]:
+    return {name for name in dir(kind) if not name.startswith("_")}
+
+
+def test_every_call_of_a_sender_is_attacked() -> None:
+    assert is_public(Client) == ATTACKED.keys() | BY_POSITION | WITHOUT
+    assert is_public(SentTask) == OF_TASKS.keys() | ALONE
+
+
+@pytest.mark.parametrize("name", ATTACKED)
+def test_calls_of_a_sender(sender: Client, name: str) -> None:
+    right = ATTACKED[name]
+    for argument in right:
+        attack(lambda wrong: getattr(sender, name)(**{**right, argument: wrong}), no_times=argument == "timeout")  # noqa: B023
+
+
+@pytest.mark.parametrize("name", OF_TASKS)
+def test_calls_of_a_task(sender: Client, name: str) -> None:
+    waits = sender.command(REST, delay=3600)
+    right = OF_TASKS[name] | ({"point": waits.achieving.end} if "point" in OF_TASKS[name] else {})
+    for argument in right:
+        attack(lambda wrong: getattr(waits, name)(**{**right, argument: wrong}), no_times=argument == "timeout")  # noqa: B023
+
+
+def test_calls_with_any_number_of_arguments(sender: Client) -> None:
+    attack(sender.constrain)
+    attack(lambda wrong: sender.wait_until_handled(wrong, timeout=0))
+    attack(lambda wrong: sender.sequence(wrong).__enter__())
+    attack(sender.under)
+
+
+def test_what_a_demon_monitor_is_fired_with(sender: Client) -> None:
+    rocks = sender.monitor(ROCKS)
+    attack(rocks.fire)
+    attack(lambda wrong: rocks.fire(REST, wrong))
+
+
+def test_points_and_what_is_made_of_them(sender: Client) -> None:
+    point = sender.command(REST, delay=3600).achieving.end
+    attack(lambda wrong: point + wrong)
+    attack(lambda wrong: point <= wrong)
+    attack(lambda wrong: point >= wrong)
+    attack(lambda wrong: point + 1 <= wrong)
+
+
+def test_declaring_a_module(central: LocalCentral) -> None:
+    legs = Module("legs", central)
+    right: dict[str, dict[str, Any]] = {
+        "resource": {"name": "arm", "capacity": 1},
+        "handles": {"message": REST, "resource": "arm", "pool": "", "pending": 1, "direct": False},
+        "at_start": {"function": nothing},
+        "after": {"delay": 9.0, "function": nothing, "resource": ""},
+        "on_readable": {"source": 0, "function": nothing, "resource": ""},
+    }
+    for name, arguments in right.items():
+        for argument in arguments:
+            attack(lambda wrong: getattr(legs, name)(**{**arguments, argument: wrong}))  # noqa: B023
+    attack(legs.handles(REST))
+    attack(lambda wrong: legs.every(wrong)(nothing))
+    attack(legs.every(1.0))
+    attack(lambda wrong: Module(wrong, central))
+    attack(lambda wrong: Module("legs", wrong))
+    attack(lambda wrong: Module("legs", central, capacity=wrong))
+    attack(lambda wrong: Module("legs", central, requires=wrong))
+
+
+NO_NAMES: tuple[Any, ...] = (0, [], "", " ", "a\nb", b"legs", False)
+
+
+@pytest.mark.parametrize("wrong", NO_NAMES)
+def test_what_is_no_name_does_not_count_as_none_given(legs: Module, sender: Client, wrong: Any) -> None:
+    idle = Module("idle", legs.central)
+    calls: list[tuple[str, Callable[[], object]]] = [
+        ("resource", lambda: idle.handles(REST, resource=wrong)),
+        ("pool", lambda: idle.handles(REST, pool=wrong)),
+        ("resource", lambda: idle.every(1.0, resource=wrong)),
+        ("resource", lambda: idle.after(1.0, nothing, resource=wrong)),
+        ("resource", lambda: idle.on_readable(0, nothing, resource=wrong)),
+        ("module", lambda: sender.lock("legs", wrong, timeout=0)),
+        ("module", lambda: sender.reserve("legs", module=wrong, timeout=0)),
+        ("module", lambda: sender.unlock("legs", wrong)),
+        *(("resource", partial(call, wrong)) for call in (sender.lock, sender.reserve, sender.unlock)),
+    ]
+    for option, call in calls:
+        with pytest.raises(MisuseError, match=f"{option} must be 1 to 128 printable characters(, or None)?, not "):
+            call()
+
+
+@pytest.mark.parametrize("wrong", [0, [], "", False])
+def test_nor_do_other_things_that_are_none(central: LocalCentral, sender: Client, wrong: Any) -> None:
+    for call in (lambda: connect("sender", wrong), lambda: Module("legs", wrong)):
+        with pytest.raises(MisuseError, match="central must be an address such as"):
+            call()
+    for ask in (sender.tasks, sender.command(REST).children):
+        with pytest.raises(MisuseError, match="message must be a message, its name, or None for all"):
+            ask(wrong)
+    if wrong != []:
+        with pytest.raises(MisuseError, match="requires must be a list of messages"):
+            Module("legs", central, requires=wrong)
+
+
+def test_none_is_none_given(central: LocalCentral, sender: Client) -> None:
+    """A program that passes its own options on need not leave them out."""
+    arms = Module("arms", central)
+    arms.handles(Command("grip"), resource=None, pool=None)(nothing)
+    arms.every(60.0, resource=None)(nothing)
+    with arms.running():
+        with sender.lock("arms", None):
+            pass
+        assert not sender.unlock("arms", None)
+        assert sender.tasks(None) == []
+
+
+# --- Whoever constructs a public class wrongly is told so in terms of what can be imported ---------------------------
+
+
+PUBLIC: dict[str, type] = {
+    f"{package.__name__}.{name}": thing
+    for package in (tca_module, tca_explorer)
+    for name in package.__all__
+    if isinstance(thing := getattr(package, name), type)
+} | {"tca_module.testing.LocalCentral": LocalCentral}
+
+WRITTEN = [
+    tca_module.Goal, tca_module.Command, tca_module.Query, tca_module.MultiQuery, tca_module.Inform,
+    tca_module.Broadcast, tca_module.Variable, tca_module.ExceptionHandler, tca_module.PointMonitor,
+    tca_module.PollingMonitor, tca_module.DemonMonitor, tca_module.Failure, tca_module.Module, LocalCentral,
+    tca_explorer.Scenario, tca_explorer.Property,
+]  # fmt: skip
+"""What users write themselves."""
+
+WRONG: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
+    ((), {}),
+    (("x",), {}),
+    ((), {"nonsense": 1}),
+    (("x",), {"nonsense": 1}),
+    ((1,) * 20, {}),
+    ((None, None), {}),
+]
+
+
+def errors_of(kind: Any) -> Iterator[str]:
+    for arguments, options in WRONG:
+        try:
+            kind(*arguments, **options)
+        except Exception as error:  # noqa: BLE001 - whatever it is: it is the text that matters
+            yield str(error)
+
+
+@pytest.mark.parametrize("kind", PUBLIC.values(), ids=PUBLIC)
+def test_no_error_of_a_construction_names_what_is_private(kind: type) -> None:
+    for text in errors_of(kind):
+        assert not re.search(r"(?<![\w.])_[A-Za-z]\w*", text.replace("__init__", "").replace("__new__", "")), text
+
+
+@pytest.mark.parametrize("kind", WRITTEN, ids=lambda kind: kind.__name__)
+def test_what_users_write_names_itself_and_the_argument(kind: Any) -> None:
+    with pytest.raises(
+        TypeError, match=rf"^{kind.__name__}\.__init__\(\) got an unexpected keyword argument 'nonsense'"
+    ):
+        kind("x", nonsense=1)
+    if kind is not LocalCentral:
+        with pytest.raises(TypeError, match=rf"^{kind.__name__}\.__init__\(\) missing \d required .*: '"):
+            kind()
+
+
+@pytest.mark.parametrize("kind", [tca_module.PointMonitor, tca_module.PollingMonitor])
+def test_a_monitor_without_its_condition(kind: Any) -> None:
+    with pytest.raises(TypeError, match=rf"^{kind.__name__}\.__init__\(\) missing .* argument: 'condition'$"):
+        kind("q", action=tca_module.Command("no"))

@@ -1,4 +1,4 @@
-"""Modules: running, sharing and taking over messages, leaving, coming back."""
+"""Modules: running, sharing and taking over messages, coming back; and the LocalCentral of users' tests."""
 
 import queue
 import threading
@@ -7,25 +7,14 @@ from contextlib import contextmanager
 from functools import partial
 
 import pytest
-from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
+from module.real_central import SOON
+from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
-from tca_module import (
-    CentralLost,
-    Client,
-    FormatRefused,
-    MisuseError,
-    Module,
-    QueryFailed,
-    Task,
-    Timeout,
-    connect,
-)
+from tca_module import CentralLost, Client, FormatRefused, MisuseError, Module, QueryFailed, Task, Timeout, connect
 from tca_module.testing import LocalCentral, LocalTransport
-from tca_wire.journal.facts import HandlerAdded, ModuleLeft, Received
+from tca_wire.journal.facts import HandlerAdded, ModuleLeft, Received, kind_of
 
 pytestmark = pytest.mark.usefixtures("attentive")
-
-SOON = 5.0
 
 
 class Busy:
@@ -232,3 +221,46 @@ def test_a_wait_outlives_a_broken_connection(legs: Module, central: LocalCentral
         pending.receive(SOON)
     assert len([fact for fact in central.facts if isinstance(fact, Received) and fact.message == "move leg"]) == 1
     other.close()
+
+
+# --- What users' tests rely on ---------------------------------------------------------------------------------------
+
+
+def test_the_invariants_of_central_are_checked_after_every_event_where_that_is_wanted(
+    central: LocalCentral, user: Client
+) -> None:
+    user.goal(REST)
+    central.core.tree.tasks[1].held = 1
+    with pytest.raises(AssertionError):
+        user.goal(REST)
+    central.core.tree.tasks[1].held = 0
+
+
+def test_checks_are_only_made_for_those_who_want_them() -> None:
+    with LocalCentral() as central, connect("user", central) as user:
+        user.goal(REST)
+        central.core.tree.tasks[1].held = 1
+        user.goal(REST)
+
+
+def test_the_journal_is_there_to_be_looked_at(central: LocalCentral, user: Client) -> None:
+    user.goal(REST)
+    kinds = [kind_of(fact) for fact in central.facts]
+    assert kinds == ["module joined", "format", "received", "queued"]
+    assert [entry.number for entry in central.entries] == [1, 2, 3]
+    assert all(entry.time >= 0 for entry in central.entries)
+
+
+def test_a_closed_central_answers_nobody(central: LocalCentral, user: Client) -> None:
+    central.close()
+    with pytest.raises(CentralLost, match="central at local central 'local' does not answer"):
+        connect("late", central, patience=0.05)
+
+
+def test_a_closed_central_leaves_no_thread_behind() -> None:
+    before = set(threading.enumerate())
+    with LocalCentral() as central, connect("user", central) as user:
+        user.goal(REST)
+        assert set(threading.enumerate()) != before
+    central.close()
+    assert set(threading.enumerate()) <= before

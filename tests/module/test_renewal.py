@@ -1,8 +1,9 @@
-"""The session alone, after a restart of central: what it says in which order, and when something comes in between."""
+"""The session alone: what is said after a restart of central, and what is called back."""
 
 import pytest
 from module.test_session import A_GOAL, HANDLES_WALK, HELLO, WALK, hear, said, welcome
 
+from tca_module import Command, Inform, PointMonitor, Query
 from tca_module.session.epoch_numbers import EpochNumber, with_epoch
 from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
 from tca_module.session.redeclaration import AGAIN, PATIENCE
@@ -12,7 +13,9 @@ from tca_wire.packets.headers import (
     Accepted,
     Answer,
     Attach,
+    GiveUp,
     Hello,
+    Kill,
     Refused,
     Register,
     Remove,
@@ -20,6 +23,7 @@ from tca_wire.packets.headers import (
     SetVariable,
     Tap,
     Unknown,
+    Welcome,
 )
 from tca_wire.packets.headers import WaitUntilHandled as Wait
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
@@ -209,3 +213,60 @@ def test_the_same_wiretap_keeps_its_place_and_an_exception_handler_becomes_the_n
     assert [one.header for one in attachments.unknown_to("two")] == [tap(), other, attach()]
     assert [one.number for one in attachments.unknown_to("two")] == [3, 2, 4]
     assert attachments.unknown_to("one") == []
+
+
+# --- A task that is given up before central has said that it was taken is called back --------------------------------
+
+
+REST, SAY, IS_FREE = Command("rest"), Inform("say", str), Query("is the way free", reply=bool)
+LOOK = PointMonitor("look", condition=IS_FREE)
+A_REST = Send(0, "rest")
+
+
+def callback(number: int, request: int) -> Kill:
+    return Kill(number, ROOT, "its sender has given it up, and does not know it", request=request)
+
+
+@pytest.fixture
+def declared() -> Session:
+    """One that has declared a command and an inform."""
+    session = Session(Hello(1, PROTOCOL_VERSION, "user", "run"))
+    hear(session, Welcome(1, 1, "user", "one"))
+    session.declared([REST.format, SAY.format, LOOK.format], [])
+    said(session)
+    return session
+
+
+def test_a_task_is_killed_by_its_request(declared: Session) -> None:
+    declared.abandon(declared.request(A_REST))
+    assert said(declared) == [Send(2, "rest"), callback(3, 2)]
+    hear(declared, Accepted(2, 17), Accepted(3, 17))
+    hear(declared, Unknown(), Welcome(1, 1, "user", "one"))
+    assert said(declared) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
+
+
+def test_after_a_break_that_is_repeated_and_the_task_is_not(declared: Session) -> None:
+    """Else the task would begin only to learn whether it had."""
+    rest = declared.request(A_REST)
+    hear(declared, Unknown())
+    declared.abandon(rest)
+    hear(declared, Welcome(1, 1, "user", "one"))
+    assert said(declared)[1:] == [callback(3, 2)]
+    hear(declared, Unknown(), Welcome(1, 1, "user", "one"))
+    assert said(declared)[1:] == [callback(3, 2)]
+
+
+def test_a_central_that_was_restarted_has_nothing_to_call_back(declared: Session) -> None:
+    declared.abandon(declared.request(A_REST))
+    hear(declared, Unknown(), Welcome(1, 1, "user", "two"))
+    assert said(declared) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
+
+
+def test_monitors_are_called_back_and_what_is_no_task_is_not(declared: Session) -> None:
+    declared.abandon(declared.request(Send(0, "look")))
+    assert said(declared) == [Send(2, "look"), callback(3, 2)]
+    for header in (Send(0, "say", if_handled=True), Send(0, "rest", when_killed=True), Register(0, [])):
+        declared.abandon(declared.request(header))
+    assert not [header for header in said(declared) if isinstance(header, Kill)]
+    declared.abandon(declared.request(A_REST, wants_answer=True))
+    assert isinstance(said(declared)[-1], GiveUp)

@@ -9,15 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
-from module.real_central import RealCentral, until
+from module.real_central import SOON, RealCentral, until
+from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_module import Callback, Command, LaterReply, MisuseError, Module, Outcome, Task, connect
 from tca_module.sockets.transport import DealerTransport
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
-SOON = 10.0
 REST_LEG = Command("rest leg")
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
+from module.real_central import SOON
 from module.test_connection import connected
 
 from tca_module import (
@@ -44,7 +45,6 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import Register, Send, Unknown, Welcome
 from tca_wire.points import Moment, Point, TaskId
 
-SOON = 10.0
 WORK, WALK, STOP, NOTE = Command("work", result=int), Goal("walk"), Command("stop"), Inform("note")
 STUCK, FREE = Failure("stuck"), ExceptionHandler("free")
 IS_LOW = Query("is low", reply=bool)

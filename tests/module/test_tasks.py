@@ -1,17 +1,40 @@
-"""Goals and commands: the tree they make, their order, their results and failures, told as small stories."""
+"""Tasks: the tree they make, their order, results and failures, how they are steered, and what is kept of them."""
 
 import operator
 import threading
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
-from module.gait_messages import MOVE_LEG, REST, STANCE, STEP, STOP, WALK, Arc, Footfall
-from module.robot import Robot
+from module.real_central import SOON
+from module.robot import COLLISION, EXHAUSTED, MOVE_LEG, REST, STANCE, STEP, STOP, WALK, Arc, Footfall, Robot
 
-from tca_module import Client, Constraint, MisuseError, Outcome, Refused, Task, Timeout, this
-from tca_wire.journal.facts import WaitBegan, WaitEnded
+from tca_module import (
+    BadData,
+    Client,
+    Command,
+    Constraint,
+    DemonMonitor,
+    ExceptionHandler,
+    Failure,
+    Goal,
+    MisuseError,
+    Module,
+    Outcome,
+    PollingMonitor,
+    Query,
+    Refused,
+    SentTask,
+    Task,
+    TaskFailed,
+    TaskRef,
+    Timeout,
+    connect,
+    this,
+)
+from tca_module.testing import LocalCentral
+from tca_wire.journal.facts import Failed, Ignored, WaitBegan, WaitEnded
 from tca_wire.points import Moment, Point
-
-SOON = 5.0
 
 
 def test_a_goal_is_planned_into_commands_that_are_done_in_order(robot: Robot, user: Client) -> None:
@@ -154,3 +177,411 @@ def test_only_tasks_have_points(robot: Robot, user: Client) -> None:
 
     with robot.running():
         assert user.query(STANCE, 1.0) == []
+
+
+# --- Tasks that fail or are killed, and what is left of them when central is gone ------------------------------------
+
+
+HEIGHT = Query("height", int, reply=float)
+FOG = Failure("fog", int)
+
+
+def test_a_failure_goes_up_with_its_data(robot: Robot, user: Client) -> None:
+    @robot.planner.handles(WALK)
+    def walk(task: Task, arc: Arc) -> None:
+        raise COLLISION(Footfall(2, arc.radius), "rock")
+
+    with robot.running():
+        goal = user.goal(WALK, Arc(0.25, 1))
+        with pytest.raises(TaskFailed, match=r"walk \{1\} failed: collision: rock") as failed:
+            goal.result(SOON)
+    assert (failed.value.failure, failed.value.text) == ("collision", "rock")
+    assert failed.value.data_as(COLLISION) == Footfall(2, 0.25)
+    assert goal.wait() is Outcome.FAILED
+
+
+def test_a_failure_without_data(robot: Robot, user: Client) -> None:
+    @robot.planner.handles(REST)
+    def rest(task: Task) -> None:
+        raise EXHAUSTED  # type: ignore[misc]
+
+    @robot.planner.handles(STOP)
+    def stop(task: Task) -> None:
+        raise EXHAUSTED()  # noqa: RSE102
+
+    @robot.legs.handles(WALK)
+    def walk(task: Task, _: Arc) -> None:
+        task.command(STOP)
+
+    with robot.running():
+        with pytest.raises(TaskFailed, match="handler error: TypeError"):
+            user.goal(REST).result(SOON)
+        with pytest.raises(TaskFailed, match=r"failed: exhausted$") as failed:
+            user.command(STOP).result(SOON)
+        with pytest.raises(TaskFailed, match=r"failed: exhausted: in (task 4 'stop'|stop \{4\})$"):
+            user.goal(WALK, Arc(1.0, 1)).result(SOON)
+    assert failed.value.data_as(EXHAUSTED) is None
+    assert failed.value.data is None
+
+
+def test_an_unexpected_exception_fails_with_its_traceback_and_the_module_goes_on(
+    robot: Robot, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    @robot.planner.handles(WALK)
+    def walk(task: Task, arc: Arc) -> None:
+        if not arc.steps:
+            raise SystemExit(3)
+        _ = arc.steps / int(arc.radius)
+
+    with robot.running():
+        with pytest.raises(TaskFailed, match=r"handler error: ZeroDivisionError: division by zero$") as failed:
+            user.goal(WALK, Arc(0, 1)).result(SOON)
+        assert "in walk\n    _ = arc.steps / int(arc.radius)" in failed.value.text
+        with pytest.raises(TaskFailed, match="handler error: SystemExit: 3"):
+            user.goal(WALK, Arc(0, 0)).result(SOON)
+        user.goal(WALK, Arc(1.0, 1)).result(SOON)
+    assert "handler test_an_unexpected_exception" in caplog.text
+
+
+def test_a_text_that_cannot_be_sent_does_not_end_a_thread(robot: Robot, user: Client) -> None:
+    """As Python makes them of file names."""
+
+    @robot.planner.handles(REST)
+    def rest(_: Task) -> None:
+        raise ValueError("no file \udcff")
+
+    with robot.running():
+        for _ in range(2):
+            with pytest.raises(TaskFailed, match=r"handler error: ValueError: no file \\udcff"):
+                user.goal(REST).result(SOON)
+
+
+def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
+    measure = Command("measure", result=float)
+    robot.planner.handles(measure)(lambda _: "high")  # type: ignore[arg-type]
+    robot.planner.handles(REST)(lambda _: 5)  # type: ignore[arg-type]
+    with robot.running():
+        with pytest.raises(TaskFailed, match="bad data: the handler of command 'measure' must return float") as failed:
+            user.command(measure).result(SOON)
+        assert failed.value.failure == "bad data"
+        with pytest.raises(TaskFailed, match="the handler of goal 'rest' must return None"):
+            user.goal(REST).result(SOON)
+
+
+def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed(
+    robot: Robot, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    started = threading.Event()
+
+    @robot.planner.handles(REST)
+    def rest(task: Task) -> None:
+        stop = task.command(STOP)
+        started.set()
+        stop.result(SOON)
+
+    with robot.running():
+        goal = user.goal(REST)
+        assert started.wait(SOON)
+        goal.kill("enough")
+        assert goal.wait(SOON) is Outcome.KILLED
+        started.clear()
+        goal = user.goal(REST)
+        assert started.wait(SOON)
+        user.tasks(STOP)[0].kill("it alone")
+        with pytest.raises(TaskFailed, match=r"handler error: .*TaskKilled: stop \{4\} was killed: it alone"):
+            goal.result(SOON)
+    assert [fact.id for fact in robot.central.facts if isinstance(fact, Failed)] == [3]
+    assert caplog.text.count("handler test_a_handler_that_ends") == 1
+
+
+def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> None:
+    with robot.running():
+        move = user.command(MOVE_LEG, 1)
+        assert move.wait_for(move.achieving.end, SOON) is Outcome.DONE
+        robot.central.core.outcomes.clear()
+        with pytest.raises(BadData, match=r"the result of move leg \{1\} is no longer kept"):
+            move.result()
+
+
+def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Client) -> None:
+    """A handler that does not catch what its question, or its subtask, failed with."""
+
+    @robot.planner.handles(WALK)
+    def walk(task: Task, _: Arc) -> None:
+        task.command(STOP).result(SOON)
+
+    @robot.legs.handles(STOP)
+    def stop(task: Task) -> None:
+        task.query(HEIGHT, 3)
+
+    @robot.planner.handles(HEIGHT, resource="map")
+    def height(_: Task, place: int) -> float:
+        raise FOG(place, "thick")
+
+    with robot.running():
+        walking = user.goal(WALK, Arc(1.0, 1))
+        with pytest.raises(TaskFailed, match=r"fog: .*query 'height' failed: fog: thick") as failed:
+            walking.result(SOON)
+    assert failed.value.data == 3
+
+
+# --- What modules can still learn of tasks that have ended, because somebody keeps them ------------------------------
+
+
+CROSS, PACE = Goal("cross the field"), Command("step", int, result=float)
+FELL, DECIDE = Failure("fell", str), ExceptionHandler("decide", str)
+
+
+@pytest.fixture
+def walkers(central: LocalCentral) -> Iterator[Module]:
+    walkers = Module("walkers", central)
+
+    @walkers.handles(PACE)
+    def step(_: Task, number: int) -> float:
+        if number == 3:
+            raise FELL("a hole", "step 3")
+        return number / 2
+
+    @walkers.handles(CROSS)
+    def cross(task: Task) -> None:
+        for number in range(1, 5):
+            task.command(PACE, number, keep=True)
+
+    with walkers.running():
+        yield walkers
+
+
+def test_how_a_kept_task_ended_can_be_asked_for_by_anybody(
+    central: LocalCentral, user: Client, walkers: Module
+) -> None:
+    step = user.command(PACE, 1, keep=True)
+    assert step.result(SOON) == 0.5
+    with connect("supervisor", central) as other:
+        handle = other.task(step.id)
+        assert handle is not None
+        info = handle.info()
+        assert info is not None
+        assert (info.outcome, handle.data(PACE), PACE.decode_reply(info.result)) == ("done", 1, 0.5)
+        assert other.tasks(PACE) == []
+    step.release()
+    assert step.info() is None
+    assert user.task(step.id) is None
+
+
+def test_an_exception_handler_sees_what_had_been_done(central: LocalCentral, user: Client, walkers: Module) -> None:
+    expert, seen = Module("expert", central), list[tuple[int, str]]()
+
+    @expert.handles(DECIDE)
+    def decide(task: Task, why: str) -> None:
+        attached = task.trouble.attached
+        assert attached is not None
+        for handle in attached.kept(PACE):
+            info = handle.info()
+            assert info is not None
+            seen.append((handle.data(PACE), info.outcome))
+        raise task.trouble.reissue()
+
+    with expert.running():
+        cross = user.goal(CROSS, on_failure=[(FELL, DECIDE)], keep=True)
+        assert cross.wait(SOON) is Outcome.FAILED
+    assert seen == [(1, "done"), (2, "done")]
+    outcomes = {handle.data(PACE): info.outcome for handle in cross.kept() if (info := handle.info())}
+    assert outcomes == {1: "done", 2: "done", 3: "failed", 4: "killed"}
+    failed = next(handle for handle in cross.kept("step") if handle.data(PACE) == 3)
+    assert str(failed.parent()) == str(cross)
+    assert [str(handle) for handle in failed.ancestors()] == [str(cross)]
+    with pytest.raises(TaskFailed, match="fell"):
+        cross.result(0)
+
+
+# --- Who steers a task is told whether anything was done -------------------------------------------------------------
+
+
+SHRUG = ExceptionHandler("shrug")
+STUCK = Failure("stuck")
+ROCKS = DemonMonitor("rocks")
+
+STEERS: dict[str, Callable[[TaskRef], Any]] = {
+    "suspend": lambda task: task.suspend(),
+    "resume": lambda task: task.resume(),
+    "deadline": lambda task: task.deadline(60.0),
+    "retry": lambda task: task.retry(),
+    "fail": lambda task: task.fail(STUCK()),
+    "kill": lambda task: task.kill(),
+    "kill later": lambda task: task.kill(delay=60.0),
+}
+NOT_OF_KILLED = {"deadline", "retry", "fail"}
+
+
+class Legs:
+    """They rest until they may go on, and shrug at failures."""
+
+    def __init__(self, central: LocalCentral) -> None:
+        self.module = Module("resting_legs", central)
+        self.resting, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
+        self.module.handles(STOP)(self._rest)
+        self.module.handles(SHRUG, resource="head")(lambda _: None)
+
+    def _rest(self, _: Task) -> None:
+        self.resting.release()
+        assert self.go_on.acquire(timeout=SOON)
+
+
+@pytest.fixture
+def resting_legs(central: LocalCentral) -> Iterator[Legs]:
+    resting_legs = Legs(central)
+    with resting_legs.module.running():
+        yield resting_legs
+        resting_legs.go_on.release(20)
+
+
+@pytest.fixture
+def supervisor(central: LocalCentral, resting_legs: Legs) -> Iterator[Client]:
+    with connect("supervisor", central) as supervisor:
+        supervisor.on_failure(STUCK, SHRUG)
+        yield supervisor
+
+
+@pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
+def test_a_task_that_lives_is_steered(resting_legs: Legs, supervisor: Client, steer: Callable[[TaskRef], Any]) -> None:
+    ref = supervisor.command(STOP)
+    assert resting_legs.resting.acquire(timeout=SOON)
+    assert steer(ref) is True
+
+
+@pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
+def test_one_that_has_ended_is_not(
+    resting_legs: Legs, supervisor: Client, central: LocalCentral, steer: Callable[[TaskRef], Any]
+) -> None:
+    ref = supervisor.command(STOP)
+    resting_legs.go_on.release()
+    assert ref.wait(SOON) is Outcome.DONE
+    assert steer(ref) is False
+    assert [fact.sender for fact in central.facts if isinstance(fact, Ignored)] == ["supervisor"]
+
+
+@pytest.mark.parametrize(("name", "steer"), STEERS.items(), ids=STEERS)
+def test_one_that_was_killed_and_whose_handler_runs_has_not_ended_but_gets_no_second_chance(
+    resting_legs: Legs, supervisor: Client, name: str, steer: Callable[[TaskRef], Any]
+) -> None:
+    ref = supervisor.command(STOP)
+    assert resting_legs.resting.acquire(timeout=SOON)
+    assert ref.kill() is True
+    assert steer(ref) is (name not in NOT_OF_KILLED)
+    resting_legs.go_on.release()
+    assert ref.wait(SOON) is Outcome.KILLED
+    assert ref.kill() is False
+
+
+def test_what_is_promised_for_later_is_refused(resting_legs: Legs, supervisor: Client) -> None:
+    ref = supervisor.command(STOP)
+    resting_legs.go_on.release()
+    assert ref.wait(SOON) is Outcome.DONE
+    promises: list[Callable[[], Any]] = [
+        ref.keep,
+        lambda: ref.on_failure(STUCK, SHRUG),
+        lambda: ref.on_termination(STOP),
+        lambda: supervisor.under(ref).command(STOP),
+    ]
+    for promise in promises:
+        with pytest.raises(Refused, match="has ended"):
+            promise()
+    ref.release()  # what is not kept need not be let go
+
+
+def test_a_monitor_is_ended_once(resting_legs: Legs, supervisor: Client) -> None:
+    monitor = supervisor.monitor(ROCKS, duration=60.0)
+    assert monitor.fire() is True
+    assert monitor.end() is True
+    assert monitor.end() is False
+    assert monitor.fire() is False
+
+
+# --- Monitors, goals and commands that are put under a task which others handle --------------------------------------
+
+
+TREAD, GUARD = Command("tread", int), Command("guard")
+IS_LOW = Query("is the battery low", reply=bool)
+BATTERY = PollingMonitor("battery", condition=IS_LOW, action=STOP)
+
+
+class Expedition:
+    """A planner whose walk waits to be told to go on; steps; and a watcher that knows of both."""
+
+    def __init__(self, central: LocalCentral) -> None:
+        self.central = central
+        self.steps: list[int] = []
+        self.asked, self.is_low, self.begun, self.go_on = (threading.Event() for _ in range(4))
+        self.planner, self.legs, self.watcher = (Module(name, central) for name in ("planner", "legs", "watcher"))
+        self.planner.handles(REST)(self.walk)
+        self.planner.handles(GUARD)(self.guard)
+        self.legs.handles(TREAD)(lambda _, number: self.steps.append(number))
+        self.watcher.handles(IS_LOW)(self.answer)
+        self.watcher.handles(STOP)(self.stop)
+
+    def walk(self, task: Task) -> None:
+        task.command(TREAD, 1)
+        self.guard(task)
+        task.command(TREAD, 3)
+
+    def guard(self, _: Task) -> None:
+        self.begun.set()
+        assert self.go_on.wait(SOON)
+
+    def answer(self, _: Task) -> bool:
+        self.asked.set()
+        return self.is_low.is_set()
+
+    def stop(self, task: Task) -> None:
+        task.monitor_ref.ancestors(REST)[0].kill("the battery is low")
+        self.go_on.set()
+
+    def begin(self, message: Goal[None] | Command[None, None], leader: Client) -> SentTask[None]:
+        sent: SentTask[None] = leader.execute(message)
+        assert self.begun.wait(SOON)
+        return sent
+
+
+@pytest.fixture
+def expedition() -> Iterator[Expedition]:
+    with LocalCentral(check=True) as central:
+        expedition = Expedition(central)
+        with expedition.planner.running(), expedition.legs.running(), expedition.watcher.running():
+            yield expedition
+            expedition.go_on.set()
+
+
+@pytest.fixture
+def leader(expedition: Expedition) -> Iterator[Client]:
+    with connect("leader", expedition.central) as client:
+        yield client
+
+
+def test_a_monitor_is_put_under_a_task_that_runs_and_finds_it(expedition: Expedition, leader: Client) -> None:
+    walking = expedition.begin(REST, leader)
+    monitor = expedition.watcher.under(expedition.watcher.tasks(REST)[0]).monitor(BATTERY, period=0.01)
+    assert monitor.parent() is not None
+    expedition.is_low.set()
+    assert walking.wait(SOON) is Outcome.KILLED
+    assert monitor.wait(SOON) is Outcome.KILLED
+
+
+def test_a_command_stands_in_the_sequence_that_others_send(expedition: Expedition, leader: Client) -> None:
+    walking = expedition.begin(REST, leader)
+    leader.under(walking).command(TREAD, 2)
+    expedition.go_on.set()
+    assert walking.wait(SOON) is Outcome.DONE
+    assert expedition.steps == [1, 2, 3]
+
+
+def test_blocks_under_a_task_of_others(expedition: Expedition, leader: Client) -> None:
+    sent = expedition.begin(GUARD, leader)
+    under = leader.under(sent)
+    with under.sequence():
+        first = under.command(TREAD, 1)
+        leader.under(sent).command(TREAD, 7, sequential=False)
+        second = under.command(TREAD, 2)
+    expedition.go_on.set()
+    assert second.wait(SOON) is first.wait(SOON) is sent.wait(SOON) is Outcome.DONE
+    assert sorted(expedition.steps) == [1, 2, 7]
+    assert expedition.steps.index(1) < expedition.steps.index(2)

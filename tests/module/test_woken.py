@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from module.real_central import RealCentral, until
+from module.real_central import SOON, RealCentral, until
 
 from tca_module import (
     Client,
@@ -30,7 +30,6 @@ from tca_wire.journal.facts import Failed, Returned
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
-SOON = 10.0
 
 ASK = Goal("ask", str)
 NEVER, NOBODY = Command("never"), Query("nobody", reply=int)

@@ -1,27 +1,71 @@
 """Direct messages between real modules over real sockets; what central sees of them is in its journal."""
 
 import asyncio
+import os
+import socket
 import threading
 import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
-from module.direct_maps import (
-    DEPTH,
-    HEARD,
-    HEIGHT,
-    POSE,
-    WALK,
-    a_map,
-    ask_until_direct,
-    direct,
-    said_lost,
-    through_central,
-)
+import zmq
 from module.real_central import SOON, RealCentral, until
 
-from tca_module import Client, LaterReply, Module, Refused, Task
-from tca_wire.journal.facts import HandledDirectly, HandlerRemoved, LostDirectly
+from tca_module import CentralLost, Client, Command, Inform, LaterReply, Module, Query, Refused, Task, connect
+from tca_module.testing import LocalCentral
+from tca_wire.journal.facts import Delivered, HandledDirectly, HandlerRemoved, LostDirectly
 from tca_wire.vocabulary import Condition, Outcome, Refusal
+
+HEIGHT = Query("height", float, reply=float)
+DEPTH = Query("depth", float, reply=float)
+POSE = Inform("pose", float)
+HEARD = Inform("heard", float)
+WALK = Command("walk", float, result=float)
+
+
+def a_map(central: RealCentral | str, name: str = "map", height: Callable[[float], float] = abs) -> Module:
+    module = Module(name, central if isinstance(central, str) else central.address)
+    module.handles(HEIGHT, direct=True)(lambda _, x: height(x))
+    return module
+
+
+@pytest.fixture
+def central(tmp_path: Path) -> Iterator[RealCentral]:
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
+        yield central
+
+
+@pytest.fixture
+def user(central: RealCentral) -> Iterator[Client]:
+    with connect("user", central.address) as user:
+        yield user
+
+
+def direct(central: RealCentral, message: str = "height", module: str = "") -> int:
+    """How many messages were handled directly (by a module), as far as central has been told."""
+    noted = central.facts(HandledDirectly)
+    return sum(fact.message == message and module in ("", fact.module) for fact in noted)
+
+
+def through_central(central: RealCentral) -> int:
+    return len(central.facts(Delivered))
+
+
+def said_lost(central: RealCentral) -> int:
+    return sum(fact.number for fact in central.facts(LostDirectly))
+
+
+def ask_until_direct(
+    central: RealCentral, ask: Callable[[], object], message: str = "height", module: str = ""
+) -> None:
+    """Ask until the question goes directly (to a module)."""
+    before = direct(central, message, module)
+    until(lambda: (ask(), direct(central, message, module) > before)[1], f"'{message}' goes directly")
+
+
+# --- Direct messages between real modules over real sockets ----------------------------------------------------------
+
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
@@ -280,3 +324,107 @@ def test_more_slots_take_turns(central: RealCentral, user: Client) -> None:
     with module.running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         until(lambda: (user.query(HEIGHT, 0.0), len(names) == 3)[1], "all slots were asked")
+
+
+# --- Direct messages when something breaks, dies or is foreign -------------------------------------------------------
+
+
+def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(central: RealCentral, user: Client) -> None:
+    with a_map(central).running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        connection = user._connection()
+        connection.session.break_off()
+        assert user.query(HEIGHT, -1.0) == 1.0  # goes on while it is away
+        user.status()
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+
+
+def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
+    """What is under way when another central comes is lost, as through central; then all is learnt anew."""
+    address = f"ipc://{tmp_path}/central.sock"
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slow(x: float) -> float:
+        if x < 0:
+            begun.set()
+            go_on.wait(SOON)
+        return x
+
+    central = RealCentral(address)
+    module = a_map(address, height=slow)
+    with module.running(), connect("user", address) as user:
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        central.close()
+        for x in range(100):
+            assert user.query(HEIGHT, float(x)) == x
+        pending = user.query_send(HEIGHT, -1.0)
+        assert begun.wait(SOON)
+        with RealCentral(address, "another run") as central:
+            with pytest.raises(CentralLost, match="central was restarted meanwhile and has forgotten it"):
+                pending.receive(SOON)
+            go_on.set()
+            ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+
+
+def entrance(folder: Path) -> Path:
+    (path,) = folder.glob("*.direct")
+    return path
+
+
+def test_strangers_at_the_entrance_harm_nobody(central: RealCentral, user: Client, tmp_path: Path) -> None:
+    with a_map(central).running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        path = entrance(tmp_path)
+        assert path.stat().st_mode & 0o777 == 0o600
+        with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
+            stranger.connect(f"ipc://{path}")
+            for frames in ([b"garbage"], [b""], [b"a", b"b", b"c"], [os.urandom(1000)], [b"\xff" * 16]):
+                stranger.send_multipart(frames)
+                assert stranger.poll(int(SOON * 1000))
+                assert b"protocol" in stranger.recv()
+        assert user.query(HEIGHT, -2.0) == 2.0
+    until(lambda: not path.exists(), "the entrance is gone")
+
+
+def test_what_killed_modules_left_behind_is_cleared_away(central: RealCentral, tmp_path: Path) -> None:
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as alive:
+        gone, taken, foreign = (tmp_path / f"{name}.direct" for name in ("4194305-a", "4194306-b", "notes"))
+        alive.bind(f"ipc://{gone}")
+        gone_too = tmp_path / "4194307-c.direct"
+        gone.rename(gone_too)  # as if its process were on another machine: it still answers
+        with socket.socket(socket.AF_UNIX) as dead:
+            dead.bind(str(taken))
+        foreign.touch()
+        with a_map(central).running():
+            assert not taken.exists()
+            assert gone_too.exists()
+            assert foreign.exists()
+
+
+def test_over_tcp_the_entrance_is_where_central_is_reached(tmp_path: Path) -> None:
+    with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
+        with a_map(central).running():
+            ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+            ((path,),) = user._connection().direct._routes._routes.values()
+            assert path.entrance.endpoint.startswith("tcp://127.0.0.1:")
+        assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_too_deep_costs_the_direct_way_only(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = tmp_path
+    while len(str(folder)) < 84:
+        folder = folder / ("x" * min(10, 84 - len(str(folder))))
+    folder.mkdir(parents=True)
+    with RealCentral(f"ipc://{folder}/c") as central, connect("user", central.address) as user:
+        with a_map(central).running():
+            assert user.query(HEIGHT, -1.0) == 1.0
+        assert "all goes through central" in caplog.text
+
+
+def test_with_a_local_central_all_goes_through_its_core() -> None:
+    with LocalCentral(check=True) as central, connect("user", central) as user:
+        module = Module("map", central)
+        module.handles(HEIGHT, direct=True)(lambda _, x: -x)
+        with module.running():
+            assert [user.query(HEIGHT, 1.0) for _ in range(5)] == [-1.0] * 5
+        assert sum(isinstance(fact, Delivered) for fact in central.facts) == 5
