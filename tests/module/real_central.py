@@ -14,6 +14,19 @@ from tca_central.shell.server import Server
 SOON = 10.0
 
 
+class Gate:
+    """A handler that says when it has begun, and returns when it may."""
+
+    def __init__(self, result: Any = None) -> None:
+        self.result = result
+        self.begun, self.go_on = threading.Event(), threading.Event()
+
+    def __call__(self, *_: Any) -> Any:
+        self.begun.set()
+        assert self.go_on.wait(SOON)
+        return self.result
+
+
 class _Recorded(Central):
     def __init__(self, epoch: str) -> None:
         super().__init__(epoch)

@@ -268,13 +268,10 @@ def timers() -> Timers[str]:
     return Timers()
 
 
-def test_nothing_is_ever_due(timers: Timers[str]) -> None:
+def test_what_is_due_once(timers: Timers[str]) -> None:
     assert timers.next() == math.inf
     assert timers.take_due(1e9) == []
     assert not timers.was_done("unknown", 1.0)
-
-
-def test_what_is_due_once(timers: Timers[str]) -> None:
     timers.once("ring", 5.0)
     assert timers.next() == 5.0
     assert timers.take_due(4.9) == []
@@ -292,7 +289,7 @@ def test_the_order_is_that_of_the_times_then_of_arrival(timers: Timers[str]) -> 
 
 def test_a_period_does_not_drift(timers: Timers[str]) -> None:
     timers.every("beat", 0.1, 100.0)
-    for turn in range(1, 10_001):
+    for turn in range(1, 1001):
         due = timers.next()
         assert due == pytest.approx(100.0 + turn * 0.1, abs=1e-9)
         assert timers.take_due(due + 0.03) == ["beat"]  # always a little late
@@ -300,20 +297,13 @@ def test_a_period_does_not_drift(timers: Timers[str]) -> None:
 
 
 def test_what_was_missed_is_left_out(timers: Timers[str]) -> None:
-    """After a stall there is one call, and the next is at a multiple of the period again."""
+    """After a stall, or a long call, the next is at a multiple of the period again."""
     timers.every("beat", 1.0, 0.0)
     assert timers.take_due(7.3) == ["beat"]
-    assert timers.was_done("beat", 7.4)
-    assert timers.take_due(7.9) == []
-    assert timers.next() == 8.0
-
-
-def test_a_call_that_takes_longer_than_its_period_skips(timers: Timers[str]) -> None:
-    timers.every("beat", 1.0, 0.0)
-    assert timers.take_due(1.0) == ["beat"]
     assert timers.next() == math.inf
-    timers.was_done("beat", 3.5)
-    assert timers.next() == 4.0
+    assert timers.was_done("beat", 9.4)
+    assert timers.take_due(9.9) == []
+    assert timers.next() == 10.0
 
 
 def test_a_call_that_ends_when_the_next_is_due_does_not_come_twice(timers: Timers[str]) -> None:
@@ -333,12 +323,5 @@ def test_what_was_removed_is_not_due(timers: Timers[str]) -> None:
     timers.remove("unknown")
     assert timers.next() == 2.0
     assert timers.take_due(9.0) == ["ring"]
-    timers.remove("ring")
+    timers.remove("ring")  # from within
     assert not timers.was_done("ring", 9.0)
-
-
-def test_removing_from_within_ends_a_period(timers: Timers[str]) -> None:
-    timers.every("beat", 1.0, 0.0)
-    timers.take_due(1.0)
-    timers.remove("beat")
-    assert not timers.was_done("beat", 1.0)

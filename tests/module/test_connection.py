@@ -18,7 +18,6 @@ from tca_wire.packets.headers import (
     Answer,
     Await,
     Beat,
-    Bye,
     Deliver,
     GiveUp,
     Hello,
@@ -52,11 +51,15 @@ class ScriptedCentral:
         self.packets: list[tuple[float, bytes]] = []
         self.is_there = True
         self.room = -1  # packets that it takes before it is gone
-        self.is_closed = False
 
     def say(self, *headers: ToModule, at: float = 0.0) -> None:
         """Let these arrive; at a later time, if given."""
         self.packets.append((at, pack((header, b"") for header in headers)))
+
+    def beat(self) -> None:
+        """Say that it lives, for a while."""
+        for second in range(100):
+            self.say(Beat(), at=self.now + second)
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         self.is_there, self.room = self.is_there and self.room != 0, self.room - 1
@@ -91,7 +94,7 @@ class ScriptedCentral:
         pass
 
     def close(self) -> None:
-        self.is_closed = True
+        pass
 
 
 def friendly(header: ToCentral) -> list[ToModule]:
@@ -116,22 +119,15 @@ def connected(script: Script = friendly) -> tuple[Connection, ScriptedCentral]:
     return connection, central
 
 
-def test_nobody_answers_hello() -> None:
+@pytest.mark.parametrize("is_there", [True, False])
+def test_nobody_answers_hello(*, is_there: bool) -> None:
     central = ScriptedCentral(lambda _: [])
+    central.is_there = is_there
     connection = Connection(central, Session(HELLO), patience=5.0, clock=lambda: central.now)
     with pytest.raises(CentralLost, match=r"central at ipc://scripted does not answer: start it with 'tca central'"):
         connection.open()
-    assert 105 <= central.now <= 105.5
-    assert len(central.heard) == 5  # Hello, once a second
-
-
-def test_nobody_listens() -> None:
-    central = ScriptedCentral(friendly)
-    central.is_there = False
-    connection = Connection(central, Session(HELLO), patience=5.0, clock=lambda: central.now)
-    with pytest.raises(CentralLost):
-        connection.open()
     assert 105 <= central.now <= 106.5
+    assert len(central.heard) == 5 * is_there  # Hello, once a second
 
 
 def test_a_central_that_can_not_read_hello_is_of_another_version() -> None:
@@ -173,8 +169,7 @@ def test_a_refused_format_is_declared_anew_next_time() -> None:
 
 def test_a_wait_ends_in_time_while_central_lives() -> None:
     connection, central = connected()
-    for second in range(101, 200):
-        central.say(Beat(), at=second)
+    central.beat()
     request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     assert not connection.wait(request, 7.0, "query")
     assert 107 <= central.now <= 107.1
@@ -195,8 +190,7 @@ def test_a_wait_of_no_time_takes_what_is_there() -> None:
 
 def test_what_central_does_not_acknowledge_is_given_up() -> None:
     connection, central = connected()
-    for second in range(101, 200):
-        central.say(Beat(), at=second)
+    central.beat()
     with pytest.raises(Timeout, match=r"goal 'x' was not acknowledged within 30 s, though central .* is alive"):
         connection.call(Send(0, "x"), "goal 'x'")
     central.packets.clear()
@@ -280,13 +274,6 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
     assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2)]
-
-
-def test_goodbye() -> None:
-    connection, central = connected()
-    connection.close()
-    assert central.heard == [Bye()]
-    assert central.is_closed
 
 
 # --- central is gone -------------------------------------------------------------------------------------------------

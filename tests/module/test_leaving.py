@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from module.real_central import SOON, RealCentral
-from module.robot import MOVE_LEG, STANCE, STOP, TEMPERATURE, Footfall
+from module.real_central import SOON, Gate, RealCentral, until
+from module.robot import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
 
 from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, Task, TaskFailed, Timeout, connect
 from tca_module.testing import LocalCentral
@@ -20,8 +20,9 @@ class Wrong(Exception):
     """Something in the program beside the handlers."""
 
 
-def test_a_handler_that_looks_is_told_and_has_failed(legs: Module, user: Client) -> None:
-    begun = threading.Event()
+def test_a_handler_that_looks_has_failed_and_one_that_does_not_just_finishes(legs: Module, user: Client) -> None:
+    begun, gate = threading.Event(), Gate()
+    legs.handles(REST, resource="head")(gate)
 
     @legs.handles(STOP)
     def stop(task: Task) -> None:
@@ -30,25 +31,13 @@ def test_a_handler_that_looks_is_told_and_has_failed(legs: Module, user: Client)
             pass
 
     with legs.running():
-        stopping = user.command(STOP)
+        stopping, resting = user.command(STOP), user.goal(REST, sequential=False)
         assert begun.wait(SOON)
+        assert gate.begun.wait(SOON)
+        gate.go_on.set()
     with pytest.raises(TaskFailed, match=r"module lost: its module ended while .*stop ran"):
         stopping.result(SOON)
-
-
-def test_a_handler_that_neither_looks_nor_waits_just_finishes(legs: Module, user: Client) -> None:
-    begun, go_on = threading.Event(), threading.Event()
-
-    @legs.handles(STOP)
-    def stop(_: Task) -> None:
-        begun.set()
-        assert go_on.wait(SOON)
-
-    with legs.running():
-        stopping = user.command(STOP)
-        assert begun.wait(SOON)
-        go_on.set()
-    assert stopping.wait(SOON) is Outcome.DONE
+    assert resting.wait(SOON) is Outcome.DONE
 
 
 def test_a_coroutine_is_cancelled_once(legs: Module, user: Client) -> None:
@@ -77,24 +66,19 @@ def test_an_error_in_the_block_is_not_hidden_behind_a_handler(
 ) -> None:
     """One that does not look: what went wrong is said while it is waited for."""
     monkeypatch.setattr("tca_module.serving.slot._PATIENCE", 0.1)
-    begun, go_on = threading.Event(), threading.Event()
-
-    @legs.handles(STANCE)
-    def stance(_: Task, _radius: float) -> list[int]:
-        begun.set()
-        assert go_on.wait(SOON)
-        return []
+    gate = Gate([])
+    legs.handles(STANCE)(gate)
 
     class Told(logging.Handler):
         def emit(self, _: logging.LogRecord) -> None:
-            go_on.set()
+            gate.go_on.set()
 
     logging.getLogger("tca.legs").addHandler(told := Told())
     pending = user.query_send(STANCE, 1.0)
 
     def work() -> None:
         with legs.running():
-            assert begun.wait(SOON)
+            assert gate.begun.wait(SOON)
             raise Wrong("no map")
 
     with pytest.raises(Wrong):
@@ -129,12 +113,7 @@ def handled_by(user: Client) -> list[str]:
 
 
 def until_withdrawn(user: Client) -> None:
-    changed = threading.Event()
-    for _ in range(10_000):
-        if "legs" not in handled_by(user):
-            return
-        changed.wait(0.001)
-    raise AssertionError("the legs' handlers are still there")
+    until(lambda: "legs" not in handled_by(user), "the legs' handlers are gone")
 
 
 @contextmanager
@@ -179,24 +158,18 @@ def test_so_it_is_over_sockets(tmp_path: Path) -> None:
 def test_what_is_at_work_ends_first_and_what_waits_goes_to_the_older_one(
     legs: Module, older: Module, user: Client
 ) -> None:
-    begun, go_on = threading.Event(), threading.Event()
-
-    @legs.handles(MOVE_LEG)
-    def move_leg(_: Task, leg: int) -> Footfall:
-        begun.set()
-        assert go_on.wait(SOON)
-        return Footfall(leg, 1.0)
-
+    gate = Gate(Footfall(1, 1.0))
+    legs.handles(MOVE_LEG)(gate)
     legs.handles(STANCE)(lambda _, _radius: [1])
     with older.running(), legs.running():
         first = user.command(MOVE_LEG, 1, sequential=False)
-        assert begun.wait(SOON)
+        assert gate.begun.wait(SOON)
         second = user.command(MOVE_LEG, 2, sequential=False)
         legs.stop()
         assert second.result(SOON) == Footfall(2, 0.0)
         with pytest.raises(Timeout, match="its handler in legs returns"):
             first.wait(0.01)
-        go_on.set()
+        gate.go_on.set()
         assert first.result(SOON) == Footfall(1, 1.0)
 
 

@@ -22,10 +22,8 @@ from tca_module import (
     Timeout,
     connect,
 )
-from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Dropped, Received
-from tca_wire.packets import headers
 
 
 def test_a_query_waits_for_a_module_that_comes_later(legs: Module, user: Client) -> None:
@@ -269,14 +267,3 @@ def test_what_nobody_handles_is_not_sent(user: Client, central: LocalCentral) ->
     assert user.execute_if_handled(ALARM, "stop") is False
     assert [fact for fact in central.facts if isinstance(fact, Received)] == []
     assert user.goal(REST).id == 1  # the order of siblings knows nothing of them
-
-
-def test_a_repeated_query_that_is_open_has_its_answer_to_come() -> None:
-    session = Session(headers.Hello(0, headers.PROTOCOL_VERSION, "user", "run"))
-    session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
-    open_query = session.request(headers.Send(0, "where"), wants_answer=True)
-    not_sent = session.request(headers.Send(0, "where", if_handled=True), wants_answer=True)
-    session.receive(headers.Accepted(2, 7), b"", 0.0)
-    session.receive(headers.Accepted(3), b"", 0.0)
-    assert (open_query.is_over, open_query.accepted) == (False, None)
-    assert (not_sent.is_over, not_sent.accepted) == (True, 0)

@@ -1,5 +1,6 @@
 """The session alone: scripted headers in, headers out."""
 
+import msgspec
 import pytest
 
 from tca_central.core import Central
@@ -17,6 +18,7 @@ from tca_wire.packets.headers import (
     Cancelled,
     Closing,
     Deliver,
+    GetVariable,
     GiveUp,
     Hello,
     Inspect,
@@ -26,23 +28,28 @@ from tca_wire.packets.headers import (
     Release,
     Reply,
     Send,
+    SetVariable,
     Suspended,
     Taken,
     ToCentral,
     ToModule,
     Unknown,
+    WaitUntilHandled,
     Welcome,
 )
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Refusal
+from tca_wire.vocabulary import MessageClass, Refusal
 
 HELLO = Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run 1")
 A_GOAL = Send(0, "walk")
 A_QUERY = Send(0, "stance")
 A_WAIT = AwaitPoint(0, Point(TaskId(4), Moment.END_ACHIEVING))
+STATUS, SWAP = Ask(0, "status"), SetVariable(0, "pose", swap=True)
 WALK = MessageFormat("walk", MessageClass.GOAL, "{}")
 HANDLES_WALK = HandlerFormat("walk", "legs")
+FORGOTTEN = "central was restarted meanwhile and has forgotten it"
+TOO_LATE = Refused(2, Refusal.TOO_LATE, "no longer kept")
 
 
 def said(session: Session) -> list[ToCentral]:
@@ -57,6 +64,13 @@ def hear(session: Session, *heard: ToModule, now: float = 0.0) -> None:
         session.receive(header, b"", now)
 
 
+def asked(session: Session, *asked: ToCentral, wants_answer: bool = True) -> list[Request]:
+    """Requests that have left."""
+    requests = [session.request(one, wants_answer=wants_answer) for one in asked]
+    said(session)
+    return requests
+
+
 def welcome(epoch: str = "one") -> Welcome:
     return Welcome(HELLO_NUMBER, 1, "legs", epoch)
 
@@ -66,7 +80,8 @@ def greeting() -> Session:
     return Session(HELLO)
 
 
-def welcomed(greeting: Session) -> Session:
+@pytest.fixture
+def session(greeting: Session) -> Session:
     """A session that central has welcomed."""
     greeting.tend(0.0, 0.0)
     assert said(greeting) == [HELLO]
@@ -75,9 +90,9 @@ def welcomed(greeting: Session) -> Session:
     return greeting
 
 
-@pytest.fixture
-def session(greeting: Session) -> Session:
-    return welcomed(greeting)
+def test_every_message_of_central_has_its_row() -> None:
+    for kind in headers.ToModule.__args__:
+        assert kind in Session._ON
 
 
 # --- Hello ----------------------------------------------------------------------------------------------------------
@@ -93,26 +108,21 @@ def test_hello_is_repeated_every_second_until_the_welcome(greeting: Session) -> 
     assert (greeting.is_welcome, greeting.epoch, greeting.module) == (True, "one", "legs")
 
 
-def test_nothing_but_hello_leaves_before_the_welcome(greeting: Session) -> None:
+def test_nothing_but_hello_leaves_before_the_welcome_and_a_second_one_repeats_nothing(greeting: Session) -> None:
     greeting.request(A_GOAL)
     assert not greeting.post(Send(0, "position"))
     assert said(greeting) == []
     assert greeting.dropped == 1
     hear(greeting, welcome())
     assert said(greeting) == [Send(2, "walk")]
+    hear(greeting, welcome())
+    assert said(greeting) == []
 
 
-def test_central_may_refuse_the_connection(greeting: Session) -> None:
-    hear(greeting, Refused(HELLO_NUMBER, Refusal.PROTOCOL, "speak protocol 2"))
-    assert greeting.refused is not None
-    assert not greeting.is_welcome
-
-
-def test_a_second_welcome_repeats_nothing(session: Session) -> None:
-    session.request(A_GOAL)
-    said(session)
-    hear(session, welcome())
-    assert said(session) == []
+def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once(session: Session) -> None:
+    session.break_off()
+    hear(session, *[Refused(1, Refusal.PROTOCOL, "use one version")] * 3)
+    assert session.complaints == ["central was restarted, and refuses this module: use one version"]
 
 
 # --- requests and answers -------------------------------------------------------------------------------------------
@@ -121,25 +131,22 @@ def test_a_second_welcome_repeats_nothing(session: Session) -> None:
 def test_requests_are_numbered_and_answers_find_them(session: Session) -> None:
     walk, stance = session.request(A_GOAL), session.request(A_QUERY, wants_answer=True)
     assert said(session) == [Send(2, "walk"), Send(3, "stance")]
+    hear(session, Accepted(3, 17))  # which is not the answer
+    assert not stance.is_over
     session.receive(Answer(3), b"reply", 1.0)
     assert (walk.is_over, stance.is_over) == (False, True)
     assert stance.answers[-1] == (Answer(3), b"reply")
     hear(session, Accepted(2, 17))
-    assert walk.is_over
-    assert walk.accepted == 17
+    assert (walk.is_over, walk.accepted) == (True, 17)
 
 
-def test_accepted_is_not_the_answer_to_a_query(session: Session) -> None:
-    stance = session.request(A_QUERY, wants_answer=True)
-    hear(session, Accepted(2, 17))
-    assert not stance.is_over
-
-
-def test_a_multi_query_is_over_with_the_answer_without_more(session: Session) -> None:
-    everybody = session.request(Send(0, "status"), wants_answer=True)
-    hear(session, Answer(2, more=True), Answer(2, more=True))
-    assert not everybody.is_over
-    hear(session, Answer(2))
+def test_a_query_that_was_not_sent_is_accepted_and_a_multi_query_over_with_the_answer_without_more(
+    session: Session,
+) -> None:
+    not_sent, everybody = asked(session, Send(0, "where", if_handled=True), Send(0, "status"))
+    hear(session, Accepted(2), Answer(3, more=True), Answer(3, more=True))
+    assert (not_sent.is_over, not_sent.accepted, everybody.is_over) == (True, 0, False)
+    hear(session, Answer(3))
     assert everybody.is_over
     assert [answer.more for answer, _ in everybody.answers] == [True, True, False]
 
@@ -152,9 +159,9 @@ def test_a_refusal_ends_its_request_and_others_are_complaints(session: Session) 
 
 
 def test_an_answer_that_nobody_waits_for_is_ignored(session: Session) -> None:
-    stance = session.request(A_QUERY, wants_answer=True)
+    (stance,) = asked(session, A_QUERY)
     session.abandon(stance)
-    assert said(session) == [Send(2, "stance"), GiveUp(2)]
+    assert said(session) == [GiveUp(2)]
     hear(session, Answer(2), Accepted(9), Answer(77))
     assert not stance.is_over
     session.abandon(stance)
@@ -181,47 +188,47 @@ def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in
 
 def test_messages_and_handlers_are_declared_again_before_what_uses_them(session: Session) -> None:
     session.declared([WALK], [HANDLES_WALK])
-    session.request(A_GOAL)
-    hear(session, Unknown())
-    session.tend(0.1, 0.0)
-    said(session)
-    hear(session, welcome())
+    asked(session, A_GOAL, wants_answer=False)
+    hear(session, Unknown(), welcome())
     # With number 0: central takes a request whose number is lower than one it has seen for answered.
     assert said(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
 
 
-def test_a_wait_that_central_dropped_with_the_connection_is_made_anew(session: Session) -> None:
-    wait = session.request(A_WAIT, wants_answer=True)
-    said(session)
+@pytest.mark.parametrize("question", [A_WAIT, STATUS, GetVariable(0, "pose")])
+def test_a_wait_or_question_that_central_dropped_with_the_connection_is_made_anew(
+    session: Session, question: AwaitPoint
+) -> None:
+    (request,) = asked(session, question)
     hear(session, Unknown(), welcome())
     said(session)
-    hear(session, Refused(2, Refusal.TOO_LATE, "no longer kept"))
-    assert not wait.is_over
-    assert said(session) == [AwaitPoint(3, A_WAIT.point)]
+    hear(session, TOO_LATE)
+    assert not request.is_over
+    assert said(session) == [msgspec.structs.replace(question, number=3)]
     hear(session, Answer(3))
-    assert wait.is_over
+    assert (request.is_over, request.lost) == (True, "")
 
 
-def test_a_query_that_central_dropped_with_the_connection_is_lost(session: Session) -> None:
-    stance = session.request(A_QUERY, wants_answer=True)
-    said(session)
-    hear(session, Unknown(), welcome())
-    hear(session, Refused(2, Refusal.TOO_LATE, "no longer kept"))
-    assert stance.is_over
-    assert "broke" in stance.lost
+@pytest.mark.parametrize("question", [A_QUERY, SWAP])
+def test_what_may_have_been_done_and_was_dropped_with_the_connection_is_lost(session: Session, question: Send) -> None:
+    (request,) = asked(session, question)
+    hear(session, Unknown(), welcome(), TOO_LATE)
+    assert request.lost == "the connection to central broke before the answer came"
 
 
 def test_a_goal_that_comes_too_late_is_refused_even_if_it_was_repeated(session: Session) -> None:
-    walk = session.request(A_GOAL)
-    hear(session, Unknown(), welcome(), Refused(2, Refusal.TOO_LATE, "task 5 has ended"))
+    (walk,) = asked(session, A_GOAL, wants_answer=False)
+    hear(session, Unknown(), welcome(), TOO_LATE)
     assert walk.refused is not None
 
 
-def test_informs_that_did_not_leave_are_counted(session: Session) -> None:
+def test_statements_that_did_not_leave_are_counted(session: Session) -> None:
     session.post(Send(0, "position"))
+    session.post(SetVariable(0, "pose"))
     session.request(A_GOAL)
     session.break_off()
-    assert session.dropped == 1
+    assert session.dropped == 2
+    assert not session.post(SetVariable(0, "pose"))
+    assert session.dropped == 3
     hear(session, welcome())
     assert said(session) == [Send(2, "walk")]
 
@@ -233,62 +240,21 @@ def test_closing_is_reported_and_begins_anew(session: Session) -> None:
     assert said(session) == [HELLO]
 
 
-# --- central was restarted ----------------------------------------------------------------------------------------------
-
-
-def test_another_epoch_loses_what_was_asked_and_declares_everything_again(session: Session) -> None:
-    session.declared([WALK], [HANDLES_WALK])
-    stance = session.request(A_QUERY, wants_answer=True)
-    said(session)
-    hear(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
-    assert stance.is_over
-    assert "restarted" in stance.lost
-    assert not session.deliveries
-    assert said(session) == [Register(0, [WALK], [HANDLES_WALK])]
-    session.reply(Reply(8), b"")
-    assert said(session) == []
-    session.request(A_GOAL)
-    assert said(session) == [Send(3, "walk")]
-
-
-def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_meant(session: Session) -> None:
-    hear(session, Unknown())
-    walk, below = session.request(A_GOAL), session.request(Send(0, "walk", parent=TaskId(3)))
-    wait, question = session.request(A_WAIT, wants_answer=True), session.request(Ask(0, "status"), wants_answer=True)
-    hear(session, welcome("two"))
-    assert [bool(request.lost) for request in (walk, below, wait, question)] == [False, True, True, False]
-    assert said(session) == [Send(2, "walk"), Ask(5, "status")]
-
-
-def test_what_could_not_be_sent_never_left(session: Session) -> None:
-    gone = session.request(A_GOAL)
-    said(session)
-    walk = session.request(A_GOAL)
-    session.break_off()
-    hear(session, welcome("two"))
-    assert [bool(request.lost) for request in (gone, walk)] == [True, False]
-
-
 # --- silence --------------------------------------------------------------------------------------------------------------
 
 
 def test_after_a_silence_central_is_asked_for_a_word_every_second(session: Session) -> None:
-    are_you_there = Register(0, [], [])
-    hear(session, Beat(), now=10.0)
-    asked = []
-    for tenth in range(100, 150):
-        session.tend(tenth / 10, 0.0)
-        if said(session) == [are_you_there]:
-            asked.append(tenth / 10)
-    assert asked == [10 + QUIET, 11 + QUIET, 12 + QUIET]
-    hear(session, Accepted(0), now=15.0)
-    session.tend(15.1, 0.0)
-    assert said(session) == []
-
-
-def test_silence_counts_from_when_somebody_listens(session: Session) -> None:
     hear(session, Beat(), now=10.0)
     session.tend(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
+    assert said(session) == []
+    times = []
+    for tenth in range(100, 150):
+        session.tend(tenth / 10, 0.0)
+        if said(session) == [Register(0, [], [])]:
+            times.append(tenth / 10)
+    assert times == [10 + QUIET, 11 + QUIET, 12 + QUIET]
+    hear(session, Accepted(0), now=15.0)
+    session.tend(15.1, 0.0)
     assert said(session) == []
 
 
@@ -304,10 +270,10 @@ def test_deliveries_are_set_aside_and_replied_to_once(session: Session) -> None:
 
 
 def test_a_reply_is_repeated_until_another_delivery_shows_that_it_came(session: Session) -> None:
-    hear(session, Deliver(8, "walk"))
+    hear(session, Deliver(8, "walk"), Unknown())
     session.reply(Reply(8), b"")
-    said(session)
-    hear(session, Unknown(), welcome())
+    assert said(session) == []  # it waits while central is away
+    hear(session, welcome())
     assert said(session) == [Reply(8)]
     hear(session, Beat(), Unknown(), welcome())  # the beat may have been sent before the reply came
     assert said(session) == [Reply(8)]
@@ -315,64 +281,26 @@ def test_a_reply_is_repeated_until_another_delivery_shows_that_it_came(session: 
     assert said(session) == []
 
 
-def test_a_reply_waits_while_central_is_away(session: Session) -> None:
-    hear(session, Deliver(8, "walk"), Unknown())
-    session.reply(Reply(8), b"")
-    assert said(session) == []
-    hear(session, welcome())
-    assert said(session) == [Reply(8)]
-
-
-def test_a_killed_task_is_cancelled_until_it_is_replied_to(session: Session) -> None:
-    hear(session, Deliver(8, "walk"))
-    assert not session.open_deliveries.is_cancelled(8)
-    hear(session, Cancelled(8), Cancelled(99))
-    assert session.open_deliveries.is_cancelled(8)
-
-
-def test_a_task_that_central_has_forgotten_is_cancelled(session: Session) -> None:
-    hear(session, Deliver(8, "walk"), Unknown(), welcome("two"))
-    assert session.open_deliveries.is_cancelled(8)
-
-
-def test_every_message_of_central_has_its_row() -> None:
-    for kind in headers.ToModule.__args__:
-        assert kind in Session._ON
-
-
-def test_a_question_is_asked_again_like_a_wait(session: Session) -> None:
-    asked = session.request(Ask(0, "status"), wants_answer=True)
-    said(session)
-    hear(session, Unknown(), welcome(), Refused(2, Refusal.TOO_LATE, ""), Answer(3, Outcome.DONE))
-    assert asked.is_over
-    assert not asked.lost
-
-
 def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
-    deliver = headers.Deliver(7, "walk", TaskId(7))
+    deliver = Deliver(7, "walk", TaskId(7))
     hear(session, deliver, deliver)
     assert len(session.deliveries) == 1
     session.deliveries.clear()
-    session.reply(headers.Reply(7), b"\xc0")
+    session.reply(Reply(7), b"\xc0")
     hear(session, deliver)
     assert not session.deliveries
 
 
-def test_a_suspended_task_that_is_killed_is_to_end(session: Session) -> None:
+def test_a_task_that_is_killed_or_forgotten_is_cancelled_and_suspended_no_longer(session: Session) -> None:
     """Or a handler that holds as long as its task is suspended would never return."""
-    hear(session, Deliver(7, "walk", TaskId(7)), Suspended(7, True))
-    assert session.open_deliveries.is_suspended(7)
-    hear(session, Cancelled(7))
-    assert not session.open_deliveries.is_suspended(7)
-
-
-def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once() -> None:
-    session = Session(HELLO)
-    session.receive(Welcome(1, PROTOCOL_VERSION, "legs", "first"), b"", 0.0)
-    session.break_off()
-    for _ in range(3):
-        session.receive(Refused(1, Refusal.PROTOCOL, "use one version"), b"", 0.0)
-    assert session.complaints == ["central was restarted, and refuses this module: use one version"]
+    deliveries = session.open_deliveries
+    hear(session, Deliver(7, "walk", TaskId(7)), Deliver(8, "walk"), Suspended(7, True))
+    assert (deliveries.is_suspended(7), deliveries.is_cancelled(7)) == (True, False)
+    hear(session, Cancelled(7), Cancelled(99))
+    assert (deliveries.is_suspended(7), deliveries.is_cancelled(7)) == (False, True)
+    assert not deliveries.is_cancelled(8)
+    hear(session, Unknown(), welcome("two"))
+    assert deliveries.is_cancelled(8)
 
 
 # --- locks -----------------------------------------------------------------------------------------------------------
@@ -380,77 +308,83 @@ def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_
 
 def granted(session: Session) -> Request:
     """A lock that the session has got."""
-    lock = session.request(Lock(0, "legs"), wants_answer=True)
+    (lock,) = asked(session, Lock(0, "legs"))
     hear(session, Answer(lock.header.number))
-    said(session)
     return lock
 
 
-def test_a_lock_that_is_taken_away_is_known_by_its_number(session: Session) -> None:
+def test_a_lock_that_is_taken_away_is_known_by_its_number_and_a_restarted_central_has_forgotten_all(
+    session: Session,
+) -> None:
     lock, other = granted(session), granted(session)
     hear(session, Taken(lock.header.number, "unlocked"), Taken(99, "never heard of"))
     assert (lock.taken, other.taken) == ("unlocked", "")
-
-
-def test_a_restarted_central_has_forgotten_what_was_locked(session: Session) -> None:
-    lock = granted(session)
     hear(session, Unknown(), welcome("two"))
-    assert lock.taken == "central was restarted and has forgotten it"
+    assert other.taken == "central was restarted and has forgotten it"
 
 
 def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(session: Session) -> None:
-    lock = granted(session)
-    release = session.request(Release(0, lock.header.number))
+    release = session.request(Release(0, granted(session).header.number))
     session.abandon(release)
     said(session)
     hear(session, Unknown(), welcome())
     assert said(session) == [release.header]
-    hear(session, Accepted(release.header.number, 7))
-    hear(session, Unknown(), welcome())
+    hear(session, Accepted(release.header.number, 7), Unknown(), welcome())
     assert said(session) == []
 
 
-# --- what the next central gets --------------------------------------------------------------------------------------
+# --- central was restarted: what the next one gets ------------------------------------------------------------------
 
 
-SOMEBODY = ConnectionId(b"somebody")
-STATUS, TASKS = Ask(0, "status"), Inspect(0, TaskId(0), "descendants")
+def test_another_epoch_loses_what_was_asked_and_declares_everything_again(session: Session) -> None:
+    session.declared([WALK], [HANDLES_WALK])
+    (stance,) = asked(session, A_QUERY)
+    hear(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
+    assert (stance.is_over, stance.lost) == (True, FORGOTTEN)
+    assert not session.deliveries
+    assert said(session) == [Register(0, [WALK], [HANDLES_WALK])]
+    session.reply(Reply(8), b"")
+    assert said(session) == []
+    session.request(A_GOAL)
+    assert said(session) == [Send(3, "walk")]
 
 
-def test_what_a_central_that_does_not_know_us_threw_away_no_other_has_got(session: Session) -> None:
-    walk, stance = session.request(A_GOAL), session.request(A_QUERY, wants_answer=True)
-    said(session)
-    hear(session, Unknown(walk.header.number), Unknown(stance.header.number), welcome("two"))
+def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_meant(session: Session) -> None:
+    (gone,) = asked(session, A_GOAL, wants_answer=False)
+    unsent = session.request(A_GOAL)
+    hear(session, Unknown())
+    walk, below = session.request(A_GOAL), session.request(Send(0, "walk", parent=TaskId(3)))
+    wait, question = session.request(A_WAIT, wants_answer=True), session.request(STATUS, wants_answer=True)
+    hear(session, welcome("two"))
+    lost = [bool(request.lost) for request in (gone, unsent, walk, below, wait, question)]
+    assert lost == [True, False, False, True, True, False]
+    assert said(session) == [Send(3, "walk"), Send(4, "walk"), Ask(7, "status")]
+
+
+@pytest.mark.parametrize("epoch", ["one", "two"])
+def test_what_a_central_that_does_not_know_us_threw_away_no_other_has_got(session: Session, epoch: str) -> None:
+    walk, stance = asked(session, A_GOAL, A_QUERY)
+    hear(session, Unknown(walk.header.number), Unknown(stance.header.number), welcome(epoch))
     assert said(session) == [Send(2, "walk"), Send(3, "stance")]
     assert (walk.lost, stance.lost) == ("", "")
 
 
-def test_it_is_said_again_to_the_same_central_too(session: Session) -> None:
-    session.request(A_GOAL)
-    said(session)
-    hear(session, Unknown(2), welcome())
-    assert said(session) == [Send(2, "walk")]
-
-
 def test_what_was_said_twice_may_have_come_to_the_old_central(session: Session) -> None:
-    walk = session.request(A_GOAL)
-    said(session)
+    (walk,) = asked(session, A_GOAL, wants_answer=False)
     hear(session, Unknown(), welcome())  # the line broke, and it is not known when
     assert said(session) == [Send(2, "walk")]
     hear(session, Unknown(2), welcome("two"))
-    assert walk.lost == "central was restarted meanwhile and has forgotten it"
+    assert walk.lost == FORGOTTEN
 
 
 def test_unknown_that_names_no_request_tells_nothing_of_any(session: Session) -> None:
-    walk = session.request(A_GOAL)
-    said(session)
+    (walk,) = asked(session, A_GOAL, wants_answer=False)
     hear(session, Unknown(), Unknown(77), welcome("two"))
     assert walk.lost
 
 
 def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(session: Session) -> None:
-    below, lock = session.request(Send(0, "walk", parent=TaskId(3))), session.request(Lock(0, "legs", origin=3))
-    said(session)
+    below, lock = asked(session, Send(0, "walk", parent=TaskId(3)), Lock(0, "legs", origin=3))
     hear(session, Unknown(2), Unknown(3), welcome("two"))
     assert below.lost
     assert lock.lost
@@ -458,32 +392,27 @@ def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(s
 
 
 def test_questions_that_change_nothing_are_asked_of_the_new_central(session: Session) -> None:
-    questions = STATUS, TASKS, headers.WaitUntilHandled(0, ["walk"]), headers.GetVariable(0, "pose")
-    asked = [session.request(each, wants_answer=True) for each in questions]
-    others = Inspect(0, TaskId(3), "self"), headers.SetVariable(0, "pose", swap=True)
-    lost = [session.request(each, wants_answer=True) for each in others]
-    said(session)
-    assert {request.epoch for request in asked} == {"one"}
+    questions = (
+        STATUS, Inspect(0, TaskId(0), "descendants"), WaitUntilHandled(0, ["walk"]), GetVariable(0, "pose"),
+    )  # fmt: skip
+    kept, lost = asked(session, *questions), asked(session, Inspect(0, TaskId(3), "self"), SWAP)
+    assert {request.epoch for request in kept} == {"one"}
     hear(session, Unknown(), welcome("two"))
     assert all(request.lost for request in lost)
     assert [type(header) for header in said(session)] == [type(each) for each in questions]
-    assert {request.epoch for request in asked} == {"two"}
+    assert {request.epoch for request in kept} == {"two"}
 
 
 def test_handlers_are_declared_by_what_renews_them_alone(session: Session) -> None:
     """Or they would come before what is attached."""
-    request = session.request(Register(0, [], [HandlerFormat("walk", "legs")]))
-    said(session)
+    (request,) = asked(session, Register(0, [], [HANDLES_WALK]), wants_answer=False)
     hear(session, Unknown(), welcome("two"))
     assert request.lost
     assert said(session) == []
 
 
 def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> None:
-    core = Central("two")
-    effects = [
-        effect
-        for header in (Send(7, "walk"), Reply(8))
-        for effect in core.handle(RequestReceived(0.0, SOMEBODY, header, b""))
-    ]
+    core, somebody = Central("two"), ConnectionId(b"somebody")
+    events = [RequestReceived(0.0, somebody, header, b"") for header in (Send(7, "walk"), Reply(8))]
+    effects = [effect for event in events for effect in core.handle(event)]
     assert [effect.header for effect in effects if isinstance(effect, Transmit)] == [Unknown(7), Unknown(0)]

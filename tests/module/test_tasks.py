@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from module.real_central import SOON
+from module.real_central import SOON, Gate
 from module.robot import COLLISION, EXHAUSTED, MOVE_LEG, REST, STANCE, STEP, STOP, WALK, Arc, Footfall, Robot
 
 from tca_module import (
@@ -147,21 +147,16 @@ def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
 
 
 def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
-    go = threading.Event()
-
-    @robot.legs.handles(STOP)
-    def wait(task: Task) -> None:
-        assert go.wait(SOON)
-
+    gate = Gate()
+    robot.legs.handles(STOP)(gate)
     with robot.running():
         stop = user.command(STOP)
         assert stop.wait_for(stop.handling.start, SOON) is Outcome.DONE
         with pytest.raises(Timeout, match=r"end achieving task 1 \('stop'\) was not reached within 0.01 s"):
             stop.result(0.01)
         assert robot.central.facts.count(WaitEnded("user", 0, stop.id)) == 2  # the second was given up
-        go.set()
+        gate.go_on.set()
         assert stop.wait_for(stop.handling.end, SOON) is Outcome.DONE
-        stop.result(SOON)
         with pytest.raises(MisuseError, match="point must be a point of a task"):
             stop.wait_for("end")  # type: ignore[arg-type]
         with pytest.raises(Refused, match="there is no task 99"):

@@ -1,9 +1,10 @@
-"""What central itself answers: who is there, and shared variables."""
+"""What central itself answers: who is there, shared variables, locks and reservations."""
 
 import logging
 import queue
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -15,14 +16,21 @@ from tca_module import (
     MODULE_JOINED,
     MODULE_LEFT,
     Client,
+    Command,
+    Deadlock,
     Departure,
     FormatRefused,
     HandlerInfo,
     Inform,
+    LockLost,
     MisuseError,
     Module,
+    Outcome,
+    Query,
     Refused,
+    ResourceInfo,
     Task,
+    TaskFailed,
     TcaError,
     Timeout,
     Variable,
@@ -30,15 +38,12 @@ from tca_module import (
     connect,
     module,
 )
-from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import ModuleLeft, Received
-from tca_wire.packets import headers
-from tca_wire.vocabulary import Refusal
 
 
 @pytest.fixture
-def legs(central: LocalCentral) -> Module:
+def walkers(central: LocalCentral) -> Module:
     legs = Module("legs", central, capacity=2)
     legs.handles(MOVE_LEG, pending=3, pool="both")(lambda _, leg: Footfall(leg, 0.0))
     legs.handles(TEMPERATURE, resource="thermometer")(lambda _: 36.6)
@@ -65,8 +70,8 @@ class Started:
         assert not self.thread.is_alive()
 
 
-def test_who_is_there_and_handles_what(legs: Module, user: Client) -> None:
-    with legs.running():
+def test_who_is_there_and_handles_what(walkers: Module, user: Client) -> None:
+    with walkers.running():
         known = {info.name: info for info in user.modules()}
         assert set(known) == {"legs", "user"}
         assert known["legs"].handles == ("move leg", "temperature")
@@ -74,12 +79,12 @@ def test_who_is_there_and_handles_what(legs: Module, user: Client) -> None:
         assert known["user"].resources == ()
         assert user.handlers(MOVE_LEG) == [HandlerInfo("legs", "legs", 2, "both", 3, 0)]
         assert user.handlers(STANCE) == []
-        assert legs.modules() == user.modules()
+        assert walkers.modules() == user.modules()
     assert user.handlers(MOVE_LEG) == []
 
 
-def test_waiting_until_messages_are_handled(legs: Module, user: Client) -> None:
-    later = threading.Timer(0.1, lambda: started.append(Started(legs)))
+def test_waiting_until_messages_are_handled(walkers: Module, user: Client) -> None:
+    later = threading.Timer(0.1, lambda: started.append(Started(walkers)))
     started: list[Started] = []
     later.start()
     user.wait_until_handled(MOVE_LEG, TEMPERATURE, timeout=SOON)
@@ -89,20 +94,20 @@ def test_waiting_until_messages_are_handled(legs: Module, user: Client) -> None:
     user.wait_until_handled(timeout=SOON)  # for nothing
 
 
-def test_what_is_not_handled_in_time_is_named(legs: Module, user: Client) -> None:
-    with legs.running(), pytest.raises(Timeout) as late:
+def test_what_is_not_handled_in_time_is_named(walkers: Module, user: Client) -> None:
+    with walkers.running(), pytest.raises(Timeout) as late:
         user.wait_until_handled(MOVE_LEG, STANCE, ALARM, timeout=0.01)
     assert str(late.value) == (
         "not handled within 0.01 s: query 'stance', broadcast 'alarm'; start the module that does, see 'tca messages'"
     )
 
 
-def test_a_module_serves_when_what_it_requires_is_handled(legs: Module, central: LocalCentral, user: Client) -> None:
+def test_a_module_serves_when_what_it_requires_is_handled(walkers: Module, central: LocalCentral, user: Client) -> None:
     planner = Module("planner", central, requires=[TEMPERATURE, MOVE_LEG])
     planner.handles(STANCE)(lambda task, _: [int(task.query(TEMPERATURE))])
     started = Started(planner)
     assert user.execute_if_handled(STANCE, 1.0) is None
-    with legs.running():
+    with walkers.running():
         user.wait_until_handled(STANCE, timeout=SOON)
         assert user.query(STANCE, 1.0, timeout=SOON) == [36]
     assert user.handlers(STANCE) != []  # it goes on serving
@@ -154,11 +159,11 @@ def test_modules_that_require_each_other_are_told_at_once(
         assert "'planner' waits for 'move leg', which 'legs' will handle" in record.message
 
 
-def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: Module) -> None:
+def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, walkers: Module) -> None:
     started = Started(Module("planner", central, requires=[TEMPERATURE]))
     until(lambda: "temperature" in central.core.registry.messages, "it waits")
     central.restart("second")
-    with legs.running():
+    with walkers.running():
         until(lambda: started.module._keep_alive, "it serves")
         started.stop()
     assert started.error == []
@@ -176,8 +181,8 @@ def told(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
         yield told
 
 
-def test_who_listens_is_told(legs: Module, told: "queue.SimpleQueue[Any]") -> None:
-    with legs.running():
+def test_who_listens_is_told(walkers: Module, told: "queue.SimpleQueue[Any]") -> None:
+    with walkers.running():
         pass
     assert {told.get(timeout=SOON) for _ in range(6)} == {
         "legs", ("move leg", 1), ("temperature", 1), ("move leg", 0), ("temperature", 0), ("legs", "it said goodbye"),
@@ -263,18 +268,222 @@ def test_a_handler_sets_and_gets(central: LocalCentral, user: Client) -> None:
     assert [(fact.message, fact.origin) for fact in received] == [("position", 0), ("pose", 1), ("mode", 1)]
 
 
-def test_what_a_break_does_to_requests() -> None:
-    session = Session(headers.Hello(0, headers.PROTOCOL_VERSION, "user", "run"))
-    session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
-    got = session.request(headers.GetVariable(0, "pose"), wants_answer=True)
-    swapped = session.request(headers.SetVariable(0, "pose", swap=True), b"1", wants_answer=True)
-    session.outgoing.clear()  # they have left
-    session.break_off()
-    assert not session.post(headers.SetVariable(0, "pose"), b"1")
-    assert session.dropped == 1
-    session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
-    for number in (2, 3):
-        session.receive(headers.Refused(number, Refusal.TOO_LATE, "long ago"), b"", 0.0)
-    assert not got.is_over
-    assert got.header.number == 4  # asked anew
-    assert swapped.lost == "the connection to central broke before the answer came"
+# --- Locks and reservations, as modules use them, and those that were taken away -------------------------------------
+
+
+MOVE = Command("move", int)
+WHERE = Query("where", reply=int)
+ASK = Query("ask", reply=int)
+
+
+def test_while_a_resource_is_locked_nobody_gets_in(central: LocalCentral, legs: Module, user: Client) -> None:
+    moved: list[int] = []
+    legs.handles(MOVE)(lambda _, number: moved.append(number))
+    with legs.running(), connect("other", central) as other:
+        with user.lock("legs", timeout=5):
+            move = other.command(MOVE, 1)
+            with pytest.raises(Timeout, match="not reached"):
+                move.wait(timeout=0.1)
+            assert [resource.locked_by for resource in resources(user)] == ["user"]
+            with pytest.raises(Deadlock, match="legs, which user has locked"):
+                user.command(MOVE, 2).result()
+        move.result(timeout=5)
+        assert [resource.locked_by for resource in resources(user)] == [""]
+
+
+def resources(user: Client) -> list[ResourceInfo]:
+    return [resource for module in user.modules() for resource in module.resources]
+
+
+def test_a_reservation_lets_in_what_its_module_sends(central: LocalCentral, legs: Module, user: Client) -> None:
+    moved: list[int] = []
+    legs.handles(MOVE)(lambda _, number: moved.append(number))
+    with legs.running(), connect("other", central) as other:
+        claim = user.reserve("legs", "legs")
+        late = other.command(MOVE, 2)
+        user.command(MOVE, 1).result(timeout=5)
+        assert moved == [1]
+        claim.release()
+        claim.release()
+        late.result(timeout=5)
+        assert moved == [1, 2]
+
+
+def test_a_handler_gets_its_own_answer_when_it_has_released_its_own_resource(
+    central: LocalCentral, legs: Module, user: Client
+) -> None:
+    legs.handles(WHERE)(lambda *_: 7)
+
+    @legs.handles(ASK)
+    def ask(task: Task, _: None) -> int:
+        with task.lock("legs", timeout=5):
+            where = task.query_send(WHERE)
+        return where.receive(timeout=5)
+
+    with legs.running():
+        assert user.query(ASK, timeout=10) == 7
+
+
+def test_whoever_waits_too_long_is_told_who_has_it(central: LocalCentral, legs: Module, user: Client) -> None:
+    legs.handles(MOVE)(lambda *_: None)
+    with legs.running(), connect("other", central) as other:
+        with user.lock("legs"):
+            with pytest.raises(Timeout, match="legs, which user has locked"):
+                other.lock("legs", timeout=0.05)
+            with pytest.raises(Timeout, match="lock of resource 'legs' of 'legs'"):
+                other.lock("legs", "legs", timeout=0)
+            with pytest.raises(Refused, match="release it"):
+                user.reserve("legs")
+        with other.reserve("legs", timeout=0):
+            pass
+
+
+@pytest.mark.parametrize("in_block", [False, True])
+def test_a_release_that_is_refused_in_another_thread_loses_no_lock(
+    central: LocalCentral, legs: Module, user: Client, in_block: bool
+) -> None:
+    legs.handles(MOVE)(lambda *_: None)
+    refused: list[MisuseError] = []
+    with legs.running(), connect("other", central) as other:
+        claim = user.lock("legs", timeout=5)
+
+        def release() -> None:
+            try:
+                if in_block:
+                    with claim:
+                        pass
+                else:
+                    claim.release()
+            except MisuseError as error:
+                refused.append(error)
+
+        thread = threading.Thread(target=release)
+        thread.start()
+        thread.join()
+        assert "belongs to the one that opened it" in str(refused[0])
+        assert claim.held
+        claim.release()
+        other.lock("legs", timeout=5).release()
+
+
+# --- A lock or reservation that was taken away -----------------------------------------------------------------------
+
+
+pytestmark = pytest.mark.usefixtures("attentive")
+
+SCAN = Command("scan")
+
+
+class Scans:
+    """Scans, for which the legs must stand still: each waits in its block until it may go on."""
+
+    def __init__(self, eyes: Module) -> None:
+        self.held: list[bool] = []
+        self._locked, self._go_on = threading.Event(), threading.Event()
+        eyes.handles(SCAN)(self._scan)
+
+    def _scan(self, task: Task) -> None:
+        with task.lock("legs", timeout=SOON) as claim:
+            self.held.append(claim.held)
+            self._locked.set()
+            assert self._go_on.wait(SOON)
+            self.held.append(claim.held)
+        self.held.append(claim.held)
+
+    @contextmanager
+    def under_way(self) -> Iterator[None]:
+        """While a scan has the legs."""
+        assert self._locked.wait(SOON)
+        try:
+            yield
+        finally:
+            self._go_on.set()
+
+
+@pytest.fixture
+def moving(legs: Module) -> Iterator[None]:
+    legs.handles(MOVE)(lambda *_: None)
+    with legs.running():
+        yield
+
+
+def taken_away(central: LocalCentral) -> None:
+    with connect("operator", central) as operator:
+        assert operator.unlock("legs")
+
+
+@pytest.mark.usefixtures("moving")
+def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(eyes: Module, user: Client) -> None:
+    scans = Scans(eyes)
+    with eyes.running():
+        scan = user.command(SCAN)
+        with scans.under_way():
+            assert user.unlock("legs")
+            assert user.command(MOVE, 1, sequential=False).wait(SOON) is Outcome.DONE
+        with pytest.raises(
+            TaskFailed, match=r"lock of resource 'legs' was lost .* unlocked by module 'user'"
+        ) as raised:
+            scan.result(SOON)
+    assert raised.value.failure == "lock lost"
+    assert scans.held == [True, False]
+
+
+@pytest.mark.usefixtures("moving")
+def test_an_error_that_leaves_the_block_is_not_replaced(eyes: Module, user: Client, central: LocalCentral) -> None:
+    @eyes.handles(SCAN)
+    def scan(task: Task) -> None:
+        with task.lock("legs"):
+            taken_away(central)
+            raise KeyError("dust")
+
+    with eyes.running(), pytest.raises(TaskFailed, match="dust"):
+        user.command(SCAN).result(SOON)
+
+
+@pytest.mark.usefixtures("moving")
+def test_who_releases_without_a_block_is_told_once(eyes: Module, user: Client, central: LocalCentral) -> None:
+    @eyes.handles(SCAN)
+    def scan(task: Task) -> None:
+        claim = task.reserve("legs")
+        taken_away(central)
+        with pytest.raises(LockLost, match="the reservation of resource 'legs' was lost before it was released"):
+            claim.release()
+        claim.release()
+
+    with eyes.running():
+        assert user.command(SCAN).wait(SOON) is Outcome.DONE
+
+
+@pytest.mark.usefixtures("moving")
+def test_the_connection_broke_inside_the_block(user: Client, central: LocalCentral) -> None:
+    """Central frees what those had who are gone, if only for a moment: others have been let in."""
+    with connect("other", central) as other:
+        claim = other.lock("legs")
+        central.cut("other")
+        assert user.command(MOVE, 1).wait(SOON) is Outcome.DONE
+        other.modules()
+        assert not claim.held
+        with pytest.raises(LockLost, match="the connection to central was lost"):
+            claim.release()
+        with pytest.raises(LockLost, match="the connection to central was lost"), other.lock("legs"):
+            central.cut("other")
+
+
+def test_the_module_of_the_resource_is_gone(user: Client, legs: Module) -> None:
+    legs.handles(MOVE)(lambda *_: None)
+    with legs.running():
+        claim = user.lock("legs")
+    assert not claim.held
+    with pytest.raises(LockLost, match="module 'legs' has gone"), claim:
+        pass
+
+
+@pytest.mark.usefixtures("moving")
+def test_central_was_restarted_inside_the_block(user: Client, central: LocalCentral) -> None:
+    """A client learns it when it next says something: at the end of the block at the latest."""
+    with pytest.raises(LockLost, match="central was restarted and has forgotten it"), user.lock("legs"):
+        central.restart("afresh")
+    with connect("other", central) as other:
+        other.wait_until_handled(MOVE, timeout=SOON)
+        with other.lock("legs", timeout=SOON) as claim:
+            assert claim.held
