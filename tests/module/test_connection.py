@@ -6,7 +6,6 @@ import pytest
 
 from tca_module.errors import CentralLost, FormatRefused, Refused, Timeout
 from tca_module.link.connection import Connection
-from tca_module.sending.task_ref import TaskRef
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.transport import Waker
 from tca_wire.messages.declarations import Goal
@@ -30,7 +29,7 @@ from tca_wire.packets.headers import (
     Unregister,
     Welcome,
 )
-from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Limit, Refusal
 
 WELCOME = Welcome(1, 1, "legs", "one")
@@ -227,15 +226,6 @@ def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixt
     assert "sent what is no message" in caplog.text
 
 
-def test_big_messages_leave_in_several_packets() -> None:
-    connection, central = connected()
-    central.is_there = False
-    requests = [connection.request(Send(0, f"{number}"), bytes(6 << 20)) for number in range(3)]
-    central.is_there = True
-    assert not connection.wait(requests[0], 0.3, "goal")
-    assert [header.message for header in central.heard if isinstance(header, Send)] == ["0", "1", "2"]
-
-
 def test_what_has_left_is_not_asked_of_the_next_central_though_the_rest_could_not_leave() -> None:
     connection, central = connected()
     central.is_there = False
@@ -342,14 +332,6 @@ def test_central_comes_back_for_a_connection_that_serves() -> None:
 
     connection.serve(come_back)
     assert Hello in map(type, central.heard)
-
-
-def test_the_question_for_all_tasks_names_no_task() -> None:
-    connection, central = connected()
-    central.script = lambda header: [] if isinstance(header, headers.Inspect) else friendly(header)
-    everything = TaskRef(connection, "root", ROOT)
-    with pytest.raises(Timeout, match=r"^the question for the tasks was not answered within 30 s, "):
-        everything.descendants()
 
 
 # --- silence ---------------------------------------------------------------------------------------------------------

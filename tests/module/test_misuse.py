@@ -18,6 +18,7 @@ from tca_module import (
     Client,
     Command,
     Condition,
+    Constraint,
     DemonMonitor,
     ExceptionHandler,
     Failure,
@@ -27,6 +28,7 @@ from tca_module import (
     MisuseError,
     Module,
     MultiQuery,
+    Point,
     PointMonitor,
     PollingMonitor,
     Query,
@@ -58,39 +60,28 @@ Call = Callable[[Any, Any, Any], object]
 
 CALLS: list[Call] = [
     lambda user, _task, _: user.query(WALK),
-    lambda user, _task, _: user.goal(WHERE),
-    lambda user, _task, _: user.inform(HI),
     lambda user, _task, _: user.broadcast("hi"),
     lambda user, _task, _: user.execute(POLL),
-    lambda user, _task, _: user.tap(Condition.WHEN_SENT, "rest", REST),
     lambda user, _task, _: user.command(REST, 5),
     lambda user, _task, _: user.command(REST, planfirst=True),
     lambda user, _task, _: user.goal(WALK, 1.0, plan_first=1),
     lambda user, _task, _: user.command(REST, deadline=0),
-    lambda user, _task, _: user.command(REST, delay=-1),
     lambda user, _task, _: user.command(REST, priority=2.5),
     lambda user, task, _: user.command(REST, constraints=task.achieving.end <= this.achieving.start),
     lambda user, _task, _: user.command(REST, on_failure=(SLIPPED, SHRUG)),
     lambda user, _task, _: user.query(WHERE, timeout=float("nan")),
-    lambda user, _task, _: user.multi_query(ALL, maximum=0),
     lambda user, _task, _: user.query_notify(WHERE, None, coming),
     lambda user, _task, _: user.query_notify(WHERE, None, lambda reply: reply),
     lambda user, _task, _: user.wait_until_handled("rest"),
     lambda user, _task, _: user.sequence(-1).__enter__(),
-    lambda user, _task, _: user.constrain("soon"),
     lambda user, _task, _: user.under(5),
-    lambda user, _task, _: user.task(-1),
     lambda user, _task, _: user.tasks(5),
-    lambda user, _task, _: user.set_variable(SAY, "x"),
     lambda user, _task, _: user.lock("arm", 5),
-    lambda user, _task, _: user.unlock(" "),
     lambda user, _task, _: user.status("soon"),
     lambda user, _task, _: user.tap("befor handling", REST, SAY),
     lambda user, _task, _: user.tap(Condition.WHEN_SENT, REST, SAY, period=1),
     lambda user, _task, _: user.monitor(REST),
     lambda user, _task, _: user.monitor(POLL),
-    lambda user, _task, _: user.monitor(POLL, period=0),
-    lambda user, _task, _: user.monitor(POLL, period=1, until=3),
     lambda user, _task, _: user.monitor(LOOK, period=1),
     lambda user, _task, _: user.monitor(ROCKS, perod=1),
     lambda user, _task, _: user.monitor(ROCKS).fire(HI),
@@ -98,46 +89,30 @@ CALLS: list[Call] = [
     lambda user, _task, _: user.on_failure("slipped", SHRUG),
     lambda user, _task, _: user.on_failure(SLIPPED, REST),
     lambda user, _task, _: user.on_failure(SLIPPED, SHRUG, of=SAY),
-    lambda user, _task, _: user.on_failure(SLIPPED, SHRUG, maximum=-1),
     lambda user, _task, _: user.on_failure(FELL, GRIP),
     lambda user, _task, _: user.on_failure(None, GRIP),
-    lambda _, task, _module: task.on_failure(FELL, GRIP),
-    lambda user, _task, _: user.command(REST, on_failure=[(FELL, GRIP)]),
     lambda _, task, _module: task.fail(FELL),
-    lambda _, task, _module: task.kill("\ud800"),
     lambda _, task, _module: task.kill(scope="all"),
-    lambda _, task, _module: task.deadline(0),
-    lambda _, task, _module: task.wait("soon"),
     lambda _, task, _module: task.wait_for("soon"),
-    lambda _, task, _module: task.on_termination(SAY),
     lambda _, task, _module: task.retry(WALK, 1.0),
     lambda _, task, _module: task.retry(data=5),
     lambda _, task, _module: task.achieving.end + "soon",
     lambda _, task, _module: task.achieving.end <= task.planning.end + 1,
     lambda _, task, _module: task.achieving.end < task.planning.end,
     lambda _, task, _module: task.achieving.end <= task.planning.end <= task.planning.end,
-    lambda user, _, _module: connect("", user.address),
     lambda *_: Module("legs", ""),
-    lambda *_: Module("legs", capacity=0),
     lambda *_: Module("legs", requires="rest"),  # type: ignore[arg-type]
-    lambda _user, _, legs: legs.resource("a\nb"),
     lambda _user, _, legs: legs.goal(WALK, 1.0),
     lambda _user, _, legs: legs.handles(POLL)(two),
-    lambda _user, _, legs: legs.handles("rest")(two),
     lambda _user, _, legs: legs.handles(REST)(5),
     lambda _user, _, legs: legs.handles(WALK)(lambda _: None),
-    lambda _user, _, legs: legs.handles(REST, pool="")(two),
     lambda _user, _, legs: legs.handles(SAY, pending=0)(two),
     lambda _user, _, legs: legs.handles(HEAT, pending=2)(two),
-    lambda _user, _, legs: legs.handles(SAY, direct="yes")(two),
     lambda _user, _, legs: legs.handles(WALK, direct=True)(two),
     lambda _user, _, legs: legs.handles(SAY, direct=True, pending=3)(two),
     lambda _user, _, legs: legs.every(0)(print),
-    lambda _user, _, legs: legs.after(-1, print),
-    lambda _user, _, legs: legs.after(1, coming),
     lambda _user, _, legs: legs.after(1, two),
     lambda _user, _, legs: legs.on_readable("file", print),
-    lambda _user, _, legs: legs.at_start(two),
 ]  # fmt: skip
 
 
@@ -350,6 +325,20 @@ def test_declaring_a_module(central: LocalCentral) -> None:
     attack(lambda wrong: Module("legs", wrong))
     attack(lambda wrong: Module("legs", central, capacity=wrong))
     attack(lambda wrong: Module("legs", central, requires=wrong))
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda point: Constraint(point, point, "soon"),  # type: ignore[arg-type]
+        lambda point: Constraint(None, point),  # type: ignore[arg-type]
+        lambda point: Constraint(Point("x", point.moment), point),  # type: ignore[arg-type]
+    ],
+)
+def test_constraints_that_somebody_made_of_nonsense_do_not_leave(sender: Client, made: Callable[[Any], Any]) -> None:
+    point = sender.command(REST, delay=3600).achieving.end
+    with pytest.raises(MisuseError, match="what was given can't be sent"):
+        sender.command(REST, constraints=[made(point)])
 
 
 NO_NAMES: tuple[Any, ...] = (0, [], "", " ", "a\nb", b"legs", False)

@@ -24,6 +24,7 @@ from tca_module import (
     PollingMonitor,
     Query,
     Refused,
+    Sender,
     SentTask,
     Task,
     TaskFailed,
@@ -33,7 +34,7 @@ from tca_module import (
     this,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.journal.facts import Failed, Ignored, WaitBegan, WaitEnded
+from tca_wire.journal.facts import Failed, Ignored, Received, WaitBegan, WaitEnded
 from tca_wire.points import Moment, Point
 
 
@@ -51,14 +52,6 @@ def test_a_goal_is_planned_into_commands_that_are_done_in_order(robot: Robot, us
     assert robot.done == ["plan", "leg 0", "leg 1", "leg 2"]
     assert [fact.parent for fact in robot.received("move leg")] == [goal.id] * 3
     assert robot.order_of(Moment.END_ACHIEVING) == [goal.id + 1, goal.id + 2, goal.id + 3, goal.id]
-
-
-def test_a_command_has_a_result(robot: Robot, user: Client) -> None:
-    with robot.running():
-        move = user.command(MOVE_LEG, 4)
-        assert move.result(SOON) == Footfall(4, 0.5)
-        assert move.result() == Footfall(4, 0.5)
-        assert (move.message, repr(move)) == ("move leg", f"move leg {{{move.id}}}")
 
 
 def test_a_handler_that_waits_for_a_result_blocks_for_its_own_task(robot: Robot, user: Client) -> None:
@@ -569,14 +562,21 @@ def test_a_command_stands_in_the_sequence_that_others_send(expedition: Expeditio
     assert expedition.steps == [1, 2, 3]
 
 
-def test_blocks_under_a_task_of_others(expedition: Expedition, leader: Client) -> None:
+def test_blocks_where_others_send_too(expedition: Expedition, leader: Client) -> None:
+    """Under a task of others and under the root; the strangers are not in the sequence."""
     sent = expedition.begin(GUARD, leader)
-    under = leader.under(sent)
-    with under.sequence():
-        first = under.command(TREAD, 1)
-        leader.under(sent).command(TREAD, 7, sequential=False)
-        second = under.command(TREAD, 2)
+    pairs: list[tuple[Sender, Sender]] = [
+        (leader.under(sent), leader.under(sent)), (leader, expedition.watcher),
+    ]  # fmt: skip
+    for own, others in pairs:
+        with own.sequence():
+            first = own.command(TREAD, 1)
+            stranger = others.command(TREAD, 7, sequential=False)
+            second = own.command(TREAD, 2)
+        facts = [fact for fact in expedition.central.facts if isinstance(fact, Received) and fact.id == second.id]
+        before = {constraint.before.task for fact in facts for constraint in fact.constraints}
+        assert first.id in before
+        assert stranger.id not in before
     expedition.go_on.set()
     assert second.wait(SOON) is first.wait(SOON) is sent.wait(SOON) is Outcome.DONE
-    assert sorted(expedition.steps) == [1, 2, 7]
-    assert expedition.steps.index(1) < expedition.steps.index(2)
+    assert sorted(expedition.steps) == [1, 1, 2, 2, 7, 7]
