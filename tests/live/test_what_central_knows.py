@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 from module.real_central import RealCentral
+from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_live import questions as commands
 from tca_module import Module, Variable, connect
