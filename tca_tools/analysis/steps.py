@@ -19,10 +19,10 @@ class Doing(StrEnum):
     QUEUED = "queued"  # for a resource, and no handler is known that had it
     LOCKED = "locked"  # a resource was locked from outside of any handler, or a lock was waited for in vain
     SUSPENDED = "suspended"  # and nothing under it ran on any more
-    KILLED = "killed"  # it went on until it was killed, or a failure was raised on it, from outside
+    KILLED = "until it was killed"  # it went on until it was killed, or a failure was raised on it, from outside
     HELD = "held"  # by a constraint, or its parent
     WATCHING = "watching"  # a monitor, until it looked again or its condition held
-    UNKNOWN = "unknown"  # the journal does not say what was waited for
+    UNKNOWN = "not known"  # the journal does not say what was waited for
 
 
 @dataclass(slots=True)

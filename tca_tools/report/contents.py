@@ -1,6 +1,6 @@
 """What a report says: all questions of the package ``analysis`` asked of a run, with bounds on what is shown. Pure."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advice_words import Advice
@@ -18,7 +18,7 @@ from tca_tools.analysis.failures import Kind, failures
 from tca_tools.analysis.long_waits import WaitsOfKind, long_waits
 from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.step_words import why_then
-from tca_tools.analysis.steps import Doing
+from tca_tools.analysis.steps import Doing, Step
 from tca_tools.analysis.summary import Summary, summary
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story
@@ -30,35 +30,23 @@ _WORTH_A_LINE = 0.001
 _STEPS = 60
 _STORIES, _STORIES_EACH = 16, 2
 _SENTENCES = 40
-_KINDS, _CASES = 20, 8
+KINDS, CASES = 20, 8
+"""Kinds of failures that are shown, and failures of each."""
 _WAITS = 8
 
 
-@dataclass(frozen=True)
-class ShownStep:
-    """One step of a critical path, in words."""
-
-    start: float
-    seconds: float
-    doing: Doing
-    what: str
-    where: str
-    why: str
-
-
-@dataclass(frozen=True)
-class ShownPath:
+class ShownPath(NamedTuple):
     """A critical path: its shares but for the smallest, and its longest steps in their order."""
 
     path: CriticalPath
     shares: list[Share]
-    steps: list[ShownStep]
+    steps: list[tuple[Step, str, str]]
+    """Each with what it was of, and why it did not begin sooner."""
     left_out: int
     left_out_seconds: float
 
 
-@dataclass(frozen=True)
-class Contents:
+class Contents(NamedTuple):
     """All that a report says, but for the pictures."""
 
     summary: Summary
@@ -74,16 +62,6 @@ class Contents:
     """
     advice: list[Advice]
 
-    @property
-    def cases_shown(self) -> int:
-        """How many failures of each kind are shown."""
-        return _CASES
-
-    @property
-    def kinds_shown(self) -> int:
-        """How many kinds of failures are shown."""
-        return _KINDS
-
 
 def contents(run: Run) -> Contents:
     """Ask everything."""
@@ -96,22 +74,14 @@ def contents(run: Run) -> Contents:
     if path and longest and longest is not last and path.seconds < handling.seconds / 2:
         other = critical_path(run, causes, longest)
     told = advice(run, causes, path, overlaps(run, causes), use, kinds, handling.seconds * _WORTH_SAYING, other)
-    return Contents(
-        handling,
-        kinds,
-        _stories(run, kinds),
-        long_waits(run, _WAITS),
-        use,
-        _shown(run, path) if path else None,
-        _shown(run, other) if other else None,
-        told,
-    )
+    shown, shown_too = (_shown(run, one) if one else None for one in (path, other))
+    return Contents(handling, kinds, _stories(run, kinds), long_waits(run, _WAITS), use, shown, shown_too, told)
 
 
 def _stories(run: Run, kinds: list[Kind]) -> dict[int, list[Sentence]]:
     """The stories of the first failing message of each kind, then of others."""
     firsts = [kind.cases[0].message_id for kind in kinds]
-    others = [case.message_id for kind in kinds[:_KINDS] for case in kind.cases[1:_STORIES_EACH]]
+    others = [case.message_id for kind in kinds[:KINDS] for case in kind.cases[1:_STORIES_EACH]]
     chosen = [one for one in dict.fromkeys([*firsts, *others]) if one in run.messages][:_STORIES]
     return {message: story(run, message)[:_SENTENCES] for message in chosen}
 
@@ -119,16 +89,9 @@ def _stories(run: Run, kinds: list[Kind]) -> dict[int, list[Sentence]]:
 def _shown(run: Run, path: CriticalPath) -> ShownPath:
     longest = sorted(path.steps, key=lambda step: step.seconds, reverse=True)[:_STEPS]
     kept = sorted(longest, key=lambda step: step.start)
+    before = {True: "before ", False: ""}
     steps = [
-        ShownStep(
-            step.start,
-            step.seconds,
-            step.doing,
-            f"before {run.describe(step.message_id)}" if step.doing is Doing.OUTSIDE else run.describe(step.message_id),
-            step.where,
-            why_then(run, step),
-        )
-        for step in kept
+        (one, before[one.doing is Doing.OUTSIDE] + run.describe(one.message_id), why_then(run, one)) for one in kept
     ]
     told = [share for share in shares(run, path) if share.share >= _WORTH_A_LINE]
     left_out = path.seconds - sum(step.seconds for step in kept)

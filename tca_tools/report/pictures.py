@@ -1,8 +1,8 @@
 """The pictures of a report, as SVG: a Gantt chart of the run or of a telling part, and how busy resources were."""
 
 from bisect import bisect_left
-from dataclasses import dataclass
 from math import ceil
+from typing import NamedTuple
 
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.chart import Chart
@@ -25,13 +25,11 @@ _PAPER = 1250
 _STRIPS, _CELLS = 24, 240
 
 
-@dataclass(frozen=True)
-class Gantt:
+class Gantt(NamedTuple):
     """A Gantt chart: labels and plot, which stand side by side and are as wide as their letters need."""
 
     start: float
     end: float
-    is_whole: bool
     why: str
     """Why this part is shown, if it is one."""
     legend: list[tuple[str, str]]
@@ -56,8 +54,7 @@ class Gantt:
         return [(n * width, width) for n in range(number)]
 
 
-@dataclass(frozen=True)
-class Strip:
+class Strip(NamedTuple):
     """How busy a resource was, in equal parts of the run."""
 
     name: str
@@ -78,19 +75,10 @@ def gantt(history: History, found: Contents) -> Gantt | None:
 def _drawn(drawing: Chart, why: str) -> Gantt:
     pieces = pieces_of(drawing, "", widest=_WIDEST)
     labels, plot, height = ceil(pieces.label_width), ceil(pieces.plot_width) + 2 * _EDGE, ceil(pieces.height)
+    drawn = f'{patterns(drawing, of_names=False)}<g transform="translate({_EDGE} 0)">{pieces.plot}</g>'
     return Gantt(
-        drawing.start,
-        drawing.end,
-        not why,
-        why,
-        pieces.meanings,
-        STYLE,
-        pieces.labels,
-        f'{patterns(drawing, of_names=False)}<g transform="translate({_EDGE} 0)">{pieces.plot}</g>',
-        labels,
-        plot,
-        height,
-    )
+        drawing.start, drawing.end, why, pieces.meanings, STYLE, pieces.labels, drawn, labels, plot, height
+    )  # fmt: skip
 
 
 def _telling(found: Contents) -> tuple[float, str]:

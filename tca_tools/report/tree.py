@@ -24,18 +24,20 @@ class Node:
 
     level: int
     """How deep it nests in the page."""
-    depth: int
-    closes: int = 0
+    row: Row
+    is_parent: bool
+    is_open: bool
+    closes: int
     """How many levels end before it."""
-    task: TaskAt | None = None
-    state: str = ""
     spans: str = ""
     note: str = ""
-    role: str = ""
-    is_parent: bool = False
-    is_open: bool = False
     folded: str = ""
     """What it stands for, if for no one task: "+ 212 tasks achieved"."""
+
+    @property
+    def task(self) -> TaskAt | None:
+        """The task."""
+        return self.row.task
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,15 @@ def tree(run: Run, shown_at_most: int = SHOWN_AT_MOST) -> Tree:
     nodes: list[Node] = []
     level = 0
     for row, below in zip(rows, [*rows, None][1:], strict=True):
-        node = _node(at, row, opened)
-        node.is_parent = below is not None and below.parent == row.number and node.level < _DEEPEST
-        node.closes = level - node.level
-        level = node.level + node.is_parent
+        depth = min(row.depth, _DEEPEST)
+        is_parent = below is not None and below.parent == row.number and depth < _DEEPEST
+        node = Node(depth, row, is_parent, row.task is not None and row.task.id in opened, level - depth)
+        if row.task is None:
+            node.folded = words.folded(row)
+        else:
+            node.spans, node.note = _spans(row.task), words.note(at, row.task)
         nodes.append(node)
+        level = depth + is_parent
     return Tree(nodes, level, len(at.tasks), sum(row.task is not None for row in rows))
 
 
@@ -75,17 +81,10 @@ def _with_trouble(at: RunAt) -> set[int]:
     return found
 
 
-def _node(at: RunAt, row: Row, opened: set[int]) -> Node:
-    node, task = Node(min(row.depth, _DEEPEST), row.depth), row.task
-    if task is None:
-        node.folded = words.folded(row)
-        return node
-    node.task, node.state, node.note, node.role = task, task.standing, words.note(at, task), words.role(task)
-    node.is_open = task.id in opened
-    spans = []
-    for interval in (Interval.PLANNING, Interval.ACHIEVING):
-        if span := words.span(task, interval):
-            start, end = span
-            spans.append(f"{interval} {start:.2f}-" + ("" if end is None else f"{end:.2f}"))
-    node.spans = ", ".join(spans) + (" s" if spans else "")
-    return node
+def _spans(task: TaskAt) -> str:
+    """``planning 1.00-1.50, achieving 1.50- s``."""
+    spans = [(interval, words.span(task, interval)) for interval in (Interval.PLANNING, Interval.ACHIEVING)]
+    told = [
+        f"{interval} {span[0]:.2f}-" + ("" if span[1] is None else f"{span[1]:.2f}") for interval, span in spans if span
+    ]
+    return ", ".join(told) + " s" * bool(told)

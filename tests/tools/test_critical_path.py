@@ -170,7 +170,7 @@ def test_nothing_runs_when_the_journal_ends() -> None:
     story = Story().module("a")
     story.at(1.0).command("move", "a")
     story.at(4.0)
-    assert path_of(story.fold()) == [("unknown", "", 1.0, 4.0)]
+    assert path_of(story.fold()) == [("not known", "", 1.0, 4.0)]
 
 
 def test_nobody_handles_what_a_journal_that_ends_waits_for() -> None:
@@ -229,7 +229,7 @@ def test_a_task_that_is_suspended_twice_and_killed_by_its_deadline() -> None:
     assert path_of(story.fold()) == [
         ("walk", "a", 1.0, 2.0),
         ("suspended", "", 2.0, 3.0),
-        ("unknown", "", 3.0, 4.0),
+        ("not known", "", 3.0, 4.0),
         ("suspended", "", 4.0, 6.0),
     ]
 

@@ -29,7 +29,7 @@ def advised(found: Contents) -> dict[Topic, Advice]:
 def all_texts(found: Contents) -> str:
     texts = [text for one in found.advice for text in (one.title, one.text, one.remedy, one.example)]
     for shown in filter(None, (found.path, found.longest)):
-        texts += [share.name for share in shown.shares] + [step.what + step.why for step in shown.steps]
+        texts += [share.name for share in shown.shares] + [what + why for _, what, why in shown.steps]
     return "\n".join(texts)
 
 

@@ -152,7 +152,7 @@ def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened
 
 def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: Reported) -> None:
     shown = reported(mopping())
-    assert "fly : nobody handled it" in shown.text  # where the time went
+    assert "fly : no handler" in shown.text  # where the time went
     for words in ("Nobody handles 'fly'", "'mop floor' is suspended for a while", "Suspended tasks"):
         assert words in shown.text
     assert "1 wait, 6 s" in shown.text
@@ -163,7 +163,7 @@ def test_what_took_time_is_not_called_work_if_nothing_ran(reported: Reported) ->
     story = Story().module("legs", "move").at(1.0)
     story.command("move", "user")
     shown = reported(story.at(9.0))
-    assert "The longest part: move : the journal does not tell" in shown.text
+    assert "The longest part: move : not known" in shown.text
     assert "itself" not in shown.text
 
 
@@ -228,9 +228,9 @@ def many(tops: int, below: int, bad: int) -> History:
 def test_a_large_tree_shows_what_failed_and_counts_the_rest() -> None:
     found = tree(many(tops=300, below=9, bad=250), shown_at_most=100)
     assert found.shown <= 100
-    states = [node.state for node in found.nodes if node.task]
+    states = [node.task.standing for node in found.nodes if node.task]
     assert states.count(HANDLED) == 1  # the walk was achieved all the same
-    failed = next(node for node in found.nodes if node.state == HANDLED)
+    failed = next(node for node in found.nodes if node.task and node.task.standing == HANDLED)
     assert failed.task is not None
     above = next(node for node in found.nodes if node.task and node.task.id == failed.task.parent)
     assert above.is_open

@@ -47,7 +47,10 @@ def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> 
         assert FILLS[word] in picture
         assert word in picture
         assert FILLS["failed" if word == HANDLED else HANDLED] not in picture
-    assert [node.state for node in tree(run).nodes] == ["killed" if top_fails else "achieved", word]
+    assert [node.task.standing for node in tree(run).nodes if node.task] == [
+        "killed" if top_fails else "achieved",
+        word,
+    ]
 
 
 def test_a_report_shows_it_too(tca: Tca, tmp_path: Path) -> None:
