@@ -1,7 +1,7 @@
 """What something waits for, as data: the kinds of waits, and one wait as people are told of it.
 
 Central (for `tca status` and the texts of errors) and the tools (for all that explains a run) use the same kinds.
-The words stand in text/waits_in_words.py and, for the browser, in the page.
+The words stand in text/waits_in_words.py.
 """
 
 from enum import StrEnum

@@ -1,6 +1,7 @@
 """What the text and the picture say about a task: its times, why it waits, how it failed; and about a whole tree."""
 
 from collections import Counter
+from collections.abc import Sequence
 from textwrap import wrap
 from typing import NamedTuple
 
@@ -28,7 +29,7 @@ from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import counted, duration
 from tca_wire.text.printable import printable
 from tca_wire.text.waits_in_words import several_in_words
-from tca_wire.waits import WaitKind
+from tca_wire.waits import WaitFor, WaitKind
 
 _LONGEST_FAILURE = 200
 _LEAST_TEXT = 28
@@ -84,6 +85,8 @@ class Note(NamedTuple):
     """Whether the text names that already: then it is told only why it waits for nothing else."""
     says_state: bool = False
     """Whether the text begins with the task's state."""
+    waits: Sequence[WaitFor] = ()
+    """What the text tells of, as data."""
 
     @property
     def end(self) -> str:
@@ -129,8 +132,8 @@ def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
     return note_of(at, task, within).within(None, at.time)
 
 
-def note_of(at: RunAt, task: TaskAt, within: int | None = None) -> Note:
-    """The same in its parts."""
+def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "waits") -> Note:
+    """The same in its parts. The *verb* goes before what it waits for."""
     if task.state in OVER:
         return Note(failure_line(task.failure) if task.failure else _why_killed(at, task))
     last = in_the_end(at, task, within)
@@ -144,13 +147,13 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None) -> Note:
     says_state = not failed and bool(waits) and is_told_with_state(task)
     if waits:
         ahead = coming(at, task) if task.state is not State.ENDING else []
-        text = f"{how(task)} {several_in_words(told)}" + (f" ({'; '.join(ahead)})" if ahead else "")
+        text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (f" ({'; '.join(ahead)})" if ahead else "")
     elif task.suspension and task.handling:
         age = Age(task.suspension.start, task.suspension.start)
     elif queries := asked(at, task):
         since = task.asking[0].received
         text, age = f"goes on while it waits {several_in_words(queries)}", Age(since, since)
-    return Note("; ".join(filter(None, (failed, printable(text)))), age, last, is_named, says_state)
+    return Note("; ".join(filter(None, (failed, printable(text)))), age, last, is_named, says_state, told)
 
 
 _OF_TASKS = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.LISTENER)

@@ -1,28 +1,33 @@
-"""What a page asks for as it is needed: one task, notes on those in sight, messages around a moment. As plain data."""
+"""What a page asks for as it is needed: one task, notes on those in sight, messages around a moment.
 
+All sentences are made here; tasks stand in them as ``name {7}``, of which the page makes links.
+"""
+
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from itertools import groupby
 from operator import attrgetter
 from typing import Any
 
-import msgspec
-
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fates import Fate, coped_with, fate, told_to
-from tca_tools.run.records import Failure, Hold, Message, Task
+from tca_tools.run.records import OVER, Hold, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_tools.tasktree_viz.words import failure_line, span
+from tca_tools.tasktree_viz.words import failure_line, note_of, span
 from tca_tools.view.reading import Reading
 from tca_tools.why.ends import Cause, causes
 from tca_tools.why.story import Sentence, story
-from tca_tools.why.wait_words import Age, Last, age_of, asked, coming, how, in_the_end, last_of, shown, told_now
-from tca_tools.why.waits import Wait, held_above
+from tca_tools.why.wait_words import age_of, coming, how, last_of, shown, told_now
+from tca_tools.why.waits import held_above
 from tca_wire.journal.facts import kind_of
-from tca_wire.points import Interval, TaskId
+from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording, subject_of
-from tca_wire.text.printable import printable_lines
+from tca_wire.text.measures import duration, run_time
+from tca_wire.text.printable import printable, printable_lines
+from tca_wire.text.waits_in_words import several_in_words
+from tca_wire.waits import WaitFor
 
 Data = dict[str, Any]
 
@@ -47,16 +52,12 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
             return None
         at = reading.at(moment)
         told = [_sentence(one, at.moment) for one in story(run, message_id, at.moment)]
-        origin = run.delivered(message.origin)
         answer = {
             "id": message.id,
             "name": message.name,
             "class": message.message_class,
-            "sender": message.sender,
-            "origin": _named(run, origin.id) if origin else None,
-            "role": message.role,
-            "about": _named(run, message.about),
-            "received": message.received,
+            "isSent": message.received <= at.moment,
+            "relations": _relations(at, message),
             "data": data_text(message.was("body", at.moment)),
             "result": data_text(message.was("result", at.moment)),
             "failureData": data_text(message.was("failure_data", at.moment)),
@@ -72,8 +73,17 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
         return answer
 
 
-def _named(run: Run, number: int) -> Data | None:
-    return {"number": number, "name": run.name(number)} if number else None
+def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
+    """What it has to do with others: a heading and words for each."""
+    origin = at.run.delivered(message.origin)
+    sender = message.sender + (f" while handling {origin}" if origin else "")
+    found = [("sent by", sender), ("as", message.role and f"{message.role} for {at.describe(message.about)}")]
+    task = at.tasks.get(message.id)
+    if task is not None:
+        found += [("under", at.describe(task.parent) if task.parent else "")]
+        found += [("handled as a failure by", at.describe(handler)) for handler in task.caught_by]
+        found += [("subtasks", f"{len(task.children):,}" if task.children else "")]
+    return [(heading, words) for heading, words in found if words]
 
 
 def _sentence(one: Sentence, moment: float) -> Data:
@@ -87,68 +97,47 @@ def _failure_answer(run: Run, message: Message, moment: float) -> Data:
     """Its failure as it stood, whether the run went on after it, and who was told."""
     failure, time = message.was("failure", moment), message.written("failure", moment)
     return {
-        "failure": _failure(failure),
+        "failure": printable_lines(failure),
         "handled": coped_with(run, message, moment),
         "replaced": bool(failure) and fate(run, message, time, moment) in (Fate.REPLACED, Fate.RETRIED),
         "told": told_to(run, message, time, moment) if failure else "",
     }
 
 
-def _failure(failure: Failure, longest: int | None = None) -> Data | None:
-    if not failure:
-        return None
-    return {"name": printable_lines(failure.name[:longest]), "text": printable_lines(failure.words[:longest])}
-
-
 def _task_answer(at: RunAt, task: TaskAt) -> Data:
-    run = at.run
+    note, waits = note_of(at, task), shown(at, task)
+    groups = [list(some) for _, some in groupby(waits, attrgetter("kind"))]
+    told = [
+        {"text": f"{how(task)} {several_in_words(told_now(at, task, some))}", "since": max(one.start for one in some)}
+        for some in groups
+    ]
+    age = age_of(waits) or note.age
+    if age and not waits:
+        told = [{"text": note.text, "since": age.since}]
     return {
         "state": task.standing,
-        **_why(at, task, shown(at, task)),
+        "waits": told,
+        "start": age.begun if age else None,
+        "end": note.alone,
+        "ahead": coming(at, task),
         "killed": None if task.why_killed is None else printable_lines(task.why_killed),
-        "parent": _named(run, task.parent),
-        "children": len(task.children),
-        "caughtBy": [_named(run, handler) for handler in task.caught_by],
         "spans": {interval.name.lower(): span(task, interval) for interval in Interval},
         "constraints": [
             *(_constraint(at, hold) for hold in task.holds),
-            *(_constraint(at, hold) | {"way": _named(run, above)} for above, hold in held_above(at, task.id)),
+            *(_constraint(at, hold, f", by way of {at.describe(above)}") for above, hold in held_above(at, task.id)),
         ],
     }
 
 
-def _why(at: RunAt, task: TaskAt, waits: list[Wait]) -> Data:
-    """What it waits for, each with its age, or what its handler has asked; what that leads to; and what is to come."""
-    told = [
-        {**msgspec.to_builtins(one), "since": max(wait.start for wait in some)}
-        for _, some in ((kind, list(group)) for kind, group in groupby(waits, attrgetter("kind")))
-        for one in told_now(at, task, some)
-    ]
-    last, age, queries = in_the_end(at, task), age_of(waits), asked(at, task)
-    found: Data = {"how": how(task), "waits": told, "end": _last(last) if last else None, "ahead": coming(at, task)}
-    if not waits and task.suspension and task.handling:
-        found["suspended"] = _named(at.run, task.suspension.cause)
-        age = Age(task.suspension.start, task.suspension.start)
-    elif not waits and queries:
-        found |= {"how": "goes on while it waits", "waits": [msgspec.to_builtins(one) for one in queries]}
-        age = Age(task.asking[0].received, task.asking[0].received)
-    return found | ({"since": age.since, "start": age.begun} if age else {})
-
-
-def _last(last: Last) -> Data:
-    thing = last.thing
-    return {"thing": thing, "number": last.number, "which": last.which, "that": last.that, "others": last.more}
-
-
-def _constraint(at: RunAt, hold: Hold) -> Data:
+def _constraint(at: RunAt, hold: Hold, way: str = "") -> Data:
+    """``start achieving not before 3 s after step {3} end achieving``."""
     before, after, delay = hold.constraint.before, hold.constraint.after, hold.constraint.delay
+    text = run_time(delay)
+    if before.task:
+        whose = "its own" if before.task == after.task else at.describe(before.task)
+        text = f"{duration(delay)} after " * bool(delay) + f"{whose} {describe_moments(before.moment)[0]}"
     return {
-        "number": before.task,
-        "name": at.run.name(before.task),
-        "before": int(before.moment) if before.task else 0,
-        "moment": int(after.moment),
-        "delay": delay,
-        "isOwn": before.task == after.task,
+        "text": f"{describe_moments(after.moment)[0]} not before {text}{way}",
         "isMet": hold.over <= at.moment if delay else at.has_reached(before),
     }
 
@@ -162,14 +151,28 @@ def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, D
 
 
 def _note(at: RunAt, task: TaskAt) -> Data:
-    above = at.tasks.get(task.parent)
-    is_killed_alone = task.why_killed is not None and not (above and above.why_killed == task.why_killed)
-    waits = shown(at, task, with_children=False) or (shown(at, task) if in_the_end(at, task) else [])
+    """Its parts, the end also in less room; and what it names, since it holds until one of these ends."""
+    note = note_of(at, task, verb="")
+    text = ": ".join(filter(None, (task.standing, note.text))) if task.state in OVER else note.text
+    brief = printable(note.last.brief) if note.last and not note.is_named else ""
+    failure = printable_lines(task.failure[:_LONGEST_FAILURE])
+    whole = failure if failure and task.state in OVER else "\n\n".join(filter(None, (text, failure)))
     return {
-        **_why(at, task, waits),
-        "failure": _failure(task.failure, _LONGEST_FAILURE),
-        "killed": printable_lines(task.why_killed or "") if is_killed_alone else "",
+        "text": text,
+        "end": note.end,
+        "brief": f"in the end {brief}" if brief else "",
+        "alone": brief,
+        "whole": "\n\n".join(filter(None, (whole, note.end))),
+        "names": list(_numbers(note.waits)),
+        "last": note.last.number if note.last else 0,
+        **({"since": note.age.since, "start": note.age.begun} if note.age else {}),
     }
+
+
+def _numbers(waits: Iterable[WaitFor]) -> Iterator[int]:
+    for one in waits:
+        yield one.number
+        yield from _numbers(one.because)
 
 
 def causes_answer(reading: Reading, moment: float) -> Data:
@@ -183,9 +186,10 @@ def causes_answer(reading: Reading, moment: float) -> Data:
 def _cause(at: RunAt, cause: Cause) -> Data:
     """Of several messages of one name, that name. The way to a lock is by the first task that waits for it."""
     end = cause.ends[0]
+    last = last_of(at, end)
+    thing = at.run.name(end.number) if len(cause.ends) > 1 else last.thing
     goto = cause.first if end.number in at.run.claims else end.number
-    told = _last(last_of(at, end)) | {"tasks": cause.tasks, "goto": goto}
-    return told | ({"thing": at.run.name(end.number)} if len(cause.ends) > 1 else {})
+    return {"text": f"{thing}, which {last.which}", "tasks": cause.tasks, "goto": goto}
 
 
 def messages_answer(reading: Reading, place: int, before: int, after: int) -> list[dict[str, Any]]:

@@ -23,10 +23,8 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tca_tools.run.fates import HANDLED
-from tca_tools.run.records import State
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
-from tca_tools.view.feed import OUTCOMES, ROLES, STATES, SpanKind
 from tca_tools.view.reading import Reading
 from tca_tools.view.runs import Runs, Shown
 
@@ -126,12 +124,9 @@ def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | 
             "now": reading.now,
             "problem": reading.problem or reading.cut,
             "remark": reading.remark,
-            "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
-            "handled": {"name": HANDLED, "words": [State.FAILED, "handled"], "colour": FILLS[HANDLED]},
+            "fills": FILLS,
+            "handled": HANDLED,
             "colours": reading.feed.colours(),
-            "outcomes": [outcome or "" for outcome in OUTCOMES],
-            "roles": ROLES,
-            "kinds": [kind.name.lower() for kind in SpanKind],
             "follows": runs.follows,
             "newest": {"run": newest.address, "name": newest.name},
             "newestAtStart": runs.newest_at_start,

@@ -1,4 +1,4 @@
-"""Columns of numbers that only grow, and frames of bytes with what was added to them since somebody last looked.
+"""Columns that only grow, and frames of bytes with what was added to them since somebody last looked.
 
 A frame is a line of JSON, filled with blanks to a multiple of eight bytes, and behind it the columns' new numbers one
 after the other, each column again filled up: a browser lays typed arrays over it without copying.
@@ -13,59 +13,40 @@ from typing import Any
 ALIGNED = 8
 
 
-class Column:
-    """Numbers of one kind: "d" (64-bit floats), "i" (32-bit integers) or "B" (bytes)."""
-
-    def __init__(self, kind: str) -> None:
-        self.values: array[Any] = array(kind)
-
-    def since(self, place: int) -> bytes:
-        """What was added behind *place*, little endian."""
-        added = self.values[place:]
-        if sys.byteorder == "big":
-            added.byteswap()
-        return added.tobytes()
-
-
 class Columns:
-    """Columns by name; those of one table ("task.id", "task.parent") grow together."""
+    """Columns by name, each of a kind: "d" (64-bit floats), "i" (32-bit integers), "B" (bytes) or "t" (texts, of which
+    it has the places among all texts). Those of one table ("task.id", "task.parent") grow together.
+    """
 
     def __init__(self, kinds: Mapping[str, str]) -> None:
-        self._columns = {name: Column(kind) for name, kind in kinds.items()}
-        self._tables: dict[str, list[Column]] = {}
+        self._kinds = kinds
+        self._columns = {name: array("i" if kind == "t" else kind) for name, kind in kinds.items()}
+        self._tables: dict[str, list[tuple[array[Any], bool]]] = {}
         for name, column in self._columns.items():
-            self._tables.setdefault(name.split(".")[0], []).append(column)
-        self.texts: list[str] = []
-        """Texts that the columns name by their place."""
-        self._places: dict[str, int] = {}
+            self._tables.setdefault(name.split(".")[0], []).append((column, kinds[name] == "t"))
+        self._texts: dict[str, int] = {}
 
-    def add(self, table: str, *values: float) -> int:
+    def add(self, table: str, *values: float | str) -> int:
         """A new row of a table, in the order of its columns; its number."""
         columns = self._tables[table]
-        for column, value in zip(columns, values, strict=True):
-            column.values.append(value)
-        return len(columns[0].values) - 1
-
-    def text(self, text: str) -> int:
-        """The place of a text."""
-        if (place := self._places.get(text)) is None:
-            place = self._places[text] = len(self.texts)
-            self.texts.append(text)
-        return place
-
-    def lengths(self) -> dict[str, int]:
-        """How many rows each table has."""
-        return {name: len(columns[0].values) for name, columns in self._tables.items()} | {"text": len(self.texts)}
+        for (column, is_text), value in zip(columns, values, strict=True):
+            column.append(self._texts.setdefault(value, len(self._texts)) if is_text else value)  # type: ignore[arg-type]
+        return len(columns[0][0]) - 1
 
     def frame(self, since: Mapping[str, int], more: Mapping[str, Any]) -> bytes:
         """All rows behind those places, with *more* in the frame's head."""
         parts, head, offset = [], [], 0
         for name, column in self._columns.items():
-            rows = column.since(since.get(name.split(".")[0], 0))
-            head.append({"name": name, "kind": column.values.typecode, "offset": offset, "bytes": len(rows)})
-            parts.append(_filled(rows, b"\0"))
+            rows = column[since.get(name.split(".")[0], 0) :]
+            if sys.byteorder == "big":
+                rows.byteswap()
+            data = rows.tobytes()
+            head.append({"name": name, "kind": self._kinds[name], "offset": offset, "bytes": len(data)})
+            parts.append(_filled(data, b"\0"))
             offset += len(parts[-1])
-        told = {"columns": head, "texts": self.texts[since.get("text", 0) :], "lengths": self.lengths(), **more}
+        lengths = {name: len(columns[0][0]) for name, columns in self._tables.items()} | {"text": len(self._texts)}
+        texts = list(self._texts)[since.get("text", 0) :]
+        told = {"columns": head, "texts": texts, "lengths": lengths, **more}
         return b"".join([_filled(json.dumps(told).encode() + b"\n", b" "), *parts])
 
 

@@ -5,7 +5,7 @@ is asked for of one task (its data, its story, why it waits) is not here: see an
 """
 
 from collections.abc import Callable
-from enum import IntEnum, IntFlag
+from enum import StrEnum
 from heapq import heapify, heappop, heappush
 from operator import attrgetter
 from typing import Any
@@ -19,30 +19,27 @@ from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.verdicts import Verdicts
 from tca_wire.journal.facts import Entry, Failed, Killed, Received
-from tca_wire.text.facts_in_words import kill_reason, place
-from tca_wire.vocabulary import Outcome, Role
+from tca_wire.text.facts_in_words import by_whom, kill_reason, place
+from tca_wire.vocabulary import Outcome
 
 _LONGEST_SAID = 300
-STATES: list[str] = [*State, WATCHING]
-OUTCOMES = [None, *Outcome]
-ROLES = list(Role)
 TABLES = {
     "entry.time": "d",
     "task.id": "i",
     "task.parent": "i",
-    "task.name": "i",  # a text
-    "task.sender": "i",  # a text
-    "task.role": "B",
-    "task.form": "B",
+    "task.name": "t",
+    "task.sender": "t",
+    "task.role": "t",
+    "task.form": "t",
     "task.time": "d",
     "message.id": "i",  # of one that is no task
-    "message.name": "i",  # a text
+    "message.name": "t",
     "message.time": "d",
     "state.task": "i",  # a task's id
     "state.time": "d",
-    "state.state": "B",
+    "state.state": "t",
     "suspended.span": "i",
-    "suspended.by": "i",  # a text: the module that wanted it
+    "suspended.by": "t",  # " by legs"
     "failure.message": "i",  # or 0: of what came directly
     "failure.time": "d",
     "failure.span": "i",  # the run of a handler that ended with it, or what it was raised beside; or -1
@@ -52,36 +49,36 @@ TABLES = {
     "verdict.time": "d",
     "said.message": "i",
     "said.time": "d",
-    "said.text": "i",  # a text: how it failed, or why it was killed
+    "said.text": "t",  # how it failed, or why it was killed
     "hold.task": "i",
     "hold.before": "i",
-    "hold.kind": "i",  # a text
+    "hold.kind": "t",
     "hold.time": "d",
-    "row.label": "i",  # a text
-    "row.module": "i",  # a text: "" of what is no module's
+    "row.label": "t",
+    "row.module": "t",  # "" of what is no module's
     "span.row": "i",
-    "span.kind": "B",
-    "span.name": "i",  # a text
+    "span.kind": "t",
+    "span.name": "t",
     "span.message": "i",
     "span.within": "i",  # the span in which it lies, or -1
     "span.lane": "i",  # among those of its kind in its row nothing else has this number meanwhile
     "span.start": "d",
     "end.span": "i",
     "end.time": "d",
-    "end.outcome": "B",
+    "end.outcome": "t",
 }
-"""A frame's columns with their kinds; an integer column refers to ids or to texts."""
+"""A frame's columns with their kinds (see columns.py)."""
 
 
-class SpanKind(IntEnum):
+class SpanKind(StrEnum):
     """What a span of time is."""
 
-    HANDLING = 0
-    QUEUED = 1
-    WAITING = 2  # within a handling, or of a module outside of handlers
-    HELD = 3  # a resource is locked or reserved
-    CONNECTED = 4
-    SUSPENDED = 5
+    HANDLING = "handling"
+    QUEUED = "queued"
+    WAITING = "waiting"  # within a handling, or of a module outside of handlers
+    HELD = "held"  # a resource is locked or reserved
+    CONNECTED = "connected"
+    SUSPENDED = "suspended"
 
 
 LANES_OF = {
@@ -92,14 +89,6 @@ LANES_OF = {
     SpanKind.SUSPENDED: "queued",
 }
 """Which spans of a row lie beside each other. What lies within a span, or is behind all, needs no lane."""
-
-
-class Form(IntFlag):
-    """How a task looks."""
-
-    COMMAND = 0
-    GOAL = 1
-    MONITOR = 2
 
 
 class Lanes:
@@ -150,7 +139,7 @@ class Feed:
         self._verdicts = Verdicts(self.history)
 
     def colours(self) -> dict[str, str]:
-        """The colour of each message, as in other charts of the run: by its place among the names (see bars.py)."""
+        """The colour of each message, as in other charts of the run: by its place among the names."""
         direct = sorted(self._direct, key=self._direct.__getitem__)
         return {name: dark(number) for number, name in enumerate(dict.fromkeys([*self._names, *direct]))}
 
@@ -183,7 +172,7 @@ class Feed:
                 continue
             self._names.setdefault(fact.message)
             if not isinstance(message, Task) and message.received == self.history.time:
-                self.columns.add("message", message.id, self.columns.text(message.name), message.received)
+                self.columns.add("message", message.id, message.name, message.received)
 
     def _tell_failures(self, failed: list[Failed]) -> None:
         for fact in failed:
@@ -199,7 +188,7 @@ class Feed:
                 number, text = self.history.message_of.get(fact.id, fact.id), f"{fact.failure}: {fact.text}"
             else:
                 number, text = fact.task, kill_reason(fact.why, fact.by)
-            self.columns.add("said", number, self.history.time, self.columns.text(text[:_LONGEST_SAID]))
+            self.columns.add("said", number, self.history.time, text[:_LONGEST_SAID])
 
     def _tell_failed(self, fact: Failed) -> None:
         """A failure was raised on a message, or on what the fact names by its delivery."""
@@ -222,10 +211,8 @@ class Feed:
 
     def _tell_birth(self, task: Task) -> None:
         self._names.setdefault(task.name)
-        form = Form.GOAL if task.message_class.is_goal else Form.COMMAND
-        form = Form.MONITOR if task.message_class.is_monitor else form
-        name, sender = self.columns.text(task.name), self.columns.text(task.sender)
-        self.columns.add("task", task.id, task.parent, name, sender, ROLES.index(task.role), form, task.received)
+        form = "monitor" if task.message_class.is_monitor else "goal" if task.message_class.is_goal else ""
+        self.columns.add("task", task.id, task.parent, task.name, task.sender, task.role, form, task.received)
 
     def _tell_task(self, task: Task) -> None:
         if (told := self._states.get(task.id, 0)) == 0:
@@ -234,14 +221,13 @@ class Feed:
             self._tell_watching(task, has_changed=told < len(task.states))
         else:
             for time, state in task.states[told:]:
-                self.columns.add("state", task.id, time, STATES.index(state))
+                self.columns.add("state", task.id, time, state)
         for time, state in task.states[told:]:
             self._tell_suspension(task, state, time)
         self._states[task.id] = len(task.states)
         told = self._holds.get(task.id, 0)
         for hold in task.holds[told:]:
-            kind = self.columns.text(kind_of_arrow(hold.constraint))
-            self.columns.add("hold", task.id, hold.constraint.before.task, kind, hold.added)
+            self.columns.add("hold", task.id, hold.constraint.before.task, kind_of_arrow(hold.constraint), hold.added)
         if task.holds:
             self._holds[task.id] = len(task.holds)
 
@@ -253,14 +239,14 @@ class Feed:
             span = self._suspended[task.id] = self._add_span(
                 self._row("", SUSPENDED), SpanKind.SUSPENDED, task.name, task.id, time
             )
-            self.columns.add("suspended", span, self.columns.text(by))
+            self.columns.add("suspended", span, by_whom(by))
 
     def _tell_watching(self, monitor: Task, *, has_changed: bool) -> None:
         """A monitor watches, and goes on when it does no longer, in one state of its task."""
         state = monitor.states[-1][1]
         is_watching = watches(monitor, state)
         if has_changed or is_watching != (monitor.id in self._watching):
-            self.columns.add("state", monitor.id, self.history.time, STATES.index(WATCHING if is_watching else state))
+            self.columns.add("state", monitor.id, self.history.time, WATCHING if is_watching else state)
         (self._watching.add if is_watching else self._watching.discard)(monitor.id)
 
     def _tell_handling(self, handling: Handling) -> None:
@@ -271,7 +257,7 @@ class Feed:
         if handling.end is not None:
             if handling.outcome is Outcome.FAILED:
                 self._ended_badly.append((handling, self._open[id(handling)]))
-            self._end(handling, handling.end, OUTCOMES.index(handling.outcome))
+            self._end(handling, handling.end, handling.outcome or "")
 
     def _tell_queueing(self, queueing: Queueing) -> None:
         row = self._row(queueing.module, queueing.resource)
@@ -321,7 +307,7 @@ class Feed:
     def _row(self, module: str, resource: str) -> int:
         label = place(module, resource) if module else resource or NO_HANDLER
         if (row := self._rows.get(label)) is None:
-            row = self._rows[label] = self.columns.add("row", self.columns.text(label), self.columns.text(module))
+            row = self._rows[label] = self.columns.add("row", label, module)
         return row
 
     def _span(
@@ -338,15 +324,15 @@ class Feed:
         if within < 0 and kind in LANES_OF:
             lanes = self._lanes.setdefault((row, LANES_OF[kind]), Lanes())
             lane = lanes.take(start)
-        number = self.columns.add("span", row, kind, self.columns.text(name), message, within, lane, start)
+        number = self.columns.add("span", row, kind, name, message, within, lane, start)
         if lanes is not None:
             self._in_lane[number] = lanes, lane
         return number
 
-    def _end(self, record: object, time: float, outcome: int = 0) -> None:
+    def _end(self, record: object, time: float, outcome: str = "") -> None:
         self._end_span(self._open.pop(id(record)), time, outcome)
 
-    def _end_span(self, span: int, time: float, outcome: int = 0) -> None:
+    def _end_span(self, span: int, time: float, outcome: str = "") -> None:
         self.columns.add("end", span, time, outcome)
         if span in self._in_lane:
             lanes, lane = self._in_lane.pop(span)

@@ -1,15 +1,20 @@
 """A served journal, and a real browser to look at it with."""
 
 import shutil
+import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+import uvicorn
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
-from view.served import served
+from tca_tools.run.journals import Log, open_log
+from tca_tools.view.app import application
+from tca_tools.view.runs import Runs
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SOON = 60_000  # milliseconds: a busy machine reads 100,000 tasks in ten seconds
@@ -40,16 +45,29 @@ def written(page: Page) -> list[tuple[str, str]]:
     return [(text, colour) for text, colour in told]
 
 
+@contextmanager
+def served(log: Log, *, follows: bool = False) -> Iterator[str]:
+    """The page's address; its server runs in a thread."""
+    log.check_beginning()
+    runs = Runs(log, follows=follows)
+    server = uvicorn.Server(uvicorn.Config(application(runs, ["127.0.0.1", "localhost"]), log_level="warning"))
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [door]})
+        runs.show(None)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{door.getsockname()[1]}/"
+        finally:
+            runs.stop()
+            server.should_exit = True
+            thread.join()
+
+
 @pytest.fixture
-def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., str]]:
-    """Serves journals, or without one the newest run, by real processes; gives each page's address."""
-    with ExitStack() as processes:
-        errors = tmp_path_factory.mktemp("served") / "errors.txt"
-
-        def start(*journal: Path) -> str:
-            return processes.enter_context(served([*map(str, journal), "--no-browser"], errors))
-
-        yield start
+def serve() -> Iterator[Callable[..., str]]:
+    """Serves journals, or without one the newest run; gives each page's address."""
+    with ExitStack() as servers:
+        yield lambda journal=None: servers.enter_context(served(open_log(journal), follows=journal is None))
 
 
 @pytest.fixture(scope="package")  # while it is open an event loop runs, in which other tests could not
@@ -63,30 +81,50 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
+@pytest.fixture(scope="package")
+def window(browser: Browser) -> BrowserContext:
+    """A window with one page, which all tests use: a new one for each costs twice as much."""
+    return browser.new_context()
+
+
 @pytest.fixture
-def look(browser: Browser, serve: Callable[[Path], str]) -> Iterator[Look]:
+def look(browser: Browser, window: BrowserContext, serve: Callable[[Path], str]) -> Iterator[Look]:
     """Opens a journal, or an address, in the browser; nothing may go wrong in the page, or be fetched from elsewhere.
 
-    With ``clock=True`` time passes in the page only with ``page.clock``.
+    There is one page at a time. With ``clock=True`` time passes in it only with ``page.clock``.
     """
-    context = browser.new_context(viewport={"width": 1400, "height": 860})
-    context.set_default_timeout(SOON)
     wrong: list[str] = []
+    addresses: list[str] = ["data:", "about:"]
+    with ExitStack() as at_last:
 
-    def open_page(what: Path | str, hash_part: str = "", *, clock: bool = False) -> Page:
-        address = what if isinstance(what, str) else serve(what)
-        page = context.new_page()
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda line: wrong.append(line.text) if line.type == "error" else None)
-        page.on(
-            "request", lambda asked: wrong.append(asked.url) if not asked.url.startswith((address, "data:")) else None
-        )
-        if clock:
-            page.clock.install()
-        page.goto(address + hash_part)
-        page.wait_for_selector("#status:not(:has-text('reading'))")
-        return page
+        def open_page(what: Path | str, hash_part: str = "", *, clock: bool = False) -> Page:
+            addresses.append(what if isinstance(what, str) else serve(what))
+            context = at_last.enter_context(browser.new_context()) if clock else window
+            page = context.pages[0] if context.pages else context.new_page()
+            page.goto("about:blank")
+            page.set_default_timeout(SOON)
+            page.set_viewport_size({"width": 1400, "height": 860})
+            for kind, note in notes.items():
+                page.on(kind, note)  # type: ignore[call-overload]
+                at_last.callback(page.remove_listener, kind, note)
+            at_last.callback(leave, page)
+            if clock:
+                page.clock.install()
+            page.goto(addresses[-1] + hash_part)
+            page.wait_for_selector("#status:not(:has-text('reading'))")
+            return page
 
-    yield open_page
-    context.close()
+        notes = {
+            "pageerror": lambda error: wrong.append(str(error)),
+            "console": lambda line: wrong.append(line.text) if line.type == "error" else None,
+            "request": lambda asked: None if asked.url.startswith(tuple(addresses)) else wrong.append(asked.url),
+        }
+        yield open_page
     assert not wrong
+
+
+def leave(page: Page) -> None:
+    if not page.is_closed():
+        page.unroute_all()
+        page.emulate_media(color_scheme="null")
+        page.goto("about:blank")

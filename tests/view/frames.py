@@ -14,7 +14,7 @@ def parsed(frame: bytes) -> tuple[dict[str, Any], dict[str, Sequence[Any]]]:
     head, start = json.loads(frame[:end]), end + -end % ALIGNED
     columns: dict[str, Sequence[Any]] = {}
     for told in head["columns"]:
-        numbers: array[Any] = array(told["kind"])
+        numbers: array[Any] = array(told["kind"].replace("t", "i"))
         place = start + told["offset"]
         numbers.frombytes(frame[place : place + told["bytes"]])
         columns[told["name"]] = numbers

@@ -22,12 +22,10 @@ def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Pat
     page = look(stuck().write(tmp_path / "stuck"), "#task=6")
     page.set_viewport_size({"width": 2200, "height": 860})
     why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
-    expect(why[1]).to_have_text(
-        f"waits until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3 s; {END}"
-    )
-    expect(why[2]).to_have_text("waits until calibrate {3} is achieved, for 3 s; no module handles that")
-    expect(why[3]).to_have_text("waits for a module that handles calibrate, for 3 s")
-    expect(why[6]).to_have_text(f"waits until drill {{5}} is achieved, for 3 s; {END}")
+    expect(why[1]).to_have_text(f"until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3 s; {END}")
+    expect(why[2]).to_have_text("until calibrate {3} is achieved, for 3 s; no module handles that")
+    expect(why[3]).to_have_text("for a module that handles calibrate, for 3 s")
+    expect(why[6]).to_have_text(f"until drill {{5}} is achieved, for 3 s; {END}")
     expect(page.locator("#task .lead.end")).to_have_text(END)
     page.set_viewport_size({"width": 1300, "height": 860})
     expect(why[6]).to_have_text("until drill {5} is achieved, for 3 s; in the end for calibrate {3}")
@@ -69,7 +67,7 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
     page.keyboard.press("End")
     expect(page.locator(".row[data-task='1']")).to_have_class(re.compile("achieved"))
     assert "lift {1}" not in second.inner_text()
-    expect(third).to_have_text("waits until lift {2} is achieved, for 2 s")
+    expect(third).to_have_text("until lift {2} is achieved, for 2 s")
     expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
 
 
@@ -78,10 +76,10 @@ def test_a_wait_that_has_just_begun_has_lasted_for_no_time(look: Look, tmp_path:
     page.set_viewport_size({"width": 2200, "height": 860})
     why, lead = page.locator(".row[data-task='3'] .why"), page.locator("#task .lead").first
     end = "in the end for lift {1}, which arm handles"
-    expect(why).to_have_text(f"waits until lift {{2}} is achieved; {end}")
+    expect(why).to_have_text(f"until lift {{2}} is achieved; {end}")
     expect(lead).to_have_text("waits until lift {2} is achieved")
     page.keyboard.press("End")
-    expect(why).to_have_text("waits until lift {2} is achieved, for 2 s")
+    expect(why).to_have_text("until lift {2} is achieved, for 2 s")
     expect(lead).to_have_text("waits until lift {2} is achieved, for 2 s")
 
 
@@ -126,7 +124,7 @@ def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
     page = look(delayed().write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")
     expect(why).to_have_text("until 3 s after ring bell {1} is achieved, for 1 s; that waits until 500.250 s")
-    expect(why).to_have_attribute("title", "waits until 3 s after ring bell {1} is achieved\n\nthat"
+    expect(why).to_have_attribute("title", "until 3 s after ring bell {1} is achieved\n\nthat"
                                   " waits until 500.250 s")  # fmt: skip
     expect(page.locator("#task .lead").first).to_contain_text("waits until 3 s after ring bell {1} is achieved")
     expect(page.locator("#task table")).to_contain_text(

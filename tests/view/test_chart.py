@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import expect
 from tools.story import Story
 from tools.waits import stuck
+from wire.test_waits_in_words import test_durations as of_durations
 
 from tca_tools.gantt.build import chart
 from tca_wire.journal import facts
@@ -151,7 +152,7 @@ def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: P
         expect(page.locator("#hint")).to_contain_text(told)
 
 
-def test_the_axis_speaks_as_the_clock_does(look: Look, tmp_path: Path) -> None:
+def test_times_are_said_as_elsewhere(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(6700.0)
     page = look(story.acted(story.command("move", "user"), "legs", 8.5).write(tmp_path / "late"))
     expect(page.locator("#clock")).to_have_text("1:51:48.5")
@@ -164,6 +165,9 @@ def test_the_axis_speaks_as_the_clock_does(look: Look, tmp_path: Path) -> None:
     }.items():
         made = f"import('/page/axis.js').then(({{ ticks }}) => ticks({window}, 3).map(({{ label }}) => label))"
         assert page.evaluate(made) == labels
+    lengths, told = zip(*of_durations.pytestmark[0].args[1], strict=True)  # type: ignore[attr-defined]
+    said = "(all) => import('/page/words.js').then(({ duration }) => all.map(duration))"
+    assert page.evaluate(said, lengths) == [*told]
 
 
 def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, tmp_path: Path) -> None:

@@ -155,7 +155,7 @@ def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look,
     caught(story, move)
     page = look(story.at(3.5).write(tmp_path / "walk"))
     told = page.locator(".row.recovering .why")
-    expect(told).to_have_text("waits until recover {2} has dealt with slip: on ice, for 1.5 s")
+    expect(told).to_have_text("slip: on ice; until recover {2} has dealt with its failure, for 1.5 s")
     expect(told).to_have_attribute("title", re.compile("recover.*\n\nslip: on ice"))
 
 

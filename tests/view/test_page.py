@@ -1,27 +1,22 @@
 """The page in a real browser, used as a person would."""
 
 import re
-import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-import uvicorn
 from integration.programs import central
 from playwright.sync_api import Browser, Locator, Page, expect
 from tools.story import Story, stumbling, walking
 
 from tca_module import Command, Goal, Module, Task, connect
 from tca_tools.run.journals import Log, Place
-from tca_tools.view.app import application
-from tca_tools.view.runs import Runs
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
-from view.conftest import Look, until
+from view.conftest import Look, served, until
 
 pytestmark = pytest.mark.slow
 
@@ -32,8 +27,10 @@ def line(page: Page, task: int) -> Locator:
 
 def test_why_a_task_waits_is_seen_without_a_click(look: Look, tmp_path: Path) -> None:
     page = look(walking().write(tmp_path / "walk"))
-    expect(line(page, 9)).to_contain_text("until its parent take steps {3} …, for 1.8 s; in the end for move body {7}")
-    expect(line(page, 4)).to_contain_text("until take steps {3} is being …, for 3.4 s; in the end for move body {7}")
+    expect(line(page, 9)).to_contain_text(
+        "until its parent take steps {3} is being achieved; in the end for move body {7}"
+    )
+    expect(line(page, 4)).to_contain_text("until take steps {3} is being achieved; in the end for move body {7}")
     expect(page.locator("#counts")).to_contain_text("1 handling")
     expect(page.locator("#status")).to_have_text("not closed")  # nobody writes to it, and it has no end
 
@@ -63,7 +60,7 @@ def test_what_else_lies_in_the_folder_is_said(look: Look, tmp_path: Path) -> Non
 def test_the_past_is_shown_step_by_step(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"), "#t=1.4&task=7")
     expect(page.locator("#clock")).to_have_text("1.400 s")
-    expect(line(page, 7)).to_contain_text("waits until move leg {6} is achieved")
+    expect(line(page, 7)).to_contain_text("until move leg {6} is achieved")
     expect(page.locator("#task .state")).to_have_text("held")
     page.locator("#on").click()
     expect(page.locator("#clock")).to_have_text("1.500 s")
@@ -89,9 +86,8 @@ def test_the_slider_is_dragged_and_the_run_played(look: Look, tmp_path: Path) ->
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     expect(page.locator("#clock")).to_have_text(re.compile(r"2\.[3-6]\d\d s"))
     page.keyboard.press("End")
-    page.locator("#speed").select_option("0.1")
     page.locator("#play").click()
-    expect(page.locator("#clock")).to_have_text(re.compile(r"0\.[5-9]\d\d s"))  # from the beginning
+    expect(page.locator("#clock")).to_have_text(re.compile(r"0\.\d\d\d s"))  # from the beginning
     page.locator("#tab-messages").click()
     page.keyboard.press("Space")
     expect(page.locator("#play")).to_have_text("▶")
@@ -245,10 +241,10 @@ def test_a_live_central_is_followed(look: Look, tmp_path: Path) -> None:
         user.goal(WALK, 2)
         page = look(daemon.journal)
         expect(page.locator("#status")).to_have_text("live")
-        expect(page.locator(".row").first).to_contain_text("waits for a module that handles walk")
+        expect(page.locator(".row").first).to_contain_text("for a module that handles walk")
         with legs.running():
             expect(page.locator(".row")).to_have_count(3)
-            expect(page.locator(".row").nth(1)).to_contain_text("waits for a module that handles move")
+            expect(page.locator(".row").nth(1)).to_contain_text("for a module that handles move")
             with feet.running():
                 expect(page.locator("#counts")).to_have_text("3 achieved")
                 expect(page.locator("#follow")).to_have_class("on")
@@ -303,23 +299,6 @@ def test_the_address_is_kept_until_what_it_names_has_been_read(browser: Browser,
         expect(page.locator("#clock")).to_have_text("400.500 s")
         expect(page.locator("#task h2")).to_have_text("move {4000}")
         assert page.evaluate("location.hash") == wanted
-
-
-@contextmanager
-def served(log: Log) -> Iterator[str]:
-    """The page's address; its server runs in a thread."""
-    runs = Runs(log, follows=False)
-    server = uvicorn.Server(uvicorn.Config(application(runs, ["127.0.0.1"]), log_level="warning"))
-    with socket.create_server(("127.0.0.1", 0)) as door:
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [door]})
-        runs.show(None)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{door.getsockname()[1]}/"
-        finally:
-            runs.stop()
-            server.should_exit = True
-            thread.join()
 
 
 @pytest.mark.parametrize("many", [5_000, pytest.param(100_000, marks=pytest.mark.soak)])

@@ -33,7 +33,7 @@ def test_a_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number:
     log.write_bytes(queue_of(number).encoded())
     page = look(log)
     expect(page.locator("#counts")).to_contain_text(f"{number} queued")
-    expect(page.locator(".row").last).to_contain_text("waits for legs, busy with move {1}")
+    expect(page.locator(".row").last).to_contain_text("for legs, busy with move {1}")
     slider = page.locator("#slider").bounding_box()
     assert slider
     page.locator("#slider").click(position={"x": slider["width"] / 2, "y": slider["height"] / 2})

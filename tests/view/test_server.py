@@ -16,7 +16,6 @@ from click.testing import CliRunner
 from tools.story import stumbling, walking
 
 from tca_tools.view.__main__ import view
-from tca_wire.points import Moment
 from view.frames import parsed
 
 pytestmark = pytest.mark.slow
@@ -36,39 +35,36 @@ def asked(address: str, what: str) -> Any:
     return json.loads(get(f"{address}api/{what}"))
 
 
-STEPS = {"kind": "constraint", "number": 3, "name": "take steps", "moment": Moment.START_ACHIEVING, "since": 0.6}
-LEG = {"kind": "constraint", "number": 6, "name": "move leg", "moment": Moment.END_ACHIEVING, "since": 1.4}
-END = {
-    "thing": "move leg {6}", "number": 6, "which": "controller handles", "that": "controller handles that", "others": 0
-}  # fmt: skip
+END = "in the end for move leg {6}, which controller handles"
 
 
-def test_all_there_is_to_say_about_a_task_is_data(address: str) -> None:
+def test_all_there_is_to_say_about_a_task(address: str) -> None:
     get(f"{address}api/frame")
     told = asked(address, "message/7?at=2.5")
-    assert (told["state"], told["how"], told["waits"], told["end"]) == ("held", "waits", [LEG], None)
+    waits = [{"text": "waits until move leg {6} is achieved", "since": 1.4}]
+    assert (told["state"], told["waits"], told["end"]) == ("held", waits, "")
     told = asked(address, "message/7")
     assert (told["state"], told["waits"]) == ("failed", [])
-    assert told["failure"] == {"name": "terrain collision", "text": r"leg 4 met\x1b[31m rock"}
-    text = r"failed: terrain collision: leg 4 met\x1b[31m rock"
-    assert told["story"][-2] == {"time": 4.5, "text": text, "seconds": None, "isOpen": False}
-    constraint = {"number": 3, "name": "take steps", "delay": 0.0, "isOwn": False, "isMet": False}
+    assert told["failure"] == r"terrain collision: leg 4 met\x1b[31m rock"
+    assert told["story"][-2] == {"time": 4.5, "text": f"failed: {told['failure']}", "seconds": None, "isOpen": False}
     assert asked(address, "message/4?at=1")["constraints"] == [
-        constraint | {"before": Moment.END_ACHIEVING, "moment": Moment.START_ACHIEVING},
-        constraint | {"before": Moment.START_ACHIEVING, "moment": Moment.START_PLANNING},
+        {"text": "start achieving not before take steps {3} end achieving", "isMet": False},
+        {"text": "start planning not before take steps {3} start achieving", "isMet": False},
     ]
     told = asked(address, "message/5")
     assert (told["name"], told["class"], "state" in told) == ("elevation map", "query", False)
-    assert (told["sender"], told["origin"]) == ("gait planner", {"number": 2, "name": "take steps"})
+    assert told["relations"] == [["sent by", "gait planner while handling take steps {2}"]]
 
 
 def test_notes_and_the_messages_around_a_moment(address: str) -> None:
     get(f"{address}api/frame")
-    common: dict[str, Any] = {"how": "waits", "ahead": [], "failure": None, "killed": ""}
-    assert asked(address, "notes?ids=4,7,99,x&at=2.5") == {
-        "4": common | {"waits": [STEPS], "since": 0.6, "start": 0.6, "end": END},
-        "7": common | {"waits": [LEG], "since": 1.4, "start": 1.4, "end": None},
-    }
+    told = asked(address, "notes?ids=4,7,99,x&at=2.5")
+    assert [*told] == ["4", "7"]
+    assert [(one["text"], one["since"], one["start"], one["end"]) for one in told.values()] == [
+        ("until take steps {3} is being achieved", 0.6, 0.6, END),
+        ("until move leg {6} is achieved", 1.4, 1.4, ""),
+    ]
+    assert (told["4"]["names"], told["4"]["last"], told["4"]["brief"]) == ([3], 6, "in the end for move leg {6}")
     lines = asked(address, "messages?place=4&before=1&after=0")
     assert {line["place"] for line in lines} == {3, 4}
     assert asked(address, "messages?place=99999&before=5&after=5") == []
@@ -89,7 +85,7 @@ def test_what_is_waited_for_in_the_end(address: str) -> None:
     get(f"{address}api/frame")
     told = asked(address, "causes?at=2.5")
     assert (told["waiting"], told["things"]) == (7, 1)
-    assert told["causes"] == [END | {"tasks": 7, "goto": 6}]
+    assert told["causes"] == [{"text": "move leg {6}, which controller handles", "tasks": 7, "goto": 6}]
     assert asked(address, "causes?at=-1") == {"waiting": 0, "things": 0, "causes": []}
 
 

@@ -60,7 +60,7 @@ def comes_true(page: Page, condition: str) -> None:
 
 def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, user: Client) -> None:
     page = look(daemon.journal)
-    expect(page.locator(".row .why")).to_contain_text("waits for a module that handles walk, for ")
+    expect(page.locator(".row .why")).to_contain_text("for a module that handles walk, for ")
     page.locator(".row").click()
     expect(page.locator("#task .lead .age")).to_have_count(1)
     known, (clock, waited, end) = entries(page), shown(page)
@@ -139,12 +139,12 @@ def test_reasons_stay_while_others_send_and_when_the_server_goes_away(
 ) -> None:
     page = look(daemon.journal)
     reason = page.locator(".row[data-task='1'] .why")
-    expect(reason).to_contain_text("waits for a module that handles walk, for ")
+    expect(reason).to_contain_text("for a module that handles walk, for ")
     page.route("**/api/notes*", lambda _route: None)  # no note comes from now on
     with page.expect_request("**/api/notes*"):
         user.goal(WALK, 2)
         expect(page.locator(".row")).to_have_count(2)
-    expect(reason).to_contain_text("waits for a module that handles walk, for ")
+    expect(reason).to_contain_text("for a module that handles walk, for ")
 
 
 def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(look: Look, daemon: Central, user: Client) -> None:

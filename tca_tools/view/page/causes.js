@@ -1,7 +1,7 @@
 // What all tasks that wait wait for in the end: how many wait for how many things, and what these are.
 
 import { element, soon } from "./dom.js";
-import { count, counted, end, plain } from "./words.js";
+import { counted } from "./words.js";
 
 const SHOWN = 4;
 const LEAST = 150; // milliseconds between two questions
@@ -35,11 +35,11 @@ export class Causes {
 
   #draw({ waiting, things, causes }) {
     if (!waiting) return this.panel.replaceChildren(element("span", { class: "faint", text: "nothing waits" }));
-    const head = `${count(waiting)} ${waiting === 1 ? "waits" : "wait"} for ${counted(things, "thing")}:`;
-    const told = causes.map((cause) => (things > 1 ? `${count(cause.tasks)} for ` : "") + plain(end(cause)));
+    const head = `${waiting.toLocaleString("en")} ${waiting === 1 ? "waits" : "wait"} for ${counted(things, "thing")}:`;
+    const told = causes.map((cause) => (things > 1 ? `${cause.tasks.toLocaleString("en")} for ` : "") + cause.text);
     const links = told.slice(0, SHOWN).map((text, place) => this.#link(text, causes[place].goto));
     const more = things - links.length;
-    if (more > 0) links.push(element("span", { class: "faint", text: `and ${count(more)} more`, title: told.slice(SHOWN).join("\n") }));
+    if (more > 0) links.push(element("span", { class: "faint", text: `and ${more.toLocaleString("en")} more`, title: told.slice(SHOWN).join("\n") }));
     const title = causes.reduce((sum, { tasks }) => sum + tasks, 0) > waiting ? "a task that waits for several things counts for each" : "";
     this.panel.replaceChildren(element("span", { text: head, title }), ...links);
   }

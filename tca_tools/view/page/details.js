@@ -1,7 +1,7 @@
 // All there is to say about one task or message: state, why it waits or failed, times, data, constraints, its story.
 
 import { age, ages, element, soon } from "./dom.js";
-import { clauses, constraint, duration, end, numbered, parted, plain, seconds } from "./words.js";
+import { duration, numbered, parted, seconds } from "./words.js";
 
 const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unasked
 const MET = 3, UNMET = 12; // constraints that are shown unasked
@@ -36,7 +36,7 @@ export class Details {
   }
 
   *#parts(about) {
-    yield element("h2", { text: plain([numbered({ name: about.name, number: about.id })]) });
+    yield element("h2", { text: numbered(about.name, about.id) });
     yield* this.#lead(about);
     yield* this.#relations(about);
     if (about.constraints?.length) {
@@ -61,41 +61,30 @@ export class Details {
 
   *#lead(about) {
     if (about.state) {
-      const { states, handled } = this.store.head, looks = [...states, handled].find((one) => one.name === about.state);
       const chip = element("span", { class: "state", text: about.state });
-      chip.style.background = looks.colour;
+      chip.style.background = this.store.head.fills[about.state];
       yield element("div", {}, chip, element("span", { class: "faint", text: `  ${about.class}` }));
     } else {
-      const born = about.received > this.time;
-      yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
+      yield element("div", { class: "faint", text: about.isSent ? about.class : `${about.class}, not sent yet at this time` });
     }
-    for (const { waits, parts } of clauses(about.waits ?? [])) {
-      const since = Math.max(...waits.map((wait) => wait.since ?? about.since));
-      yield this.#paragraph("", [`${about.how} `, ...parts], ...ages({ since, start: about.start }));
-    }
-    if (about.end) yield this.#paragraph("end", ["in the end for ", ...end(about.end)]);
-    for (const one of about.ahead ?? []) yield element("p", { class: "lead" }, ...this.#linked(one));
+    for (const { text, since } of about.waits ?? []) yield this.#paragraph("", text, ...ages({ since, start: about.start }));
+    if (about.end) yield this.#paragraph("end", about.end);
+    for (const text of about.ahead ?? []) yield this.#paragraph("", text);
     if (about.failure) {
-      const { name, text } = about.failure;
-      yield element("p", { class: `lead ${about.handled ? "handled" : "bad"}` }, ...this.#linked([name, text].filter(Boolean).join(": ")));
+      yield this.#paragraph(about.handled ? "handled" : "bad", about.failure);
       const later = about.handled ? undefined : this.store.handledLater(about.id, this.time);
       if (later !== undefined) yield element("p", { class: "lead faint" }, "handled later: ", this.#moment(later));
-      if (about.told) yield element("p", { class: "lead" }, ...this.#linked(about.told));
+      if (about.told) yield this.#paragraph("", about.told);
     }
-    if (about.killed) yield element("p", { class: `lead ${about.replaced ? "handled" : "bad"}` }, ...this.#linked(`killed: ${about.killed}`));
+    if (about.killed) yield this.#paragraph(about.replaced ? "handled" : "bad", `killed: ${about.killed}`);
   }
 
-  #paragraph(kind, parts, ...ages) { return element("p", { class: `lead ${kind}`.trim() }, ...this.#links(parts), ...ages); }
+  #paragraph(kind, text, ...ages) { return element("p", { class: `lead ${kind}`.trim() }, ...this.#linked(text), ...ages); }
 
-  *#relations(about) {
-    const lines = [];
-    if (about.parent) lines.push(["under", this.#linkTo(about.parent)]);
-    lines.push(["sent by", element("span", {}, ...this.#links(about.origin ? [`${about.sender} while handling `, numbered(about.origin)] : [about.sender]))]);
-    if (about.role) lines.push(["as", element("span", {}, `${about.role} for `, this.#linkTo(about.about))]);
-    for (const handler of about.caughtBy ?? []) lines.push(["handled as a failure by", this.#linkTo(handler)]);
-    for (const [name, span] of Object.entries(about.spans ?? {})) if (span) lines.push([name, times(span)]);
-    if (about.children) lines.push(["subtasks", element("span", { text: about.children })]);
-    yield element("table", {}, ...lines.map(([name, what]) => element("tr", {}, element("td", { class: "faint", text: name }), element("td", {}, what))));
+  *#relations({ relations, spans = {} }) {
+    const lines = relations.map(([name, text]) => [name, [...this.#linked(text)]]);
+    for (const [name, span] of Object.entries(spans)) if (span) lines.push([name, times(span)]);
+    yield element("table", {}, ...lines.map(([name, what]) => element("tr", {}, element("td", { class: "faint", text: name }), element("td", {}, ...what))));
   }
 
   *#data(name, text) {
@@ -122,10 +111,9 @@ export class Details {
     }
   }
 
-  #constraint(one) {
-    const { isMet, number, way } = one, text = constraint(one), what = number ? this.#link(number, text) : element("span", { text });
+  #constraint({ isMet, text }) {
     return element("tr", { class: isMet ? "met" : "" }, element("td", { text: isMet ? "✓" : "•", title: isMet ? "met" : "holds it" }),
-      element("td", {}, what, ...way ? [", by way of ", this.#linkTo(way)] : []));
+      element("td", {}, ...this.#linked(text)));
   }
 
   #sentence({ time, text, seconds: took, isOpen }) {
@@ -148,17 +136,10 @@ export class Details {
 
   // A text in which tasks are links; of a very long one the beginning, and the rest when that is asked for.
   *#linked(text) {
-    const shown = withoutCarets(text), parts = parted(shown.slice(0, LONGEST), (number) => this.store.byId.get(number)?.name);
-    yield* this.#links(parts);
+    const shown = withoutCarets(text), { byId } = this.store;
+    for (const part of parted(shown.slice(0, LONGEST), (number) => byId.get(number)?.name)) yield part.number ? this.#link(part.number, part.text) : part;
     if (shown.length > LONGEST) yield* ["… ", rest(shown)];
   }
-
-  #links(parts) {
-    const isTask = ({ number }) => this.store.byId.has(number);
-    return parts.map((part) => (isTask(part) ? this.#link(part.number, part.text) : part.text ?? part));
-  }
-
-  #linkTo(task) { return this.#link(task.number, plain([numbered(task)])); }
 
   #link(number, text) {
     const made = element("button", { class: "link", text });
@@ -181,8 +162,8 @@ function withoutCarets(text) {
 }
 
 function times([start, over]) {
-  if (over === null) return element("span", {}, `since ${seconds(start)}  (`, age(start), " so far)");
-  return element("span", { text: `${seconds(start)} – ${seconds(over)}  (${duration(over - start)})` });
+  if (over === null) return [`since ${seconds(start)}  (`, age(start), " so far)"];
+  return [`${seconds(start)} – ${seconds(over)}  (${duration(over - start)})`];
 }
 
 function pretty(text) {

@@ -15,6 +15,13 @@ export function element(kind, { text, ...properties } = {}, ...children) {
   return made;
 }
 
+// The mark of a state; that of a goal is round.
+export function dot(colour, isGoal = false) {
+  const made = element("span", { class: isGoal ? "dot goal" : "dot" });
+  made.style.background = colour;
+  return made;
+}
+
 export function css(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
@@ -75,14 +82,8 @@ function tell(made) {
 }
 
 // ", for 3.4 s" and " (8.8 s in all)": for how long one thing keeps a task waiting, and if something else did before, in all.
-export function ages({ since = null, start }) {
-  const isAll = since !== null && since - start < BRIEF;
-  return [since === null ? "" : age(since, ", for "), isAll ? "" : age(start, " (", " in all)")];
-}
-
-// The same in less room: ", for 8.8 s in all".
-export function ageInAll({ since = null, start }) {
-  return since !== null && since - start < BRIEF ? age(since, ", for ") : age(start, ", for ", " in all");
+export function ages({ since, start }) {
+  return since - start < BRIEF ? [age(since, ", for ")] : [age(since, ", for "), age(start, " (", " in all)")];
 }
 
 export function setTime(time) {

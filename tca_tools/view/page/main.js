@@ -3,7 +3,7 @@
 import { Causes } from "./causes.js";
 import { Chart } from "./chart.js";
 import { Details } from "./details.js";
-import { element, setTime as setAges } from "./dom.js";
+import { dot, element, setTime as setAges } from "./dom.js";
 import { Messages } from "./messages.js";
 import { ofRun, Runs } from "./runs.js";
 import { Search } from "./search.js";
@@ -115,11 +115,9 @@ function glide(time) {
 }
 
 function drawCounts(time) {
-  const chips = store.counts(time).map(({ looks, count }) => {
-    const dot = element("span", { class: "dot" });
-    dot.style.background = looks.colour;
-    const chip = element("button", { title: `go to the next task that is ${looks.name}` }, dot, element("span", { text: `${count} ${looks.name}` }));
-    chip.dataset.state = looks.name;
+  const chips = store.counts(time).map(([looks, count]) => {
+    const chip = element("button", { title: `go to the next task that is ${looks}` }, dot(store.head.fills[looks]), element("span", { text: `${count} ${looks}` }));
+    chip.dataset.state = looks;
     chip.addEventListener("click", () => goToNext(looks, time));
     return chip;
   });
@@ -127,12 +125,9 @@ function drawCounts(time) {
 }
 
 function goToNext(looks, time) {
-  const sent = store.sentBy(store.tasks, time), chosen = store.byId.get(details.id);
-  const begin = chosen ? store.tasks.indexOf(chosen) + 1 : 0;
-  for (let i = 0; i < sent; i++) {
-    const task = store.tasks[(begin + i) % sent];
-    if (store.looksOf(task, time).name === looks.name) return choose(task.id);
-  }
+  const sent = store.tasks.slice(0, store.sentBy(store.tasks, time)), begin = sent.indexOf(store.byId.get(details.id)) + 1;
+  const next = [...sent.slice(begin), ...sent.slice(0, begin)].find((task) => store.looksOf(task, time) === looks);
+  if (next) choose(next.id);
 }
 
 function openTab(name) {
@@ -153,8 +148,8 @@ function remember() {
   if (wanted !== location.pathname + location.search + location.hash) history.replaceState(null, "", wanted);
 }
 
-function recall(otherwise) {
-  const said = new URLSearchParams(location.hash.slice(1)), time = said.has("t") ? Number(said.get("t")) || 0 : otherwise;
+function recall(hash, otherwise) {
+  const said = new URLSearchParams(hash.slice(1)), time = said.has("t") ? Number(said.get("t")) || 0 : otherwise;
   if (time !== undefined) setTime(time, { keepUp: true });
   if (said.has("task")) choose(Number(said.get("task")));
 }
@@ -193,7 +188,7 @@ async function follow() {
       if (!recalled && store.head.caughtUp) {
         recalled = true;
         if (!location.hash && store.head.state === "ended") tree.showTop();
-        recall();
+        recall(location.hash);
       }
       if (store.head.state === "damaged") await pause(AGAIN); // the server has nothing to wait for
     } catch (error) {
@@ -258,7 +253,7 @@ document.getElementById("divider").addEventListener("pointerdown", (down) => {
 });
 
 document.addEventListener("visibilitychange", draw);
-window.addEventListener("hashchange", () => recalled && recall(Infinity)); // an address is pasted into a page that is open
+window.addEventListener("hashchange", ({ newURL }) => recalled && recall(new URL(newURL).hash, Infinity)); // pasted into an open page
 setInterval(goOn, BEAT);
 window.tca = { store, tree, chart, slider }; // for a look from the browser's console
 follow();

@@ -2,9 +2,8 @@
 // still be so.
 
 import { soon } from "./dom.js";
-import { NEVER } from "./store.js";
 
-export const NOTHING = { waits: [], ahead: [] };
+const NOTHING = { text: "", end: "", brief: "", alone: "", whole: "", names: [], last: 0 };
 
 export class Notes {
   // `changed` is called when there are others.
@@ -21,9 +20,8 @@ export class Notes {
     const note = this.known.get(task.id), { store } = this;
     if (note === undefined || store.entered(task, note.time) !== store.entered(task, time)) return undefined;
     if (note.asked === this.asked) return note;
-    const hasEnded = ({ number, because = [] }) => store.hasEnded(number, note.time, time) || because.some(hasEnded);
-    if (note.waits.some(hasEnded)) return undefined;
-    return note.end && store.hasChanged(note.end.number, note.time, time) ? { ...note, end: null } : note;
+    if (note.names.some((number) => store.hasEnded(number, note.time, time))) return undefined;
+    return store.hasChanged(note.last, note.time, time) ? { ...note, end: "", brief: "", alone: "" } : note;
   }
 
   // What is known changes with messages, not with time.
@@ -46,7 +44,6 @@ export class Notes {
   }
 
   #isWanted(task) {
-    const state = this.store.stateAt(task, this.time);
-    return this.of(task, this.time)?.asked !== this.asked && state !== NEVER && this.store.head.states[state].name !== "achieved";
+    return this.of(task, this.time)?.asked !== this.asked && ![undefined, "achieved"].includes(this.store.stateAt(task, this.time));
   }
 }

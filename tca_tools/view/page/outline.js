@@ -1,5 +1,7 @@
 // Which rows of the tree are shown: open subtrees, with long runs of tasks that are achieved folded up.
 
+import { isOver } from "./store.js";
+
 const SMALL = 60; // a run of no more tasks is shown whole
 const BESIDE = 24; // of more tasks side by side, runs in one state are folded
 const RUN = 8;
@@ -24,8 +26,8 @@ export class Outline {
     const said = this.opened.get(task);
     if (said !== undefined) return said;
     if (this.store.tasks.length <= SMALL) return true;
-    const state = this.store.stateAt(task, time), { name } = this.store.head.states[state];
-    return !this.store.isOver(state) || name === "failed" || (name === "killed" && task.failedBelow <= time);
+    const state = this.store.stateAt(task, time);
+    return !isOver(state) || state === "failed" || (state === "killed" && task.failedBelow <= time);
   }
 
   toggle(task, time) { this.opened.set(task, !this.isOpen(task, time)); }
@@ -86,6 +88,6 @@ export class Outline {
 
   // Whether it failed, or something under it did.
   #hasFailed(task, time) {
-    return task.failedBelow <= time || this.store.head.states[this.store.stateAt(task, time)].name === "failed";
+    return task.failedBelow <= time || this.store.stateAt(task, time) === "failed";
   }
 }

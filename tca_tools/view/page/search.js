@@ -91,8 +91,9 @@ export class Search {
   #place(task, word) {
     const { store, time } = this, isIn = (text) => text.toLowerCase().includes(word);
     if (isNamed(task, word)) return 0;
-    const states = task.times ? [store.looksOf(task, time)].flatMap(({ name, words = [name] }) => words) : [], hasFailed = store.failuresOf.get(task.id)?.[0].time <= time;
-    if ([...states, ...hasFailed ? ["failed"] : []].some((state) => state === word || begins(state, word))) return 1;
+    const looks = task.times && store.looksOf(task, time), isHandled = looks === store.head.handled;
+    const states = [isHandled ? "handled" : looks, store.failuresOf.get(task.id)?.[0].time <= time ? "failed" : ""];
+    if (states.some((state) => state === word || state && begins(state, word))) return 1;
     if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return 2;
     for (const module of task.modules ?? []) if (isIn(module)) return 2;
     return task.said.some((one) => one.time <= time && one.text.includes(word)) ? 3 : NOWHERE;

@@ -1,19 +1,10 @@
 // The run, as far as the server has told it: columns that only grow, and what can be asked of them for any moment.
 
-import { newRow } from "./rows.js";
+import { firstWith, newRow } from "./rows.js";
 import { ofRun } from "./runs.js";
 
-export const NEVER = -1;
-
 // The last place in a sorted list whose value is not beyond `value`; -1 if all are.
-function lastNotAfter(list, value) {
-  let low = 0, high = list.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (list[middle] <= value) low = middle + 1; else high = middle;
-  }
-  return low - 1;
-}
+function lastNotAfter(list, value) { return firstWith(list, (one) => one > value) - 1; }
 
 // Whether the run had gone on after a failure by a time, or still might; of one that is to come, as far as is known. Each
 // turn makes it the other way round.
@@ -22,21 +13,25 @@ export function wasHandled(failure, time) {
   return lastNotAfter(failure.turns, time) % 2 === 0;
 }
 
-const ARRAYS = { d: Float64Array, i: Int32Array, B: Uint8Array };
+const ARRAYS = { d: Float64Array, i: Int32Array, t: Int32Array, B: Uint8Array };
 
-// A frame's head and its columns (see columns.py).
-export function parse(buffer) {
+// A frame's head, and its columns by table (see columns.py): { task: { id, name, ... }, ... }. `texts` are those known so far.
+function parse(buffer, texts) {
   const bytes = new Uint8Array(buffer);
   let end = bytes.indexOf(10) + 1;
   const head = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end)));
   end += (8 - end % 8) % 8;
-  const columns = {};
+  for (const text of head.texts) texts.push(text);
+  const tables = {};
   for (const { name, kind, offset, bytes: length } of head.columns) {
-    const array = ARRAYS[kind];
-    columns[name] = new array(buffer, end + offset, length / array.BYTES_PER_ELEMENT);
+    const [table, column] = name.split("."), array = ARRAYS[kind];
+    const values = new array(buffer, end + offset, length / array.BYTES_PER_ELEMENT);
+    (tables[table] ??= {})[column] = kind === "t" ? Array.from(values, (place) => texts[place]) : values;
   }
-  return { head, columns };
+  return { head, tables };
 }
+
+export function isOver(state) { return ["achieved", "failed", "killed"].includes(state); }
 
 // States come in the order of time: what is noted of a task is noted of all above it.
 function noteFailure(task, time) {
@@ -49,10 +44,10 @@ export class Store {
     this.head = null;
     this.texts = [];
     this.times = []; // of entries
-    this.tasks = []; // { id, parent, name, sender, role, form, time, children, times, states, holds, before }
+    this.tasks = []; // see #addTasks
     this.byId = new Map();
     this.top = [];
-    this.messages = []; // that are no tasks: { id, name, time, modules, said, queued }, as of tasks
+    this.messages = []; // that are no tasks: { id, name, time, modules, said, queued }
     this.messageById = new Map();
     this.rows = []; // of the chart: see rows.js
     this.spans = []; // { row, kind, name, message, within, lane, start, end, outcome, waits, failure, lanes, by }
@@ -95,120 +90,112 @@ export class Store {
   }
 
   add(buffer) {
-    const { head, columns } = parse(buffer);
+    const { head, tables } = parse(buffer, this.texts);
     this.head = head;
-    for (const text of head.texts) this.texts.push(text);
-    for (const time of columns["entry.time"]) this.times.push(time);
-    this.#addTasks(columns);
-    this.#addMessages(columns);
-    this.#addStates(columns);
-    this.#addSaid(columns);
-    this.#addHolds(columns);
-    columns["row.label"].forEach((label, i) => this.rows.push(newRow(this.texts[label], this.texts[columns["row.module"][i]])));
-    this.#addSpans(columns);
-    this.#addFailures(columns);
+    for (const time of tables.entry.time) this.times.push(time);
+    this.#addTasks(tables.task);
+    this.#addMessages(tables.message);
+    this.#addStates(tables.state);
+    this.#addSaid(tables.said);
+    this.#addHolds(tables.hold);
+    tables.row.label.forEach((label, i) => this.rows.push(newRow(label, tables.row.module[i])));
+    this.#addSpans(tables.span);
+    tables.suspended.span.forEach((span, i) => { this.spans[span].by = tables.suspended.by[i]; });
+    this.#endSpans(tables.end);
+    this.#addFailures(tables.failure);
+    this.#addVerdicts(tables.verdict);
     this.lengths = head.lengths;
     this.version += 1;
     this.end = this.last;
     this.goOn();
   }
 
-  #addTasks(columns) {
-    const ids = columns["task.id"];
-    for (let i = 0; i < ids.length; i++) {
-      const task = {
-        id: ids[i], parent: this.byId.get(columns["task.parent"][i]) ?? null, name: this.texts[columns["task.name"][i]],
-        sender: this.texts[columns["task.sender"][i]], role: this.head.roles[columns["task.role"][i]],
-        form: columns["task.form"][i], time: columns["task.time"][i], children: [], times: [], states: [], holds: [], before: [],
-        depth: 0, modules: null, said: [], queued: [], // said: how it failed or why it was killed; queued: its spans
+  #addTasks({ id: ids, parent: parents, name, sender, role, form, time }) {
+    ids.forEach((id, i) => {
+      const parent = this.byId.get(parents[i]) ?? null, task = {
+        id, parent, name: name[i], sender: sender[i], role: role[i], form: form[i], time: time[i], depth: parent ? parent.depth + 1 : 0,
+        children: [], times: [], states: [], holds: [], modules: null, said: [], queued: [], // said: how it failed or why it was killed; queued: its spans
         failedBelow: Infinity, // since when something under it has failed
       };
-      task.depth = task.parent ? task.parent.depth + 1 : 0;
       this.first = Math.min(this.first, task.time);
-      this.byId.set(task.id, task);
+      this.byId.set(id, task);
       this.tasks.push(task);
-      (task.parent ? task.parent.children : this.top).push(task);
-    }
+      (parent ? parent.children : this.top).push(task);
+    });
   }
 
-  #addMessages(columns) {
-    columns["message.id"].forEach((id, i) => {
-      const name = this.texts[columns["message.name"][i]], message = { id, name, time: columns["message.time"][i], modules: null, said: [], queued: [] };
+  #addMessages({ id: ids, name, time }) {
+    ids.forEach((id, i) => {
+      const message = { id, name: name[i], time: time[i], modules: null, said: [], queued: [] };
       this.messages.push(message);
       this.messageById.set(id, message);
     });
   }
 
-  #addStates(columns) {
-    const ids = columns["state.task"];
-    for (let i = 0; i < ids.length; i++) {
-      const task = this.byId.get(ids[i]);
-      task.times.push(columns["state.time"][i]);
-      this.lastly = Math.max(this.lastly, columns["state.time"][i]);
-      task.states.push(columns["state.state"][i]);
-      if (this.head.states[columns["state.state"][i]].name !== "failed") continue;
+  #addStates({ task: ids, time, state }) {
+    ids.forEach((id, i) => {
+      const task = this.byId.get(id);
+      task.times.push(time[i]);
+      task.states.push(state[i]);
+      this.lastly = Math.max(this.lastly, time[i]);
+      if (state[i] !== "failed") return;
       this.failed.add(task);
-      noteFailure(task, columns["state.time"][i]);
-    }
-  }
-
-  #addSaid(columns) {
-    columns["said.message"].forEach((id, i) => {
-      const said = { time: columns["said.time"][i], text: this.texts[columns["said.text"][i]].toLowerCase() };
-      (this.byId.get(id) ?? this.messageById.get(id))?.said.push(said);
+      noteFailure(task, time[i]);
     });
   }
 
-  #addHolds(columns) {
-    const ids = columns["hold.task"];
-    for (let i = 0; i < ids.length; i++) {
-      const task = this.byId.get(ids[i]), before = this.byId.get(columns["hold.before"][i]);
-      if (!task || !before || task === before) continue;
-      task.holds.push({ before, kind: this.texts[columns["hold.kind"][i]], time: columns["hold.time"][i] });
-    }
+  #addSaid({ message, time, text }) {
+    message.forEach((id, i) => this.find(id)?.said.push({ time: time[i], text: text[i].toLowerCase() }));
   }
 
-  #addFailures(columns) {
-    columns["failure.time"].forEach((time, i) => {
-      const message = columns["failure.message"][i], span = this.spans[columns["failure.span"][i]];
-      const failure = { message, time, span, handled: false, turns: [] }; // handled: the run went on after it, or still may; turns: when that changed
+  #addHolds({ task: ids, before: others, kind, time }) {
+    ids.forEach((id, i) => {
+      const task = this.byId.get(id), before = this.byId.get(others[i]);
+      if (task && before && task !== before) task.holds.push({ before, kind: kind[i], time: time[i] });
+    });
+  }
+
+  #addFailures({ message: messages, time, span: spans, beside }) {
+    messages.forEach((message, i) => {
+      const span = this.spans[spans[i]];
+      const failure = { message, time: time[i], span, handled: false, turns: [] }; // handled: the run went on after it, or still may; turns: when that changed
       this.verdicts.push(failure);
-      if (span && columns["failure.beside"][i]) this.rows[span.row].raised.push(failure);
+      if (span && beside[i]) this.rows[span.row].raised.push(failure);
       else if (span) span.failure = failure;
       if (!message) return;
       this.failures.push(failure);
       if (!this.failuresOf.has(message)) this.failuresOf.set(message, []);
       this.failuresOf.get(message).push(failure);
     });
-    columns["verdict.failure"].forEach((row, i) => {
-      const failure = this.verdicts[row];
-      failure.handled = Boolean(columns["verdict.good"][i]);
-      failure.turns.push(columns["verdict.time"][i]);
+  }
+
+  #addVerdicts({ failure: rows, good, time }) {
+    rows.forEach((row, i) => {
+      this.verdicts[row].handled = Boolean(good[i]);
+      this.verdicts[row].turns.push(time[i]);
     });
   }
 
-  #addSpans(columns) {
-    const rows = columns["span.row"];
-    for (let i = 0; i < rows.length; i++) {
+  #addSpans({ row, kind, name, message, within, lane, start }) {
+    row.forEach((_, i) => {
       const span = {
-        row: rows[i], kind: this.head.kinds[columns["span.kind"][i]], name: this.texts[columns["span.name"][i]],
-        message: columns["span.message"][i], within: columns["span.within"][i], lane: columns["span.lane"][i],
-        start: columns["span.start"][i], end: Infinity, outcome: "", waits: [], failure: null, lanes: null, by: "",
+        row: row[i], kind: kind[i], name: name[i], message: message[i], within: within[i], lane: lane[i],
+        start: start[i], end: Infinity, outcome: "", waits: [], failure: null, lanes: null, by: "",
       };
       this.#happened(span, span.start, 1);
       this.spans.push(span);
       this.#place(span);
-    }
-    columns["suspended.span"].forEach((span, i) => { this.spans[span].by = this.texts[columns["suspended.by"][i]]; });
-    const ended = columns["end.span"];
-    for (let i = 0; i < ended.length; i++) {
-      const span = this.spans[ended[i]];
-      span.end = columns["end.time"][i];
+    });
+  }
+
+  #endSpans({ span: spans, time, outcome }) {
+    spans.forEach((number, i) => {
+      const span = this.spans[number];
+      Object.assign(span, { end: time[i], outcome: outcome[i] });
       this.#happened(span, span.end, -1);
       span.lanes?.end(span);
-      span.outcome = this.head.outcomes[columns["end.outcome"][i]];
       if (span.outcome === "failed") this.rows[span.row].failed.push(span);
-    }
+    });
   }
 
   // A span began or ended.
@@ -234,29 +221,29 @@ export class Store {
       span.lanes = { queued: row.queued, suspended: row.queued, held: row.held }[span.kind] ?? row.handled;
       span.lanes.put(span);
     }
-    const message = this.byId.get(span.message) ?? this.messageById.get(span.message);
+    const message = this.find(span.message);
     if (message && span.kind === "handling") (message.modules ??= new Set()).add(row.label);
     if (message && span.kind === "queued") message.queued.push(span);
   }
 
   // --- what was so at a moment -------------------------------------------------------------------------------------
 
-  // The number of a task's state, or NEVER.
-  stateAt(task, time) {
-    const { times, states } = task;
-    if (time >= times[times.length - 1]) return states[states.length - 1];
-    const place = times.length < 8 ? this.#scan(times, time) : lastNotAfter(times, time);
-    return place < 0 ? NEVER : states[place];
+  // A task, or another message.
+  find(number) { return this.byId.get(number) ?? this.messageById.get(number); }
+
+  // A task's state; undefined before it was sent.
+  stateAt({ times, states }, time) {
+    return time >= times.at(-1) ? states.at(-1) : states[lastNotAfter(times, time)];
   }
 
   // The number of the last entry that is known at a time, -1 before the first; and a text that changes with all that is.
   place(time) { return lastNotAfter(this.times, time); }
   known(time) { return `${this.place(time)}#${this.version}`; }
 
-  // How a task stands at a time, by name and colour: its state; or, of a failure, that the run went on after it.
+  // How a task stands at a time: its state; or, of a failure, that the run went on after it.
   looksOf(task, time) {
-    const state = this.stateAt(task, time), looks = this.head.states[state === NEVER ? 0 : state];
-    return looks.name === "failed" && wasHandled(this.lastFailure(task.id, time), time) ? this.head.handled : looks;
+    const state = this.stateAt(task, time);
+    return state === "failed" && wasHandled(this.lastFailure(task.id, time), time) ? this.head.handled : state;
   }
 
   // The tasks above those that stand as failed at a time, after which the run did not go on.
@@ -265,7 +252,7 @@ export class Store {
     if (this.bad?.known === known) return this.bad.above;
     this.bad = { known, above: new Set() };
     for (const task of this.failed) {
-      if (this.looksOf(task, time).name !== "failed") continue;
+      if (this.looksOf(task, time) !== "failed") continue;
       for (let { parent } = task; parent && !this.bad.above.has(parent); { parent } = parent) this.bad.above.add(parent);
     }
     return this.bad.above;
@@ -274,38 +261,22 @@ export class Store {
   // When the state that a task is in at a time began; undefined before it was sent.
   entered(task, time) { return task.times[lastNotAfter(task.times, time)]; }
 
-  #scan(times, time) {
-    let place = times.length - 1;
-    while (place >= 0 && times[place] > time) place--;
-    return place;
-  }
-
   // How many of some tasks, oldest first, had been sent.
-  sentBy(tasks, time) {
-    if (!tasks.length || tasks[tasks.length - 1].time <= time) return tasks.length;
-    let low = 0, high = tasks.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (tasks[middle].time <= time) low = middle + 1; else high = middle;
-    }
-    return low;
-  }
+  sentBy(tasks, time) { return firstWith(tasks, (task) => task.time > time); }
 
-  // How many tasks stand how at a time: { looks, count }, in the order of the states.
+  // How many tasks stand how at a time: [looks, count], in the order of the states.
   counts(time) {
-    const { states, handled } = this.head, counts = new Array(states.length).fill(0), sent = this.sentBy(this.tasks, time);
+    const { fills, handled } = this.head, counts = Object.fromEntries(Object.keys(fills).map((looks) => [looks, 0]));
+    const sent = this.sentBy(this.tasks, time);
     for (let i = 0; i < sent; i++) counts[this.stateAt(this.tasks[i], time)]++;
-    const found = states.map((looks, state) => ({ looks, count: counts[state] })), failed = states.findIndex(({ name }) => name === "failed");
-    const good = counts[failed] ? [...this.failed].filter((task) => this.looksOf(task, time) === handled).length : 0;
-    found[failed].count -= good;
-    found.splice(failed + 1, 0, { looks: handled, count: good });
-    return found.filter(({ count }) => count);
+    counts[handled] = [...this.failed].filter((task) => this.looksOf(task, time) === handled).length;
+    counts.failed -= counts[handled];
+    return Object.entries(counts).filter(([, count]) => count);
   }
 
   // When a task ended, if it has by then.
   ended(task, time) {
-    const state = this.stateAt(task, time);
-    return state !== NEVER && this.isOver(state) ? task.times[lastNotAfter(task.times, time)] : null;
+    return isOver(this.stateAt(task, time)) ? this.entered(task, time) : null;
   }
 
   // The failure that was raised on a message at a time.
@@ -330,6 +301,4 @@ export class Store {
     const task = this.byId.get(number);
     return task !== undefined && this.entered(task, from) !== this.entered(task, until);
   }
-
-  isOver(state) { return ["achieved", "failed", "killed"].includes(this.head.states[state].name); }
 }

@@ -1,17 +1,17 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
-import { ageInAll, ages, element, ruler } from "./dom.js";
-import { NOTHING, Notes } from "./notes.js";
+import { ages, dot, element, ruler } from "./dom.js";
+import { Notes } from "./notes.js";
 import { Outline } from "./outline.js";
-import { abridged, numbered, plain, seconds, whole } from "./words.js";
+import { numbered, seconds } from "./words.js";
 
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
 const BESIDE_KIND = 10;
 const BESIDE_ROLE = 110; // the same beside a name with a role, without its number and what the row is indented by
 const INDENT = 15; // as in style.css
+const LEAST = 100; // pixels of what keeps a task, before what it comes to in the end
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
-const GOAL = 1, MONITOR = 2;
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
 };
@@ -103,12 +103,12 @@ export class Tree {
 
   // The row of what goes on: the last task that is being handled; if there is none, what changed last.
   #current() {
-    const { store, time } = this, handling = store.head.states.findIndex((state) => state.name === "handling");
+    const { store, time } = this;
     let newest = -Infinity, place = -1;
     for (let i = this.rows.length - 1; i >= 0; i--) {
       const { task } = this.rows[i];
       if (!task) continue;
-      if (store.stateAt(task, time) === handling) return i;
+      if (store.stateAt(task, time) === "handling") return i;
       const changed = store.entered(task, time);
       if (changed > newest) [newest, place] = [changed, i];
     }
@@ -200,7 +200,7 @@ export class Tree {
     const shown = path.length > 2 ? [path[0], null, path.at(-1)] : path;
     const links = shown.map((task) => (task ? this.#linkTo(task) : element("span", { text: "…" })));
     this.head.replaceChildren(...links.length ? links.flatMap((link) => [link, " ▸ "]) : ["task"]);
-    this.head.title = path.map(({ name, id }) => plain([numbered({ name, number: id })])).join(" ▸ ");
+    this.head.title = path.map(({ name, id }) => numbered(name, id)).join(" ▸ ");
   }
 
   #linkTo({ name, id }) {
@@ -222,27 +222,26 @@ export class Tree {
 
   #fillFolded(line, task, row) {
     line.classList.add("folded");
-    const { name, colour } = this.store.head.states[row.state];
-    task.append(element("span", { class: "twist", text: "…" }), dot(colour),
-      element("span", { class: "name", text: `${row.folded} tasks ${name}` }));
+    task.append(element("span", { class: "twist", text: "…" }), dot(this.store.head.fills[row.state]),
+      element("span", { class: "name", text: `${row.folded} tasks ${row.state}` }));
     line.append(task, element("span", { class: "when" }), element("span", { class: "why", text: "a click shows them" }));
   }
 
   #fillTask(line, cell, row) {
-    const { task } = row, { name, colour } = this.store.looksOf(task, this.time), isHandled = name === this.store.head.handled.name;
+    const { task } = row, { fills, handled } = this.store.head, name = this.store.looksOf(task, this.time), isHandled = name === handled;
     line.classList.add(...isHandled ? ["failed", "handled"] : [name]);
     line.classList.toggle("chosen", task === this.outline.chosen);
     line.classList.toggle("found", this.found.has(task));
     line.dataset.task = task.id;
     const twist = row.children ? (row.open ? "▾" : "▸") : "";
     if (row.depth > DEEPEST) cell.append(element("span", { class: "more", text: `[${row.depth}]` }));
-    cell.append(element("span", { class: "twist", text: twist }), dot(colour, task.form === GOAL),
+    cell.append(element("span", { class: "twist", text: twist }), dot(fills[name], task.form === "goal"),
       element("span", { class: "name", text: task.name }), element("span", { class: "number", text: task.id }));
     if (row.children && !row.open) {
       cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
       if (task.failedBelow <= this.time) cell.append(this.#hiddenFailure(task));
     }
-    const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
+    const mark = task.form === "monitor" ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const kinds = this.related.has(task) ? [...this.related.get(task)].join(", ") : "";
@@ -252,7 +251,7 @@ export class Tree {
     this.#tellWhy(why, this.notes.of(task, this.time), name, room);
     if (mark) this.#placeRole(mark, row, cell, why, room - this.widthOf(why.textContent));
     line.append(cell, element("span", { class: "when", text: when }), why);
-    line.title = `${plain([numbered({ name: task.name, number: task.id })])}: ${name}`;
+    line.title = `${numbered(task.name, task.id)}: ${name}`;
   }
 
   // Beside the name or, if that has no room there, behind what is told at the end of the row.
@@ -267,19 +266,17 @@ export class Tree {
     return element("span", { class: isBad ? "hidden-failure" : "hidden-failure handled", text: "▲", title });
   }
 
-  // What keeps it, for how long, and what it comes to in the end; what it waits for comes before for how long.
+  // What keeps it, for how long, and what it comes to in the end: as much as has room, and the end where little has.
   #tellWhy(why, note, state, room) {
-    const told = note ?? NOTHING, wide = (one) => (one ? this.widthOf(one.textContent) : 0);
-    why.title = whole(told, state);
-    const lasted = told.start === undefined ? [] : ages(told), brief = lasted.length ? ageInAll(told) : "";
-    const within = (left) => abridged(told, state, (...texts) => this.widthOf(texts.filter(Boolean).join("; ")) <= left);
-    const [beside, bare] = [within(room - wide(brief)), within(room)];
-    const isAged = brief && beside.names >= bare.names && beside.isWhole >= bare.isWhole;
-    const [what, last] = (isAged ? beside : bare).parts, rest = what && last ? `; ${last}` : last;
-    if (what) why.append(element("span", { class: "what", text: what }));
-    const hasRoom = lasted.reduce((sum, one) => sum + wide(one), this.widthOf(what + rest)) <= room;
-    if (what && isAged) why.append(...hasRoom ? lasted : [brief]);
-    if (last) why.append(element("span", { class: "end", text: rest }));
+    const { text = "", end = "", brief = "", alone = "", whole = "", start } = note ?? {}, what = text || (end ? "" : state);
+    why.title = whole || state;
+    const lasted = start === undefined ? [] : ages(note), wide = (one) => this.widthOf(one.textContent ?? one);
+    const forms = [[what, lasted, end], [what, lasted.slice(0, 1), end], [what, lasted.slice(0, 1), brief], [what, [], brief]];
+    const hasRoom = ([first, times, last]) => [first, ...times, last && first ? `; ${last}` : last].reduce((sum, one) => sum + wide(one), 0) <= room;
+    const cut = brief && room - wide(brief) < LEAST ? ["", [], alone] : forms.at(-1);
+    const [first, times, last] = forms.find(hasRoom) ?? cut;
+    if (first) why.append(element("span", { class: "what", text: first }), ...times);
+    if (last) why.append(element("span", { class: "end", text: first ? `; ${last}` : last }));
   }
 
   // --- constraint arrows -------------------------------------------------------------------------------------------
@@ -316,12 +313,6 @@ export class Tree {
 
 // What a row keeps while others come and go: its task, or the first one that is folded.
 function nameOf(row) { return row.task ?? row.key; }
-
-function dot(colour, isGoal = false) {
-  const made = element("span", { class: isGoal ? "dot goal" : "dot" });
-  made.style.background = colour;
-  return made;
-}
 
 function svg(kind, attributes) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", kind);
