@@ -30,7 +30,8 @@ def _new_journal_folder() -> Path:
 def _check_address(bind: str, *, insecure: bool) -> None:
     """Only programs of this user should reach central, until connections can prove who they are."""
     port = bind.rpartition(":")[2]
-    is_tcp = bind.startswith("tcp://") and (port == "*" or 0 < _number(port) < 65536)
+    is_number = port.isascii() and port.isdigit()
+    is_tcp = bind.startswith("tcp://") and (port == "*" or (is_number and 0 < int(port) < 65536))
     if bind.startswith("ipc:///") and len(bind) > LONGEST_PATH + len("ipc://"):
         msg = f"{bind} is too long: the path of a socket has at most {LONGEST_PATH} bytes"
         raise click.UsageError(msg)
@@ -41,16 +42,6 @@ def _check_address(bind: str, *, insecure: bool) -> None:
         msg = f"{bind} can be reached from other machines, and nothing checks who connects: use an ssh tunnel to a \
 loopback address, or --insecure on a network that you trust"
         raise click.UsageError(msg)
-
-
-def _number(text: str) -> int:
-    return int(text) if text.isascii() and text.isdigit() else 0
-
-
-def _remember(journal: Path) -> None:
-    """Let tools that are to show the newest run find this one, by a link beside the others."""
-    with contextlib.suppress(OSError):
-        _link(_new_journal_folder(), journal.resolve())
 
 
 def _tell_where(address: str, journal: Path | None) -> None:
@@ -107,7 +98,8 @@ def central(
         if not no_journal:
             server.journal = JournalWriter(folder, epoch=epoch, version=version("tca-central"), sync=Sync(sync))
             if journal is not None:
-                _remember(journal)
+                with contextlib.suppress(OSError):  # tools that are to show the newest run find this one
+                    _link(_new_journal_folder(), journal.resolve())
         _tell_where(server.endpoint, None if no_journal else folder)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))

@@ -143,21 +143,16 @@ def cancelled_header(delivery: Delivery) -> headers.Cancelled:
 
 def dropped_fact(delivery: Delivery, why: str, where: str = "") -> facts.Dropped:
     """The fact that a message, or a copy of it for one receiver, is dropped."""
-    return facts.Dropped(delivery.id, delivery.message.name, why, _copy_of(delivery), where)
-
-
-def _copy_of(delivery: Delivery) -> int:
-    """The message that a delivery for one receiver is a copy of; 0 if it is the message's own."""
-    return delivery.message_id if delivery.message_id != delivery.id else 0
+    return facts.Dropped(delivery.id, delivery.message.name, why, delivery.copy_of, where)
 
 
 def deliver_header(delivery: Delivery) -> headers.Deliver:
     """The header by which a handler gets a delivery."""
+    given_as, name = delivery.given_as, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
-    if not isinstance(delivery, Task):
-        own = is_own(delivery)
-        return headers.Deliver(delivery.given_as, delivery.message.name, ROOT, context, own=own)
-    return headers.Deliver(delivery.given_as, delivery.message.name, TaskId(delivery.id), context, delivery.suspended)
+    if isinstance(delivery, Task):
+        return headers.Deliver(given_as, name, TaskId(delivery.id), context, delivery.suspended)
+    return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery))
 
 
 class State:
@@ -231,13 +226,9 @@ class State:
     ) -> None:
         """Note that a failure was raised on a task or message; beside the handler of a task by whom, and with what."""
         body = failure.body if is_beside else b""
-        self.facts.append(
-            facts.Failed(delivery.id, failure.name, failure.text, is_beside, by, body, _copy_of(delivery))
-        )
-        what = delivery.message
-        self.failed[delivery.id] = (
-            str(delivery) if isinstance(delivery, Task) else f"{what.message_class} {delivery.id} '{what.name}'"
-        )
+        name, text, copy_of = failure.name, failure.text, delivery.copy_of
+        self.facts.append(facts.Failed(delivery.id, name, text, is_beside, by, body, copy_of))
+        self.failed[delivery.id] = str(delivery)
 
     def send(self, connection: Connection, number: int, header: ToModule, body: bytes = b"") -> None:
         """Answer a request, for good; the answer is kept in case the request is repeated."""
@@ -268,15 +259,15 @@ class State:
         """A connection does nothing until the answer to this request is there; a *brief* wait is no deadlock."""
         if brief:
             connection.pauses[number] = Blocking(origin, self.events, self.clock.now)
-            return
-        connection.waits[number] = Blocking(origin, self.events, self.clock.now)
-        self.blocked[connection] = None
-        self.suspects.append((connection, number))
+        else:
+            self._block(connection, (number,), Blocking(origin, self.events, self.clock.now))
 
     def block_coroutine(self, connection: Connection, numbers: tuple[int, ...], delivery: int) -> None:
         """The handler of a delivery does nothing until one of these answers is there; its connection does."""
-        blocking = Blocking(delivery, self.events, self.clock.now, numbers)
-        connection.waits.update(dict.fromkeys(numbers, blocking))
+        self._block(connection, numbers, Blocking(delivery, self.events, self.clock.now, numbers))
+
+    def _block(self, connection: Connection, numbers: tuple[int, ...], wait: Blocking) -> None:
+        connection.waits.update(dict.fromkeys(numbers, wait))
         self.blocked[connection] = None
         self.suspects.append((connection, numbers[0]))  # if that will be there, the handler goes on
 

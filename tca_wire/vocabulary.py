@@ -1,7 +1,6 @@
 """The words that headers and facts share: classes, outcomes, conditions and the like. Knows nothing of their use."""
 
 from enum import IntEnum, StrEnum
-from functools import cached_property
 from typing import Self
 
 _TRAITS = (
@@ -74,34 +73,29 @@ class MessageClass(StrEnum):
 class Role(StrEnum):
     """Why central made a message itself; "" for what a module sent."""
 
+    is_of_monitor: bool
+    """A monitor sends such messages."""
+    leaves_safe: bool
+    """It brings things to a safe end: it is not suspended with the task above it."""
+    survives: bool
+    """It is not killed with the task above it."""
+
     NONE = ""
-    EXCEPTION = "exception handler"  # handles the failure of another task
+    EXCEPTION = "exception handler", "survives"  # handles the failure of another task
     LISTENER = "listener"  # of a wiretap
-    TERMINATION = "termination"  # leaves things safe after a kill
-    CONDITION = "condition"  # of a monitor
-    ACTION = "action"
-    SET_UP = "set up"
-    CANCEL = "cancel"
+    TERMINATION = "termination", "leaves_safe", "survives"  # leaves things safe after a kill
+    CONDITION = "condition", "is_of_monitor"
+    ACTION = "action", "is_of_monitor"
+    SET_UP = "set up", "is_of_monitor"
+    CANCEL = "cancel", "is_of_monitor", "leaves_safe", "survives"
 
-    @cached_property
-    def is_of_monitor(self) -> bool:
-        """Whether a monitor sends such messages."""
-        return self in _OF_MONITORS
-
-    @cached_property
-    def leaves_safe(self) -> bool:
-        """Whether it brings things to a safe end: it is not suspended with the task above it."""
-        return self in _SAFE
-
-    @cached_property
-    def survives(self) -> bool:
-        """Whether it is not killed with the task above it."""
-        return self in _SURVIVORS
-
-
-_OF_MONITORS = frozenset((Role.CONDITION, Role.ACTION, Role.SET_UP, Role.CANCEL))
-_SAFE = frozenset((Role.TERMINATION, Role.CANCEL))
-_SURVIVORS = _SAFE | {Role.EXCEPTION}
+    def __new__(cls, word: str, *traits: str) -> Self:
+        """A role with its traits as attributes, True or False."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        for trait in ("is_of_monitor", "leaves_safe", "survives"):
+            setattr(member, trait, trait in traits)
+        return member
 
 
 class Outcome(StrEnum):

@@ -18,9 +18,7 @@ MOST_ATTACHED = 1000
 
 def on_attach(central: State, connection: Connection, header: headers.Attach, _: bytes) -> None:
     """A module attaches an exception handler to a task, to all tasks of a message, or to the root."""
-    message = None
-    if header.message:
-        message = _task_message(central, header.message)
+    message = _task_message(central, header.message) if header.message else None
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
     if task is None:
         text = f"task {header.task} has ended: no exception handler can be attached to it"

@@ -155,11 +155,8 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
     """The claims that an ended handler lost without learning of it, in words ("": none)."""
     if not slot.lost_claims:
         return ""
-    lost = [
-        slot.lost_claims.pop(number)
-        for number, one in list(slot.lost_claims.items())
-        if one.delivery == delivery.given_as
-    ]
+    numbers = [number for number, one in slot.lost_claims.items() if one.delivery == delivery.given_as]
+    lost = map(slot.lost_claims.pop, numbers)
     return "; ".join(f"'{one.resource}' was taken from it: {one.text}" for one in lost)
 
 

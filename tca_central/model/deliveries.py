@@ -221,6 +221,14 @@ class Delivery:
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
 
+    def __repr__(self) -> str:
+        return f"{self.message.message_class} {self.id} '{self.message.name}'"
+
+    @property
+    def copy_of(self) -> int:
+        """The message that it is a copy of, for one receiver; 0 if it is the message's own."""
+        return self.message_id if self.message_id != self.id else 0
+
     @property
     def is_stranded(self) -> bool:
         """Whether it is an exception handler that nobody handles."""

@@ -50,7 +50,7 @@ def _why_not_replied(central: State, collector: Collector) -> str:
     told += [f"and {len(failures) - _FAILURES} more"] if len(failures) > _FAILURES else []
     told += [not_answered(replies_to(central, collector))] if collector.pending else []
     has_replies = collector.end is not None and collector.end[0].outcome is Outcome.DONE
-    return ("" if has_replies or not told else "nobody replied: ") + "; ".join(told)
+    return "nobody replied: " * (bool(told) and not has_replies) + "; ".join(told)
 
 
 def why_not_granted(central: State, claim: Claim[Connection]) -> str:

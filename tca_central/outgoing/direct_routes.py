@@ -55,8 +55,7 @@ def route_of(message: MessageType) -> tuple[Connection, ...]:
 def review(central: State, messages: Iterable[MessageType]) -> None:
     """The handlers, slots or wiretaps of messages have changed: whoever knows their routes learns the new ones."""
     for message in messages:
-        route = route_of(message)
-        if route != message.route:
+        if (route := route_of(message)) != message.route:
             message.route = route
             for connection in list(message.senders_told):
                 _say_route(central, connection, message)

@@ -73,14 +73,23 @@ _OPTIONAL = (Goal, Command, Inform, Broadcast, type(None))
 _NULL, _BOOLEAN = (one for kind in (None, bool) for one in alternatives(schema_text(kind)))
 
 
-class _Conditional(Monitor[D]):
+class ConditionMonitor(Monitor[D]):
     """A monitor that asks a query: None and False say that the condition does not hold; any other reply is the data of
     the action, except True, for which the action gets the monitor's own data. A part that is declared without data gets
-    none. Raises BadFormat for one that can't take what it would get. The subclasses say what they are made of, so that
-    Python's errors name them.
+    none. Raises BadFormat for one that can't take what it would get. Use one of the subclasses.
     """
 
-    def __init__(self, name: str, data: Any, condition: Query[Any, Any], action: Action | None) -> None:
+    @overload
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
+    ) -> None: ...
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
+    ) -> None:
         super().__init__(name, data, [condition, action])
         self._check("condition", condition, (Query,))
         self._check("action", action, _OPTIONAL)
@@ -92,42 +101,16 @@ class _Conditional(Monitor[D]):
             self._check_data("action", action, self.data.schema, f"the monitor's own, {self.data}")
 
 
-class PointMonitor(_Conditional[D]):
+class PointMonitor(ConditionMonitor[D]):
     """Tests its condition once, when its turn among its siblings comes (TCA 8.5: RegisterPointMonitor)."""
 
     message_class = MessageClass.POINT_MONITOR
 
-    @overload
-    def __init__(
-        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
-    ) -> None: ...
-    @overload
-    def __init__(
-        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
-    ) -> None: ...
-    def __init__(
-        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
-    ) -> None:
-        super().__init__(name, data, condition, action)
 
-
-class PollingMonitor(_Conditional[D]):
+class PollingMonitor(ConditionMonitor[D]):
     """Tests its condition every period (TCA 8.5: RegisterPollingMonitor)."""
 
     message_class = MessageClass.POLLING_MONITOR
-
-    @overload
-    def __init__(
-        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
-    ) -> None: ...
-    @overload
-    def __init__(
-        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
-    ) -> None: ...
-    def __init__(
-        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
-    ) -> None:
-        super().__init__(name, data, condition, action)
 
 
 class DemonMonitor(Monitor[D]):

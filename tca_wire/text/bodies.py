@@ -36,27 +36,18 @@ def _plain(value: Any, depth: int) -> Any:
     if depth > _DEEPEST:
         return "…"
     if isinstance(value, dict):
-        return {_key(key): _plain(item, depth + 1) for key, item in value.items()}
+        keys = (key if isinstance(key, str) else str(_plain_leaf(key)) for key in value)
+        return dict(zip(keys, (_plain(item, depth + 1) for item in value.values()), strict=True))
     if isinstance(value, list | tuple):
         return [_plain(item, depth + 1) for item in value]
     return _plain_leaf(value)
 
 
-def _key(key: Any) -> str:
-    return key if isinstance(key, str) else str(_plain_leaf(key))
-
-
 def _plain_leaf(value: Any) -> Any:
-    if value is None or isinstance(value, str | bool | int):
+    if value is None or isinstance(value, str | bool | int) or (isinstance(value, float) and math.isfinite(value)):
         return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else str(value)
     if isinstance(value, bytes | bytearray):
         return {"base64": base64.b64encode(value).decode()}
-    return _plain_object(value)
-
-
-def _plain_object(value: Any) -> Any:
     if isinstance(value, msgspec.msgpack.Ext):
         return {"extension": value.code, "base64": base64.b64encode(value.data).decode()}
     if hasattr(value, "isoformat"):

@@ -41,6 +41,7 @@ _WORDS = {
     "a date like 2024-02-03", "time": "a time like 12:00:00", "duration": "a duration like PT1.5S", "uuid": "a UUID",
     "decimal": "a decimal number as text",
 }  # fmt: skip
+_SIMPLE: dict[str, Any] = {"integer": int, "number": int | float, "boolean": bool, "null": type(None)}
 _LONGEST_SHOWN = 40
 
 
@@ -129,10 +130,7 @@ class _Fitting:
             "object": self._object,
             "array": self._array,
             "string": self._string,
-            "integer": self._integer,
-            "number": self._number,
-            "boolean": lambda schema, value, path: self._only(bool, schema, value, path),
-            "null": lambda schema, value, path: self._only(type(None), schema, value, path),
+            **dict.fromkeys(_SIMPLE, self._simple),
         }
 
     def _resolve(self, schema: Any) -> dict[str, Any]:
@@ -256,23 +254,14 @@ class _Fitting:
                 raise self._unfit(schema, value, path) from None
         return value
 
-    def _integer(self, schema: dict[str, Any], value: Any, path: str) -> Any:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise self._unfit(schema, value, path)
-        return value
-
-    def _number(self, schema: dict[str, Any], value: Any, path: str) -> Any:
-        if isinstance(value, bool) or not isinstance(value, int | float):
+    def _simple(self, schema: dict[str, Any], value: Any, path: str) -> Any:
+        kind = schema["type"]
+        if not isinstance(value, _SIMPLE[kind]) or (isinstance(value, bool) and kind != "boolean"):
             raise self._unfit(schema, value, path)
         try:
-            return float(value)
+            return float(value) if kind == "number" else value
         except OverflowError:
             raise self._unfit(schema, value, path) from None
-
-    def _only(self, kind: type, schema: dict[str, Any], value: Any, path: str) -> Any:
-        if not isinstance(value, kind):
-            raise self._unfit(schema, value, path)
-        return value
 
     # --- in words --------------------------------------------------------------------------------------------------
 
