@@ -1,5 +1,6 @@
 """Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
 
+import tca_properties
 from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.observed.world import Held, Seen, World
 from tca_explorer.scenario.accepted import accepted
@@ -8,39 +9,11 @@ from tca_explorer.scenario.script import Script, Task
 from tca_explorer.search.exploration import explore
 from tca_explorer.search.states import Result, Violation
 from tca_explorer.search.transcript import report
-from tca_properties import (
-    BadProperty,
-    Property,
-    achieved,
-    always,
-    at_most,
-    at_most_in_all,
-    before,
-    begun,
-    being_achieved,
-    eventually,
-    failed,
-    fired,
-    handled,
-    handled_by,
-    killed,
-    never,
-    never_stuck,
-    planned,
-    planned_ahead,
-    queued,
-    recovering,
-    retried,
-    sent,
-    suspended,
-    within,
-)
+from tca_properties import *  # noqa: F403 - properties are stated here as everywhere
 
 __all__ = [
-    "BadProperty",
     "ExplorerError",
     "Held",
-    "Property",
     "Result",
     "Scenario",
     "ScenarioError",
@@ -51,29 +24,7 @@ __all__ = [
     "Violation",
     "World",
     "accepted",
-    "achieved",
-    "always",
-    "at_most",
-    "at_most_in_all",
-    "before",
-    "begun",
-    "being_achieved",
-    "eventually",
     "explore",
-    "failed",
-    "fired",
-    "handled",
-    "handled_by",
-    "killed",
-    "never",
-    "never_stuck",
-    "planned",
-    "planned_ahead",
-    "queued",
-    "recovering",
     "report",
-    "retried",
-    "sent",
-    "suspended",
-    "within",
 ]
+__all__ += tca_properties.__all__

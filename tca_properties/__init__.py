@@ -11,7 +11,6 @@ from tca_properties.algebra import (
     never_stuck,
     within,
 )
-from tca_properties.errors import BadProperty
 from tca_properties.language import property_from
 from tca_properties.predicates import (
     achieved,
@@ -30,6 +29,7 @@ from tca_properties.predicates import (
     sent,
     suspended,
 )
+from tca_properties.world import BadProperty
 
 __all__ = [
     "BadProperty",

@@ -9,8 +9,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from tca_properties.errors import BadProperty
-from tca_properties.world import MessageView
+from tca_properties.world import BadProperty, MessageView
 from tca_wire.text.bodies import plain_data
 from tca_wire.text.plain_data import Bare, PlainFormat, field_misfit, knows_field
 

@@ -8,9 +8,9 @@ import re
 
 from tca_properties import algebra
 from tca_properties.algebra import Property
-from tca_properties.errors import BadProperty
 from tca_properties.field_values import blanked, in_one_line
 from tca_properties.predicates import predicate_from
+from tca_properties.world import BadProperty
 
 _SHAPES = "'never P', 'always P', 'at most N P', 'at most N P in all', 'P before P', 'eventually P' and 'never stuck'"
 _OF_ONE = {"never": algebra.never, "always": algebra.always, "eventually": algebra.eventually}

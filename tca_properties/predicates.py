@@ -12,9 +12,8 @@ from typing import Any, Protocol
 
 from msgspec import UNSET
 
-from tca_properties.errors import BadProperty
 from tca_properties.field_values import split_data, unquoted
-from tca_properties.world import MessageView
+from tca_properties.world import BadProperty, MessageView
 from tca_wire.messages.declarations import Message
 
 ANYTHING = "anything"

@@ -7,6 +7,11 @@ from tca_wire.messages.formats import decode_untyped
 from tca_wire.points import END_ACHIEVING, END_PLANNING, START_ACHIEVING
 from tca_wire.vocabulary import MessageClass, Role
 
+
+class BadProperty(ValueError):
+    """What was given is no property, or no predicate; its message says what, which and what to do."""
+
+
 Predicate = Callable[[Any], object]
 """A function of the world: it gives the messages of which it is true, or whether it is true."""
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("tca_central", "tca_live", "tca_module", "tca_properties", "tca_tools", "tca_wire")
+PACKAGES = ("tca_central", "tca_explorer", "tca_live", "tca_module", "tca_properties", "tca_tools", "tca_wire")
 TAKING_APART = {"startswith", "endswith", "partition", "rpartition", "removeprefix", "removesuffix"}
 WITH_PATTERNS = {
-    "tca_live/messages.py", "tca_properties/field_values.py", "tca_properties/language.py",
-    "tca_tools/command_line.py", "tca_tools/drawing/page.py", "tca_tools/drawing/pictures.py",
+    "tca_explorer/scenario/script.py", "tca_live/messages.py", "tca_properties/field_values.py",
+    "tca_properties/language.py", "tca_tools/command_line.py", "tca_tools/drawing/page.py", "tca_tools/drawing/pictures.py",
     "tca_tools/export/mcap_file.py", "tca_wire/journal/records.py", "tca_wire/packets/codec.py",
     "tca_wire/text/plain_data.py",
 }  # fmt: skip

@@ -63,7 +63,7 @@ class TrackedMessage(ObservedMessage, frozen=True, kw_only=True):
     """Which of its moments comes no sooner than at which time, in seconds since the run began."""
 
     def __str__(self) -> str:
-        return f"{self.message} {{{self.id}}}"
+        return f"{self.message} {{{int(self.id)}}}"
 
 
 class Situation:

@@ -28,7 +28,7 @@ def reached(now: Situation, task: TrackedMessage, moments: int) -> str:
         too_early.append("the end of its handler")
     if not too_early:
         return ""
-    words = ", ".join(str(Point(TaskId(task.id), moment)) for moment in Moment if moment & moments)
+    words = ", ".join(_words(Point(TaskId(task.id), moment)) for moment in Moment if moment & moments)
     return f"{words} ('{task.message}') came before {', '.join(too_early)}"
 
 
@@ -53,7 +53,12 @@ def returned(message: TrackedMessage | None, key: int) -> str:
 
 def _not_met(now: Situation, task: TrackedMessage, moments: int) -> list[str]:
     """What those moments of a task come after, and is not past."""
-    points = [str(point) for moment, point in task.after if moments & moment and not now.is_past(point)]
-    delays = [str(point) for moment, point, _ in task.delayed if moments & moment]
+    points = [_words(point) for moment, point in task.after if moments & moment and not now.is_past(point)]
+    delays = [_words(point) for moment, point, _ in task.delayed if moments & moment]
     times = [time for moment, time in task.not_before if moments & moment and now.now < time - _ROUNDING]
     return [*points, *delays, *(f"{time - now.now:g} s were over" for time in times)]
+
+
+def _words(point: Point) -> str:
+    """A point with the number of its task."""
+    return str(Point(TaskId(int(point.task)), point.moment))

@@ -166,7 +166,7 @@ class World:
 
 def breach_in_words(breach: Breach) -> str:
     """What is wrong, and with which messages: these with their ids."""
-    names = ", ".join(f"{one.message} {{{one.id._number}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
+    names = ", ".join(f"{one.message} {{{int(one.id._number)}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
                       for one in breach.messages)  # fmt: skip
     return ": ".join(part for part in (breach.what, names) if part)
 

@@ -12,7 +12,7 @@ from tca_explorer.observed.fold import Fold
 from tca_explorer.observed.messages import Taken
 from tca_explorer.play.actors import Actor, Line, OpenRequest
 from tca_explorer.play.identifiers import MessageId, RequestNumber
-from tca_explorer.play.renaming import renamed, renamed_rows, without_ids
+from tca_explorer.play.renaming import renamed, renamed_rows
 from tca_explorer.scenario.requests import call_of
 from tca_explorer.scenario.scenario import Scenario
 from tca_explorer.scenario.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, Return
@@ -190,10 +190,7 @@ class Exchange:
     def _get_delivery(self, line: Line, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
         actor = Actor(program, Given(body, bool(header.task)), header.delivery, header.task)
-        context = renamed(header.context, actor.name)
-        if isinstance(text := getattr(context, "text", None), str):
-            context = replace(context, text=without_ids(text))
-        actor.life = program.beginning(Given(body, bool(header.task), context))
+        actor.life = program.beginning(Given(body, bool(header.task), renamed(header.context, actor.name)))
         actor.suspended = (header.suspended,)
         if line.run.is_leaving:
             actor.be_told(module_ends=True)
@@ -206,17 +203,15 @@ class Exchange:
         self._answer(line, header.number, Got(_AWAITED, id=TaskId(0)))
 
     def _get_refused(self, line: Line, header: headers.Refused, _: bytes) -> None:
-        text = without_ids(header.text)
         for actor in line.actors:
             if header.number and actor.number == header.number and isinstance(actor.step, Ask):
-                actor.get(Got(actor.step.kind, header.refusal, text))
+                actor.get(Got(actor.step.kind, header.refusal, header.text))
                 return
-        if not self._answer(line, header.number, Got(_AWAITED, header.refusal, text)) and header.number:
+        if not self._answer(line, header.number, Got(_AWAITED, header.refusal, header.text)) and header.number:
             raise ScenarioError(f"{line.run.name}: {header.text}")
 
     def _get_answer(self, line: Line, header: headers.Answer, body: bytes) -> None:
-        answer = replace(header, number=0, text=without_ids(header.text))
-        self._answer(line, header.number, Got(_AWAITED, answer=answer, body=body))
+        self._answer(line, header.number, Got(_AWAITED, answer=replace(header, number=0), body=body))
 
     def _answer(self, line: Line, number: int, got: Got) -> bool:
         """Whether somebody wanted that answer."""
@@ -239,7 +234,7 @@ class Exchange:
         for actor in line.actors:
             for request in actor.requests.values():
                 if request.number == header.number:
-                    request.taken = without_ids(header.text)
+                    request.taken = header.text
 
     def _get_suspended(self, line: Line, header: headers.Suspended, _: bytes) -> None:
         for actor in line.actors:

@@ -1,9 +1,5 @@
-"""Ids in headers, answers and contexts, replaced by a script's own names for them or the other way round.
+"""Central's ids in headers, answers and contexts, replaced by a script's own names for them, or the other way round."""
 
-Central's ids depend on what else happened before. A script that knew them would be another one in each run.
-"""
-
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -39,10 +35,4 @@ def renamed_rows(body: bytes, rename: Rename) -> bytes:
     rows = msgspec.msgpack.decode(body)
     for row in rows:
         row["task"], row["parent"] = rename(row["task"]), rename(row["parent"])
-        row["killed"] = without_ids(row["killed"])
     return msgspec.msgpack.encode(rows)
-
-
-def without_ids(text: str) -> str:
-    """A text of central's without the numbers of tasks."""
-    return re.sub(r"\b(task|delivery) \d+", r"\1", text)

@@ -177,4 +177,4 @@ def _point(play: Play, point: Point) -> str:
 
 
 def _name(play: Play, task: int) -> str:
-    return f"{play.names.get(task, '?')} {{{task}}}"
+    return f"{play.names.get(task, '?')} {{{int(task)}}}"

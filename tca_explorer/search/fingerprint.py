@@ -26,7 +26,6 @@ from tca_explorer.play.actors import Actor
 from tca_explorer.play.exchange import connection_of
 from tca_explorer.play.identifiers import Identifier
 from tca_explorer.play.play import Play
-from tca_explorer.play.renaming import without_ids
 from tca_wire.points import ALL_MOMENTS
 
 IGNORED = {
@@ -226,14 +225,8 @@ class _Walk:
         else:  # nothing looks at all tasks under the root in their order
             self.add_unordered(task, children or {})
 
-    def add_failure(self, _: object, failure: tuple[Any, ...] | None) -> None:
-        self.add(failure and [without_ids(part) if isinstance(part, str) else part for part in failure])
-
-    def add_text(self, _: object, text: str) -> None:
-        self.add(without_ids(text))
-
     def add_verdict(self, _: object, verdict: Verdict) -> None:
-        self.add(without_ids(verdict.why))
+        self.add(verdict.why)
         self.add(verdict.by)  # who asked for it shows in the journal only
 
     # --- time --------------------------------------------------------------------------------------------------------
@@ -317,12 +310,9 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("TaskTree", "last_of_module"): _Walk.add_living_by_name,  # flags do not refer to ended tasks
     ("TaskTree", "top_of_module"): _Walk.add_by_name,
     ("Task", "children"): _Walk.add_children,
-    ("Task", "killed"): _Walk.add_text,
-    ("Task", "failure"): _Walk.add_failure,
     ("Delivery", "arrival"): _Walk.add_rank,
     ("Rare", "fired"): _Walk.add_fired,
     ("Rare", "listeners"): _Walk.add_living,
-    ("FailureContext", "failure"): _Walk.add_failure,
     ("FailureContext", "attached"): _Walk.add_attachment,
     ("PendingKill", "verdict"): _Walk.add_verdict,
     ("Watch", "timers"): _Walk.add_timers,
@@ -382,8 +372,7 @@ def _add_outcomes(walk: _Walk, play: Play) -> None:
     """How tasks ended that somebody can still ask for."""
     known = {walk.number_of_name(key): ended for key, ended in play.central.outcomes.items() if walk.knows_name(key)}
     for number in sorted(known):
-        outcome, failure, text, body = known[number]
-        walk.add([number, outcome, failure, without_ids(text), body])
+        walk.add([number, *known[number]])
 
 
 def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:

@@ -3,6 +3,7 @@
 from contextlib import suppress
 
 from tca_explorer.errors import CentralFault
+from tca_explorer.play.identifiers import numbers_shown
 from tca_explorer.play.play import Play
 from tca_explorer.play.words import describe
 from tca_explorer.search.states import Result, Violation
@@ -15,7 +16,8 @@ def report(result: Result) -> str:
     title, violation = result.scenario.title, result.violation
     size = f"{result.states:,} states"
     if violation is not None:
-        return "\n".join([f"{title}: NOT {violation.broken} (after {size})", *_story(result, violation)])
+        with numbers_shown():
+            return "\n".join([f"{title}: NOT {violation.broken} (after {size})", *_story(result, violation)])
     if not result.is_complete:
         line = f"{title}: not known, nothing wrong in the first {size}: make it smaller, or raise the limit"
         most = ", ".join(result.branching)
