@@ -70,7 +70,7 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
 
 
 @given(steps)
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 
@@ -80,7 +80,7 @@ def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
 @example(1789)  # locks that wait for each other in a circle
 @example(1027)  # a question to many is given up while a copy stands in a queue
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_paths_of_longer_lives_say_what_was_so(seed: int) -> None:
     check(longer(seed))
 

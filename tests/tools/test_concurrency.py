@@ -12,6 +12,7 @@ from tca_tools.analysis.critical_path import critical_path, last_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.summary import summary
+from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
@@ -22,13 +23,12 @@ def found_in(run: Run) -> list[Overlap]:
     return overlaps(run, Causes(run))
 
 
-def advised(run: Run, at_least: float = 1e-6) -> list[Advice]:
-    handling, task = summary(run), last_task(run)
-    causes = Causes(run)
+def advised(run: Run, at_least: float = 1e-6, task: Task | None = None) -> list[Advice]:
+    """By default for the path of the last task."""
+    handling, task, causes = summary(run), task or last_task(run), Causes(run)
     path = critical_path(run, causes, task) if task else None
-    return advice(
-        run, causes, path, overlaps(run, causes), uses(run, handling.start, handling.end), failures(run), at_least
-    )
+    use = uses(run, handling.start, handling.end)
+    return advice(run, causes, path, overlaps(run, causes), use, failures(run), at_least)
 
 
 def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_taken() -> None:
