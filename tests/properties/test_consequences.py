@@ -3,8 +3,7 @@ everything else, and central shows what comes of it.
 
 1. *All of the rest* is done: whatever the ends do not name returns, is released or resumed. What waits, waits on.
 2. *All that is named* is done, and again what is named then: what waits gets there, without anything else.
-3. *All but one* of what is named is done, for ever: what waits does not get there.
-4. Where what is queued is said to wait for handlers that are busy, somebody gets in when one of them returns; where it
+3. Where what is queued is said to wait for handlers that are busy, somebody gets in when one of them returns; where it
    is said to wait for a lock that somebody wants, it does not.
 """
 
@@ -15,7 +14,6 @@ from central.player import Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.test_deadlocks import Blocking, free_handlers
-from properties.test_waits_are_true import reached
 
 from tca_central.core import Central
 from tca_central.events import Effect
@@ -26,7 +24,6 @@ from tca_tools.run.fold import History
 from tca_tools.why.ends import MOST, End, Ends
 from tca_tools.why.keepers import kept_out
 from tca_tools.why.waits import Node
-from tca_tools.why.waits import steps as waits_lead_to
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Delivered
 from tca_wire.packets import headers
@@ -235,7 +232,6 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
             nothing_else_helps(life, ends, nodes)
             for node in dict.fromkeys((nodes[0], nodes[-1])):
                 what_is_named_helps(life, node)
-                each_is_needed(life, at, node, ends)
 
 
 def who_is_said_to_be_next_is(life: Life, at: RunAt, task: TaskAt) -> None:
@@ -299,35 +295,6 @@ def what_is_named_helps(life: Life, node: Node) -> None:
         told.append(ends)
         again.act(ends[0])
     pytest.fail(f"{node} was not reached by what was named: {told[:20]}")
-
-
-def each_is_needed(life: Life, at: RunAt, node: Node, ends: tuple[End, ...]) -> None:
-    if len(ends) < 2 or ends[0].kind is WaitKind.CIRCLE:
-        return
-    for left in ends:
-        if left.kind is not WaitKind.DELAY:
-            does_not_help_without(life, node, left)
-
-
-def does_not_help_without(life: Life, node: Node, left: End) -> None:
-    again = Again(life)
-    for _ in range(ROUNDS):
-        at = again.at
-        if any(is_choice(at, one) for one in reached(at, [node])):
-            return
-        ends = Ends.at(at).of_node(node)
-        others = [end for end in ends if end.number != left.number and end.kind is not WaitKind.DELAY]
-        if not others or ends[0].kind is WaitKind.CIRCLE or left not in ends:
-            return
-        again.act(others[0])
-        assert not again.has_reached(node), f"{node} did not wait for {left}"
-
-
-def is_choice(at: RunAt, node: Node) -> bool:
-    """Whether one of several is enough: of those that are in a resource the first that returns makes room."""
-    message = at.run.messages.get(node.number)
-    queueing = at.queueing_of(message) if message else None
-    return queueing is not None and len(waits_lead_to(at, node)[0]) > 1
 
 
 @given(steps)

@@ -21,7 +21,7 @@ class LivePlayer(FoldedPlayer):
 
 
 @given(st.lists(operation, max_size=50))
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_folding_the_journal_gives_the_live_tree(operations: list[tuple[str, int, int, int, int]]) -> None:
     life = Life(LivePlayer())
     for name, *numbers in operations:

@@ -4,6 +4,7 @@ every moment of every task that lives, after every event of random lives.
 
 from collections.abc import Iterable
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
@@ -116,9 +117,16 @@ def test_what_tasks_wait_for_is_what_central_knows(operations: list[tuple[str, i
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=2)
+@settings(max_examples=1)
 def test_so_it_is_in_a_long_life(seed: int) -> None:
     player = ComparedPlayer()
     Life(player).go_on(seed, 300)
     assert player.compared > 100
     assert_lists(player.history)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=100)
+def test_and_in_many_long_lives(seed: int) -> None:
+    test_so_it_is_in_a_long_life.hypothesis.inner_test(seed)  # type: ignore[attr-defined]

@@ -1,0 +1,91 @@
+"""What records that go on say of an earlier moment is what was known then: after every event of a random life."""
+
+from typing import Any
+
+import click
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
+from properties.life import Life, operation
+
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import HANDLED
+from tca_tools.tasktree_viz.outline import whole_outline
+from tca_tools.tasktree_viz.text import tree_lines
+from tca_tools.why.story import story
+from tca_wire.points import MOMENTS, Point, TaskId
+
+FIELDS = ("state", "failure", "why_killed", "body", "result", "failure_data", "caught_by", "reached", "children",
+          "handling", "suspension")  # fmt: skip
+_NO_TIME = 1e-6
+"""Seconds: states that last no longer are not told of."""
+
+
+def seen(at: RunAt) -> Any:
+    """What can be seen of a moment. Whether the run went on after a failure is told as far as the journal goes."""
+    tree = [
+        click.unstyle(line).replace(HANDLED, "failed") for line in tree_lines(at, whole_outline(at), with_data=True)
+    ]
+    return (
+        [" ".join(line.split()) for line in tree],
+        [(str(task), *(str(getattr(task, name)) for name in FIELDS[:6]), list(task.caught_by), task.constraints)
+         for task in at.tasks.values()],
+        [at.has_reached(Point(TaskId(task), moment)) for task in at.tasks for moment in MOMENTS],
+        {place: [one.message_id for one in at.running(*place)] for place in at.run.runs if at.running(*place)},
+        {place: str(claim) for place in at.run.grants if (claim := at.held_by(*place))},
+    )  # fmt: skip
+
+
+def told(at: RunAt) -> dict[int, list[str]]:
+    """The stories of all messages as they were then."""
+    known = {number for number, one in at.run.messages.items() if one.received <= at.moment}
+    stories = {number: [one for one in story(at.run, number, at.moment) if one.time <= at.moment] for number in known}
+    return {
+        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in told] for number, told in stories.items()
+    }
+
+
+class WatchedPlayer(FoldedPlayer):
+    """Folds every entry, and notes what is seen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: dict[float, tuple[Any, dict[int, list[str]] | None]] = {}
+
+    def compare(self) -> None:
+        """What is known now is what the records say."""
+        at, run = RunAt(self.history), self.history
+        for task in at.tasks.values():
+            assert all(getattr(task, name) == getattr(run.tasks[task.id], name) for name in FIELDS), task
+            assert bool(task.queueing) == run.tasks[task.id].is_queued
+        stories = told(at) if len(run.times) % 3 == 0 else None
+        if run.time not in self.seen:
+            self.seen[run.time] = seen(at), stories
+
+
+def check(player: WatchedPlayer) -> None:
+    times = player.history.times
+    for moment, (before, stories) in player.seen.items():
+        at, place = RunAt(player.history, moment), times.index(moment) + 1
+        assert seen(at) == before
+        if stories is not None and place < len(times) and times[place] - moment > _NO_TIME:
+            now = told(at)
+            assert {number: now[number] for number in stories} == stories
+
+
+@given(st.lists(operation, max_size=50))
+@settings(max_examples=60)
+def test_the_past_is_as_it_was(operations: list[tuple[str, int, int, int, int]]) -> None:
+    player = WatchedPlayer()
+    life = Life(player)
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+    check(player)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=1)
+def test_the_past_of_a_longer_life_is_as_it_was(seed: int) -> None:
+    player = WatchedPlayer()
+    Life(player).go_on(seed, 200)
+    check(player)
