@@ -17,7 +17,7 @@ from tca_wire.journal.causes import Request
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 GOAL, COMMAND, QUERY = MessageClass.GOAL, MessageClass.COMMAND, MessageClass.QUERY
 PLANNING = Moment.START_HANDLING | Moment.START_PLANNING
@@ -87,6 +87,8 @@ class Story:
         origin: int | None = None,
         data: Any = None,
         blocking: bool = False,
+        role: Role = Role.NONE,
+        about: int = 0,
     ) -> int:
         number, self._next_id = self._next_id, self._next_id + 1
         this = [
@@ -96,7 +98,9 @@ class Story:
         body = b"" if data is None else msgspec.msgpack.encode(data)
         origin = parent if origin is None else origin
         self._classes[number] = kind
-        self.say(facts.Received(number, message, kind, sender, TaskId(parent), origin, blocking, body, this))
+        self.say(
+            facts.Received(number, message, kind, sender, TaskId(parent), origin, blocking, body, this, role, about)
+        )
         if kind is COMMAND:
             self.reached(number, BORN_PLANNED)
         return number

@@ -1,12 +1,19 @@
-"""Questions that were given up: where they were then, in the story, among the longest waits, and on the critical path."""
+"""Questions that were given up, and questions to many: where they are, in stories, waits and on the critical path."""
 
+from central.player import Player
 from tools.story import QUERY, Story
 from tools.test_critical_path import path_of, steps_of
 
 from tca_tools.analysis.long_waits import long_waits as waits
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.fold import History
 from tca_tools.run.whole_run import Run
+from tca_tools.tasktree_viz import words
 from tca_tools.why.story import story as story_of
+from tca_tools.why.wait_words import in_the_end
+from tca_wire.constraints import Flags
 from tca_wire.journal import facts
+from tca_wire.packets import headers
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitKind
@@ -100,3 +107,91 @@ def test_a_wait_with_a_timeout_for_a_task_that_is_still_handled_leads_into_that(
     tale.returned(walk).reached(walk, *Moment).at(2.0).returned(move)
     run = tale.fold()
     assert steps_of(run, run.tasks[TaskId(walk)])[1:] == [("move", "legs", 0.25, 1.0), ("walk", "brain", 1.0, 1.5)]
+
+
+def asking_all(*, answers: int = 0) -> Player:
+    """A guard asks three modules how they are; the legs walk meanwhile. The first of the others have answered."""
+    player = Player()
+    player.module("guard", "command watch")
+    player.module("arm", "multi-query status")
+    player.module("head", "multi-query status")
+    player.module("legs", "multi-query status", "command walk")
+    player.module("user")
+    player.task("user", "walk")
+    watch = player.task("user", "watch", flags=Flags(0))
+    player.send("guard/1", "status", origin=watch, blocking=True)
+    for module in ("arm", "head")[:answers]:
+        player.reply(f"{module}/1", value=1)
+    return player
+
+
+def past_of(player: Player) -> Run:
+    return History.until(player.entries)
+
+
+def test_who_has_not_answered_is_named_with_why() -> None:
+    at = RunAt(past_of(asking_all()))
+    assert words.note(at, at.tasks[2]).startswith(
+        "waits for the reply to status {3}, which arm, head and legs (queued, busy with walk {1}) have not answered"
+    )
+    at = RunAt(past_of(asking_all(answers=1)))
+    assert "status {3}, which head and legs (queued, busy with walk {1}) have not answered (1 of 3 has)" in words.note(
+        at, at.tasks[2]
+    )
+    at = RunAt(past_of(asking_all(answers=2)))
+    assert "status {3}, which legs (queued, busy with walk {1}) has not answered (2 of 3 have)" in words.note(
+        at, at.tasks[2]
+    )
+
+
+def test_the_end_of_the_wait_is_what_the_last_of_them_does() -> None:
+    at = RunAt(past_of(asking_all(answers=2)))
+    assert str(in_the_end(at, at.tasks[2])) == "for walk {1}, which legs handles"
+
+
+def test_who_waits_for_the_asker_is_told_too() -> None:
+    player = asking_all(answers=1)
+    player.reply("legs/1", value=1)  # it has walked, and is asked now
+    another = player.task("user", "watch", flags=Flags(0))
+    at = RunAt(past_of(player))
+    assert (
+        str(in_the_end(at, at.tasks[another])) == "for status {3}, which head and legs have not answered (1 of 3 has)"
+    )
+
+
+def test_the_story_says_it_as_long_as_it_is_so() -> None:
+    player = asking_all(answers=1)
+    before = player.time
+    player.reply("head/1", value=1)
+    player.reply("legs/1", value=1)
+    player.reply("legs/1", value=1)
+    run = past_of(player)
+
+    def waiting(moment: float) -> str:
+        return next(one.text for one in story_of(run, 2, moment) if "waits for" in one.text)
+
+    assert "head and legs (queued, busy with walk {1}) have not answered" in waiting(before)
+    assert waiting(run.time) == "its handler waits for the reply to status {3}"
+
+
+def test_who_had_not_answered_when_it_was_given_up() -> None:
+    player = asking_all(answers=1)
+    player.receive("guard/1", headers.GiveUp(player.numbers["guard/1"]))
+    told = [one.text for one in story_of(past_of(player), 2)]
+    assert any(
+        text.endswith("and gives up: head and legs (queued, busy with walk {1}) have not answered (1 of 3 has)")
+        for text in told
+    ), told
+
+
+def test_the_story_of_a_question_that_was_given_up_tells_the_answers_there_were() -> None:
+    """Its sender gets them and goes on; only what nobody answered has come to nothing."""
+    player = asking_all(answers=1)
+    player.fail("head/1", "no power")
+    player.receive("guard/1", headers.GiveUp(player.numbers["guard/1"]))
+    told = [one.text for one in story_of(past_of(player), 3)]
+    assert ("its sender waits no longer: 1 of 3 had answered: arm (1)") in told
+    assert not [text for text in told if "came to nothing" in text]
+    player = asking_all()
+    player.receive("guard/1", headers.GiveUp(player.numbers["guard/1"]))
+    assert any(one.text.startswith("came to nothing: its sender gave up") for one in story_of(past_of(player), 3))

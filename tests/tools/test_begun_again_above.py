@@ -28,9 +28,7 @@ def jammed() -> Story:
     move = story.command("move", "planner", job)
     story.returned(job).delivered(move, "base").at(2.0)
     story.returned(move, Outcome.FAILED).say(facts.Failed(TaskId(move), "jam", "the belt"))
-    redo = story.received("redo", MessageClass.EXCEPTION, "central", move, origin=0)
-    received = story.entries[-1].facts[-1]
-    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.EXCEPTION, about=move)
+    redo = story.received("redo", MessageClass.EXCEPTION, "central", move, origin=0, role=Role.EXCEPTION, about=move)
     story.say(facts.Caught(TaskId(move), TaskId(redo), TaskId(job), 9)).at(2.5).delivered(redo, "planner")
     return story.at(3.0)
 
@@ -100,9 +98,7 @@ def test_who_decided_that_is_told_by_the_task_above_and_by_the_exception_handler
 
 def test_where_two_exception_handlers_run_in_a_module_the_one_that_asked_has_decided() -> None:
     story = jammed()
-    other = story.received("redo", MessageClass.EXCEPTION, "central", MOVE, origin=0)
-    received = story.entries[-1].facts[-1]
-    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.EXCEPTION, about=MOVE)
+    other = story.received("redo", MessageClass.EXCEPTION, "central", MOVE, origin=0, role=Role.EXCEPTION, about=MOVE)
     story.delivered(other, "planner", "second").at(3.0).asked_by(REDO)
     run = story.say(facts.Retried(TaskId(JOB), b"", "planner")).at(4.0).fold()
     assert any(text.startswith("to be handled again (retried by planner: redo {4}") for text in sentences(run, JOB))

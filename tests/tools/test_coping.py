@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 import pytest
 from click.testing import Result
 from tools.story import QUERY, Story
@@ -72,13 +71,6 @@ def test_who_asked_went_on() -> None:
     assert (2.0, f"its failure is {told_to(run, look, 2.0)}") in [(one.time, one.text) for one in story_of(run, ASKED)]
 
 
-def test_who_asked_still_runs() -> None:
-    story = asking()
-    run = History.until(story.entries, 2.5)
-    assert went_on(run, run.messages[ASKED], 2.0)
-    assert told_to(run, run.messages[ASKED], 2.0) == "told to maps, whose handler of where {2} still runs"
-
-
 @pytest.mark.parametrize(
     ("task_fails", "dealt_with", "end"), [(False, False, True), (True, False, False), (True, True, True)]
 )
@@ -137,9 +129,7 @@ def test_who_had_ended_is_not_told() -> None:
 def test_of_a_condition_that_fails_after_its_monitor_ended_nobody_is_told() -> None:
     story = Story().module("eye", "hot?").at(1.0)
     monitor = story.received("watch", MessageClass.POINT_MONITOR, "user")
-    asked = story.received("hot?", QUERY, "central")
-    received = story.entries[-1].facts[-1]
-    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
+    asked = story.received("hot?", QUERY, "central", role=Role.CONDITION, about=monitor)
     story.delivered(asked, "eye").at(2.0).say(facts.Killed(TaskId(monitor), "enough", "user")).reached(monitor, *Moment)
     run = _fail(story.at(3.0), asked).fold()
     assert told_to(run, run.messages[asked], 3.0) == "told to nobody: watch {1} watched no longer"
@@ -152,9 +142,7 @@ def test_nor_if_it_has_begun_anew_for_the_second_time() -> None:
     story = Story().module("eye", "hot?").at(1.0)
     monitor = story.received("watch", MessageClass.POINT_MONITOR, "user")
     story.at(2.0).say(*again)
-    asked = story.received("hot?", QUERY, "central")
-    received = story.entries[-1].facts[-1]
-    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
+    asked = story.received("hot?", QUERY, "central", role=Role.CONDITION, about=monitor)
     story.delivered(asked, "eye").at(3.0).say(*again)
     run = _fail(story.at(4.0), asked).fold()
     assert told_to(run, run.messages[asked], 4.0) == "told to nobody: watch {1} watched no longer"
@@ -191,9 +179,7 @@ def test_of_an_inform_nobody_is_told_and_of_a_condition_its_monitor() -> None:
     log = story.received("log", MessageClass.INFORM, "user")
     _fail(story.delivered(log, "eye").at(2.0), log)
     monitor = story.received("watch", MessageClass.POINT_MONITOR, "user")
-    asked = story.received("hot?", QUERY, "central")
-    received = story.entries[-1].facts[-1]
-    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
+    asked = story.received("hot?", QUERY, "central", role=Role.CONDITION, about=monitor)
     _fail(story.delivered(asked, "eye").at(3.0), asked)
     run = story.fold()
     assert went_on(run, run.messages[asked], 3.0) is False  # nothing is known of the monitor yet

@@ -3,7 +3,7 @@ to come: told in rows and stories alike.
 """
 
 from central.player import Player
-from tools.story import ACTING, QUERY, THIS, Story
+from tools.story import QUERY, THIS, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits as waits
@@ -21,7 +21,7 @@ from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
+from tca_wire.vocabulary import Condition, MessageClass, Scope
 
 
 def noted(history: History, task: int, time: float | None = None) -> str:
@@ -85,22 +85,6 @@ def test_what_is_to_be_handled_again_says_that_a_wiretap_holds_it() -> None:
     assert told(history, move)[-1] == f"achieving, until check {{{check}}} has ended"
 
 
-def test_what_a_wiretap_s_listener_holds_waits_for_it() -> None:
-    tale = Story().module("legs", "move").module("checker", "check").at(1.0)
-    tale.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT, "safety"))
-    move = tale.command("move", "user")
-    check = move + 1
-    command = MessageClass.COMMAND
-    tale.say(facts.Received(check, "check", command, "central", TaskId(move), 0, False, b"", [], Role.LISTENER, move))
-    tale.say(facts.TapFired(90, move, check), facts.Delivered(check, check, "checker", "checker"))
-    tale.reached(check, *ACTING).at(3.0)
-    tale.command("move", "user")
-    reason = f"waits until check {{{check}}}, the listener of a wiretap by safety, has been handled"
-    assert noted(tale.fold(), move) == f"{reason}, for 2 s"
-    tale.at(4.0).reached(check, *Moment).delivered(move, "legs")
-    assert noted(tale.fold(), move) == ""
-
-
 def test_a_killed_task_whose_handler_runs_has_not_ended() -> None:
     player = robot()
     move = player.task("user", "move")
@@ -146,15 +130,6 @@ def test_a_handler_that_goes_on_while_it_waits_for_a_reply() -> None:
     assert f"its handler asked where {{{where}}}, and goes on; bee handles it" in told(history, look)
     tale.at(7.0).returned(where).say(facts.Answered(where))
     assert noted(tale.fold(), look) == ""
-
-
-def test_a_reply_that_does_not_come_since_nobody_handles_the_query() -> None:
-    tale = Story().module("aio", "look").at(1.0)
-    look = tale.command("look", "user")
-    tale.delivered(look, "aio")
-    tale.queued(tale.received("where", QUERY, "aio", origin=look, blocking=True)).at(2.0)
-    tale.command("look", "user")
-    assert noted(tale.fold(), look) == "waits for the reply to where {2}, which no module handles, for 1 s"
 
 
 def test_deadlines_and_kills_that_are_to_come() -> None:

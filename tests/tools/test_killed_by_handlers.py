@@ -1,18 +1,27 @@
-"""Who is killed by an exception handler is told for which failure that was called, if that is sure; and what is to be
-handled again after a failure has no end yet.
-"""
+"""A failure, step by step: who was killed for it, what a deadline ran out on, and who could not decide."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import msgspec
 import pytest
+from central.player import Player
+from central.transcript import Transcript
+from tools.runs import OPENED, checked
 from tools.story import Story
 
+from tca_tools.analysis.failures import failures
+from tca_tools.check import rules
+from tca_tools.run.fates import Fate
 from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
+from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.why.story import story as story_of
+from tca_wire.constraints import Flags
 from tca_wire.journal import facts
-from tca_wire.points import Moment, TaskId
+from tca_wire.journal.facts import Entry
+from tca_wire.packets import headers
+from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 PATIENT, TREAT, INFUSE, TRANSFER = 1, 2, 3, 4
@@ -22,9 +31,9 @@ NIL = msgspec.msgpack.encode(None)
 
 def help_for(story: Story, failed: int, name: str, module: str = "safety") -> int:
     """An exception handler is called for a failure, and runs."""
-    handler = story.received(name, MessageClass.EXCEPTION, "central", failed, origin=0)
-    received = story.entries[-1].facts[-1]
-    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.EXCEPTION, about=failed)
+    handler = story.received(
+        name, MessageClass.EXCEPTION, "central", failed, origin=0, role=Role.EXCEPTION, about=failed
+    )
     story.say(facts.Caught(TaskId(failed), TaskId(handler), TaskId(failed), 9)).delivered(handler, module)
     return handler
 
@@ -157,3 +166,105 @@ def test_of_a_failure_without_data_no_data_is_told(data: bytes, said: list[str])
     walk = story.goal("walk", "user")
     run = story.at(2.0).say(facts.Failed(walk, "slipped", "by hand", body=data)).fold()
     assert [one.text for one in story_of(run, walk) if "data" in one.text] == said
+
+
+def playing() -> Player:
+    player = Player()
+    player.module("baker", "goal bake")
+    player.module("oven", "command heat")
+    player.module("user")
+    return player
+
+
+def steps(player: Player, number: int, moment: float | None = None) -> list[str]:
+    run = History.until(player.entries)
+    links = failure_chain(run, TaskId(number), run.time if moment is None else moment)
+    return ["  " * one.depth + one.text for one in links]
+
+
+def test_who_handled_what_was_waited_for_when_time_ran_out() -> None:
+    player = playing()
+    bake = player.task("user", "bake", deadline=20.0)
+    player.task("baker/1", "heat", under=bake, flags=Flags(0))
+    player.reply("baker/1")
+    player.receive("user", headers.Suspend(player.number("user"), TaskId(bake)))
+    player.tick(2.0)
+    player.receive("user", headers.Suspend(player.number("user"), TaskId(bake), resume=True))
+    before = player.time
+    player.tick(30.0)
+    assert steps(player, bake)[:3] == [
+        "  heat {2} was being handled by oven, for 35 s when time ran out",
+        "bake {1} was suspended by user, for 3 s",
+        "bake {1} waited until heat {2} is achieved, for 30 s",
+    ]
+    assert steps(player, bake, before) == [], "nobody knew that time would run out"
+
+
+def test_who_had_locked_what_was_waited_for() -> None:
+    player = playing()
+    player.receive("user", headers.Lock(player.number("user"), "oven"))
+    heat = player.task("user", "heat", deadline=20.0)
+    player.tick(30.0)
+    assert steps(player, heat)[:2] == [
+        "  user had the lock of oven {1}, for 31 s when time ran out",
+        "heat {2} waited for oven, which user has locked, for 30 s",
+    ]
+
+
+def test_its_own_handler_was_at_it() -> None:
+    player = playing()
+    bake = player.task("user", "bake", deadline=20.0)
+    player.tick(30.0)
+    assert steps(player, bake)[0] == "bake {1} was being handled by baker, for 30 s when time ran out"
+
+
+TRANSCRIPTS = Path(__file__).parent.parent / "central" / "transcripts"
+
+
+def entries_of(transcript: str) -> list[Entry]:
+    """What central writes when a transcript is played."""
+    played = Transcript()
+    for block in (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]:
+        for command in block.split("\n----")[0].splitlines():
+            played.play(command)
+    return played.player.entries
+
+
+def folded(transcript: str) -> History:
+    history = History()
+    for entry in entries_of(transcript):
+        history.apply(entry)
+    return history
+
+
+def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
+    cases = {kind.failure: kind.cases[0] for kind in failures(folded("failures_of_exception_handlers_in_one_another"))}
+    assert {name: case.fate for name, case in cases.items()} == {
+        "slip": Fate.DEALT_WITH, "handler error": Fate.REPLACED, "module lost": Fate.REPLACED,
+    }  # fmt: skip
+    assert cases["slip"].called == [
+        "recover {5} was called, handled by expert: failed",
+        "report {7} was called, handled by office",
+    ]
+
+
+def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from_there_to_the_others() -> None:
+    lines = list(story_lines(folded("failures_that_nobody_could_decide_about"), TaskId(3), 200))
+    told = [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]]
+    assert [line for line in told if " failed: " in line] == [
+        "  move {4} failed: slip: why",
+        "    recover {5} failed: module lost: module 'expert' was lost: its connection closed",
+        "    report {6} failed: handler error: why",
+    ]
+
+
+@pytest.mark.parametrize("undecided", [ROOT, 4, 6])
+def test_an_exception_handler_that_could_not_decide_must_be_the_nearest_and_end(undecided: int) -> None:
+    """Task 5 is that of the exception handler that fails, 4 the one that it deals with, 6 another exception handler."""
+    entries = [OPENED, *entries_of("failures_that_nobody_could_decide_about")]
+    assert checked(entries) == []
+    first = next(one for one in entries if any(isinstance(fact, facts.Unhandled) for fact in one.facts))
+    for place, fact in enumerate(first.facts):
+        if isinstance(fact, facts.Unhandled):
+            first.facts[place] = msgspec.structs.replace(fact, undecided=TaskId(undecided))
+    assert rules.CAUGHT.text in {violation.rule for violation in checked(entries)}

@@ -1,6 +1,5 @@
 """Why a step of the critical path began just then: every link from what had to be over, and who went on in vain."""
 
-import msgspec
 from tools.story import QUERY, Story
 from tools.test_critical_path import path_of
 
@@ -54,10 +53,8 @@ def test_what_waits_for_what_is_told_link_by_link() -> None:
 def test_so_it_is_of_a_listener() -> None:
     story, (_, _, clean, move) = one_after_the_other()
     story.module("safety", "check")
-    check, story._next_id = story._next_id, story._next_id + 1
-    story._classes[check] = MessageClass.COMMAND
-    made = facts.Received(check, "check", MessageClass.COMMAND, "central", TaskId(move), 0, False, b"", [])
-    story.say(msgspec.structs.replace(made, role=Role.LISTENER, about=move)).delivered(check, "safety").at(6.0)
+    check = story.received("check", MessageClass.COMMAND, "central", move, origin=0, role=Role.LISTENER, about=move)
+    story.delivered(check, "safety").at(6.0)
     story.returned(check).reached(check, END)
     story.delivered(move, "arm").at(7.0).returned(move).reached(move, END).reached(clean, END)
     assert whys(story.fold(), clean)[-2] == (

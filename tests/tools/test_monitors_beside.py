@@ -28,10 +28,7 @@ def watched_walk(until: float) -> Story:
         story.at(8.0).returned(walk).reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)
     if until >= 8.5:
         story.at(8.5).say(facts.HandlerRemoved("battery low", "legs"))
-        number, story._next_id = story._next_id, story._next_id + 1
-        story._classes[number] = MessageClass.QUERY
-        asked = facts.Received(number, "battery low", MessageClass.QUERY, "central", TaskId(0), 0, False, b"", [])
-        story.say(asked, facts.Queued(number, number, "", ""))
+        story.queued(story.received("battery low", MessageClass.QUERY, "central"))
     return story.at(until)
 
 
@@ -79,12 +76,8 @@ def test_a_module_may_end_its_monitor_but_central_does_so_for_a_reason(by: str, 
 def test_what_a_monitor_has_sent_is_work_like_any_other() -> None:
     """The battery is loaded from 9.0 to 12.0, after the walk."""
     story = watched_walk(9.0)
-    number, story._next_id = story._next_id, story._next_id + 1
-    story._classes[number] = MessageClass.COMMAND
-    load = facts.Received(
-        number, "load", MessageClass.COMMAND, "central", TaskId(1), 0, False, b"", [], Role.ACTION, 1
-    )  # fmt: skip
-    run = story.say(load).acted(number, "legs", 3.0).at(30.0).fold()
+    load = story.received("load", MessageClass.COMMAND, "central", 1, origin=0, role=Role.ACTION, about=1)
+    run = story.acted(load, "legs", 3.0).at(30.0).fold()
     assert span_of(run) == (2.0, 12.0)
     last = last_task(run)
     assert last is not None

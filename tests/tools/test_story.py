@@ -3,11 +3,10 @@
 from pathlib import Path
 
 from click.testing import CliRunner
-from tools.story import ACTING, COMMAND, GOAL, QUERY, THIS, Story, locking, mopping, stumbling
+from tools.story import ACTING, COMMAND, GOAL, QUERY, THIS, Story, mopping, stumbling
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
-from tca_tools.run.records import State
 from tca_tools.run.selection import messages_of
 from tca_tools.tasktree_viz.__main__ import tree
 from tca_tools.tasktree_viz.words import note
@@ -68,37 +67,11 @@ def test_who_waited_for_a_task_that_was_killed_goes_on_and_is_told_why() -> None
     assert before.by(2.0, 2.0) == "held, until walk {1} is achieved, 1.000 s so far"
 
 
-def test_a_wait_for_a_lock_names_who_has_it_and_what_for() -> None:
-    tale = locking()
-    assert told(tale.fold(until=2.5), 4)[-1] == "2.0 queued for legs, which eyes has locked while handling look {3}"
-    history = tale.fold()
-    assert told(history, 4)[1:3] == [
-        "1.0 (1.0 s) queued for legs, busy with move {2}",
-        "2.0 (1.0 s) queued for legs, which eyes has locked while handling look {3}",
-    ]
-    waits = "its handler waits for the lock of legs {90}, busy with move {2}"
-    assert f"1.0 (1.0 s) {waits}" in told(history, 3)
-
-
-def test_a_query_that_nobody_handled_for_a_while() -> None:
-    tale = Story().module("eye", "seen")
-    seen = tale.received("seen", QUERY, "user", blocking=True)
-    tale.queued(seen).at(2.0).delivered(seen, "eye").at(2.5).returned(seen, data=5)
-    assert told(tale.fold(), seen) == [
-        "0.0 query sent by user",
-        "0.0 (2.0 s) no module handles it",
-        "2.0 (0.5 s) handled by eye",
-    ]
-
-
 def test_a_failure_that_is_handled_by_another_try() -> None:
     tale = Story().module("legs", "move").module("expert", "recover")
     move = tale.command("move", "user")
     tale.delivered(move, "legs").at(1.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", ""))
-    recover = tale.received("recover", GOAL, "central", move, origin=0)
-    tale.entries[-1].facts[-1] = facts.Received(
-        recover, "recover", GOAL, "central", TaskId(move), 0, False, b"", [], Role.EXCEPTION, move
-    )
+    recover = tale.received("recover", GOAL, "central", move, origin=0, role=Role.EXCEPTION, about=move)
     tale.say(facts.Caught(TaskId(move), TaskId(recover), TaskId(0), 9)).delivered(recover, "expert")
     tale.at(1.5).say(facts.Retried(TaskId(move), b"\x07", "user")).returned(recover).reached(recover, *Moment)
     tale.delivered(move, "legs").at(2.0).returned(move).reached(move, Moment.END_ACHIEVING)
@@ -163,23 +136,6 @@ def test_a_task_that_was_suspended_while_something_under_it_ran_and_resumed() ->
     ]
 
 
-def test_the_row_of_a_suspended_task_says_so_from_when_on_it_was() -> None:
-    history = mopping().fold()
-    sweeping, standing, resumed = RunAt(history, 2.5), RunAt(history, 5.0), RunAt(history, 9.5)
-    assert [one.tasks[1].state for one in (sweeping, standing, resumed)] == [
-        State.SUSPENDED, State.SUSPENDED, State.ACHIEVING,
-    ]  # fmt: skip
-    until = "until mop floor {1} is resumed"
-    assert (
-        note(sweeping, sweeping.tasks[1]) == f"waits until the handler of sweep {{2}} returns, and {until}, for 500 ms"
-    )
-    assert sweeping.tasks[2].state is State.HANDLING
-    assert note(sweeping, sweeping.tasks[2]) == "still runs, though mop floor {1} is suspended, for 500 ms"
-    assert note(standing, standing.tasks[1]) == f"waits {until}, for 3 s"
-    assert note(standing, standing.tasks[3]) == f"waits {until}, for 3 s"
-    assert note(resumed, resumed.tasks[1]) == ""
-
-
 def test_who_suspended_and_resumed_is_told_to_those_who_wait() -> None:
     history = mopping("operator panel").fold()
     assert told(history, 1)[3:6:2] == [
@@ -196,14 +152,6 @@ def test_who_suspended_and_resumed_is_told_to_those_who_wait() -> None:
         assert note(standing, standing.tasks[task]) == words
     typed = RunAt(mopping("tca suspend").fold(), 5.0)
     assert note(typed, typed.tasks[1]).startswith("suspended by the command 'tca suspend', until")
-
-
-def test_what_is_sent_under_a_suspended_task_is_suspended_by_the_same() -> None:
-    tale = Story().module("chef", "mop floor").at(1.0)
-    mop = tale.goal("mop floor", "user")
-    tale.say(facts.SuspendedOrResumed(TaskId(mop), True, "panel")).at(2.0)
-    sweep = tale.command("sweep", "chef", mop)
-    assert "2.0 suspended by panel, until mop floor {1} is resumed" in told(tale.at(3.0).say().fold(), sweep)
 
 
 def test_who_killed_is_told_once_and_with_the_reason_that_was_given() -> None:
@@ -237,16 +185,6 @@ def test_what_a_retried_task_sends_tells_in_what_it_was_sent() -> None:
     assert told(history, late)[0] == "4.0 query sent by chef while handling mop floor {1}"
     assert history.name(again) == "mop floor"
     assert messages_of(history, [mop]) == {mop, asked, late}
-
-
-def test_who_lets_a_task_be_handled_again_is_told() -> None:
-    tale = Story().module("chef", "mop floor").at(1.0)
-    mop = tale.goal("mop floor", "user")
-    tale.say(facts.Retried(TaskId(mop), b"", "expert")).at(2.0).say(facts.Retried(TaskId(mop), b"\x07", "panel"))
-    assert [text for text in told(tale.fold(), mop) if "again" in text] == [
-        "1.0 to be handled again (retried by expert)",
-        "2.0 to be handled again, with other data (retried by panel)",
-    ]
 
 
 def test_a_task_that_was_killed_while_it_was_suspended_was_not_resumed() -> None:
@@ -288,13 +226,6 @@ def test_a_story_at_a_moment_says_what_was_known_then(tmp_path: Path) -> None:
         assert why in printed
         assert "handled" not in printed
         assert why in [one.by(moment, moment) for one in story(tale.fold(), 3, moment)]
-
-
-def test_a_wait_has_a_sentence_for_each_cause_with_its_own_time() -> None:
-    assert told(waiting_for_two().fold(), 3)[1:3] == [
-        "1.0 (1.0 s) held, until move {1} is achieved",
-        "1.0 (2.0 s) held, until look {2} is achieved",
-    ]
 
 
 MANY = "held, until move {1}, move {2}, move {3} and 3 more are achieved"
@@ -342,22 +273,6 @@ def test_what_a_wiretap_held_last_is_not_said_to_have_held_all_the_time() -> Non
     ]
 
 
-def test_a_handler_waits_for_a_lock_of_which_one_after_the_other_keeps_it() -> None:
-    tale = Story().module("legs", "move").module("eyes", "look").module("ears", "hear").at(1.0)
-    move, look, hear = tale.command("move", "user"), tale.command("look", "user"), tale.command("hear", "user")
-    tale.delivered(move, "legs").delivered(look, "eyes").delivered(hear, "ears")
-    for claim, who, why in ((90, "eyes", look), (91, "ears", hear)):
-        tale.say(facts.Claimed(claim, "legs", "legs", False, who, why))
-    tale.at(2.0).returned(move).say(facts.Granted(90)).at(4.0)
-    assert [one for one in told(tale.fold(), hear) if "waits" in one] == [
-        (
-            "1.0 (1.0 s) its handler waits for the lock of legs {91}, busy with move {1}, "
-            "and which eyes waits to lock first while handling look {2}"
-        ),
-        "2.0 its handler waits for the lock of legs {91}, which eyes has locked while handling look {2}",
-    ]
-
-
 def test_of_very_many_causes_the_first_and_the_last_are_told() -> None:
     tale = Story().module("legs", "move")
     moves = [tale.command("move", "user") for _ in range(100)]
@@ -373,4 +288,74 @@ def test_of_very_many_causes_the_first_and_the_last_are_told() -> None:
     known = story(tale.fold(until=50.5), 100)
     assert [one.by(50.5, 50.5) for one in known] == [
         one.by(50.5, 50.5) for one in story(tale.fold(), 100, 50.5) if one.time <= 50.5
+    ]
+
+
+WAITS = "its handler waits for the"
+
+
+def test_who_waits_for_a_reply_is_told_where_the_query_is() -> None:
+    tale = Story().module("chef", "cook").at(1.0)
+    cook = tale.goal("cook", "user")
+    taste = tale.delivered(cook, "chef").received("taste", QUERY, "chef", origin=cook, blocking=True)
+    tale.queued(taste)
+    salt = tale.at(1.5).received("salt", QUERY, "chef", origin=cook)
+    tale.queued(salt).at(2.0)
+    asked, waits = "its handler asked salt {3}", "its handler waits for the reply to taste {2}"
+
+    def of_handler(run: History) -> list[str]:
+        return [one for one in told(run, cook) if "its handler" in one]
+
+    assert of_handler(tale.fold()) == [
+        f"1.0 {waits}, which no module handles",
+        f"1.5 {asked}, and goes on; no module handles it",
+    ]
+    run = tale.module("cellar", "salt").delivered(salt, "cellar").at(3.0).fold()
+    assert of_handler(run)[1] == f"1.5 {asked}, and goes on; cellar handles it"
+    run = tale.returned(salt).say(facts.Answered(salt), facts.Dropped(taste, "any", "no need")).at(4.0).fold()
+    assert of_handler(run) == [f"1.0 (2.0 s) {waits}", f"1.5 (1.5 s) {asked}, and goes on"]
+
+
+def test_what_central_made_is_named_once() -> None:
+    tale = Story().module("legs", "move")
+    move = tale.command("move", "user")
+    recover = tale.received("recover", MessageClass.EXCEPTION, "central", move, role=Role.EXCEPTION, about=move)
+    assert told(tale.fold(), recover)[0] == "0.0 exception handler made by central for move {1}, under move {1}"
+
+
+def test_of_many_that_held_a_lock_the_first_and_the_last_are_told() -> None:
+    tale = Story().module("legs", "move").module("eyes", "look").at(1.0)
+    look, move = tale.command("look", "user"), tale.command("move", "user")
+    tale.delivered(look, "eyes")
+    for time in range(1, 10):
+        tale.at(float(time)).say(facts.Claimed(90 + time, "legs", "legs", False, f"user{time}", 0))
+    tale.say(facts.Claimed(100, "legs", "legs", False, "eyes", look)).queued(move, "legs").say(facts.Granted(91))
+    for time in range(10, 18):
+        tale.at(float(time)).say(facts.ClaimEnded(81 + time, "released"), facts.Granted(82 + time))
+    run = tale.at(18.0).fold()
+    waits = [one for one in told(run, look) if "its handler waits" in one]
+    others = "kept busy by 3 others, one after the other"
+    keepers = [f"which user{number} has locked" for number in range(1, 10)]
+    expected = [*keepers[:3], others, *keepers[-3:]]
+    assert all(one.endswith(by) for one, by in zip(waits, expected, strict=True)), waits
+    assert f"12.0 (3.0 s) queued for legs, {others}" in told(run, move)
+
+
+def test_what_a_handler_asks_at_once_is_told_at_once() -> None:
+    tale = Story().module("chef", "cook").module("cellar", "salt").at(1.0)
+    cook = tale.goal("cook", "user")
+    tale.delivered(cook, "chef")
+    first = [tale.at(time).received("salt", QUERY, "chef", origin=cook) for time in (1.0, 1.1, 1.2, 1.3)]
+    tale.at(1.5).say(*map(facts.Awaited, first)).at(2.0).say(*map(facts.Answered, first[:3]))
+    known = [one for one in told(tale.fold(), cook) if "waits" in one]
+    assert known[0] == f"1.5 {WAITS} reply to salt {{5}}"  # as long as one is to come, each has its line
+    assert known[1:] == [f"1.5 (0.5 s) {WAITS} reply to salt {{{one}}}" for one in (2, 3, 4)]
+    last = tale.at(2.5).say(facts.Answered(first[3])).received("salt", QUERY, "chef", origin=cook)
+    tale.at(3.0).say(facts.Awaited(last)).at(3.5).say(facts.Answered(last))
+    lines = [one for one in told(tale.at(4.0).fold(), cook) if "its handler" in one]
+    assert lines == [
+        "1.0 (0.5 s) its handler asked salt {2}, salt {3}, salt {4} and 1 more, and goes on",
+        f"1.5 (1.0 s) {WAITS} replies to salt {{2}}, salt {{3}}, salt {{4}} and 1 more",
+        "2.5 (0.5 s) its handler asked salt {6}, and goes on",
+        f"3.0 (0.5 s) {WAITS} reply to salt {{6}}",
     ]

@@ -5,10 +5,10 @@ from operator import itemgetter
 from typing import Any
 
 import pytest
+from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
-from properties.test_then import WatchedPlayer
 from tools.story import Story, stumbling, walking
 
 from tca_central.events import Effect, Record
@@ -49,15 +49,15 @@ class Page:
         return {task: state for task, since, state in self.table("state") if since <= time}
 
 
-class FedPlayer(WatchedPlayer):
+class FedPlayer(Player):
     """A feed takes every entry; a page asks for what is new after some of them."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(check=False)
         self.feed, self.page, self.entries = Feed(), Page(), list[Entry]()
 
     def event(self, event: object) -> list[Effect]:
-        effects = super(WatchedPlayer, self).event(event)
+        effects = super().event(event)
         for effect in effects:
             if isinstance(effect, Record):
                 self.feed.apply(effect.entry)
