@@ -1,5 +1,5 @@
-"""What the tools say that a task waits for, knowing the journal alone, is what central's own graph of needs says: for
-every moment of every task that lives, after every event of random lives.
+"""Folding the journal gives the live tree; and what the tools say that a task waits for, knowing the journal alone, is
+what central's own graph of needs says: for every moment of every task that lives, after every event of random lives.
 """
 
 from collections.abc import Iterable
@@ -19,7 +19,9 @@ from tca_tools.run.fold import History
 from tca_tools.why.ends import Ends
 from tca_tools.why.wait_words import reasons
 from tca_tools.why.waits import Node, keeping, next_node, steps, waits_of
-from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS
+from tca_wire.constraints import Flags
+from tca_wire.packets import headers
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS, ROOT, TaskId
 from tca_wire.waits import WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
@@ -27,7 +29,14 @@ ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 OF_TASKS = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.LISTENER}
 
 
-class ComparedPlayer(FoldedPlayer):
+class LivePlayer(FoldedPlayer):
+    """Looks whether the fold gives the live tree."""
+
+    def compare(self) -> None:
+        assert_tree(self.central, self.history)
+
+
+class ComparedPlayer(LivePlayer):
     """After every event central and the tools are asked."""
 
     def __init__(self) -> None:
@@ -35,6 +44,7 @@ class ComparedPlayer(FoldedPlayer):
         self.compared = 0
 
     def compare(self) -> None:
+        super().compare()
         at = RunAt(self.history)
         for task in self.central.tree.tasks.values():
             for moment in MOMENTS:
@@ -130,3 +140,48 @@ def test_so_it_is_in_a_long_life(seed: int) -> None:
 @settings(max_examples=100)
 def test_and_in_many_long_lives(seed: int) -> None:
     test_so_it_is_in_a_long_life.hypothesis.inner_test(seed)  # type: ignore[attr-defined]
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=1)
+def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
+    Life(LivePlayer()).go_on(seed, 2_000)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=30)
+def test_folding_many_long_journals_gives_the_live_tree(seed: int) -> None:
+    Life(LivePlayer()).go_on(seed, 5_000)
+
+
+def assert_tree(central: Central, history: History) -> None:
+    live = central.tree.tasks
+    unended = {task.id for task in history.tasks.values() if sum(task.reached) != ALL_MOMENTS}
+    assert unended == set(live)
+    for task_id, task in live.items():
+        folded = history.tasks[task_id]
+        assert sum(folded.reached) == task.reached
+        assert folded.parent == (task.parent.id if task.parent else ROOT)
+        assert (folded.why_killed or "") == task.killed
+        assert task.killed or bool(folded.suspension) == task.suspended
+        assert bool(folded.handling) == task.is_running
+        if folded.parent != ROOT and not task.killed and not task.retrying:  # one at the top has those under it, too
+            assert folded.failure.partition(":")[0] == (task.failure[0] if task.failure else "")
+            assert not task.failure or folded.is_dealt_with == task.is_dealt_with
+        assert folded.is_queued == (task.queues is not None)
+        assert {child for child in folded.children if child in live} == set(task.children or {})
+    attended = {delivery.message_id for delivery in central.dispatcher.running.values()}
+    assert {handling.message_id for handling in history.handlings if handling.end is None} == attended
+
+
+def test_a_retried_task_waits_under_a_new_number() -> None:
+    player = LivePlayer()
+    player.module("legs", "command move")
+    player.module("user")
+    player.declare("user", "command move")
+    first = player.task("user", "move")
+    player.send("user", "move", flags=Flags.NONE, priority=1)
+    player.receive("user", headers.Retry(player.number("user"), TaskId(first)))
+    player.reply("legs/1")
+    assert player.history.tasks[TaskId(first)].is_queued

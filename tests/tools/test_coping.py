@@ -1,7 +1,6 @@
 """Who copes with a failure: a task that is handled again or dealt with, or who had asked and went on; seen in all tools."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from click.testing import Result
@@ -186,29 +185,6 @@ def test_of_an_inform_nobody_is_told_and_of_a_condition_its_monitor() -> None:
     run = story.say(facts.Failed(monitor, "blind", "its condition: fog"), facts.Unhandled(TaskId(monitor))).fold()
     assert fates(run) == {log: Fate.UNTOLD, asked: Fate.ANSWERED, monitor: Fate.NOT_HANDLED}
     assert told_to(run, run.messages[asked], 3.0) == "told to central, for watch {2}"
-
-
-def test_charts_have_a_colour_of_its_own_for_it(tca: Tca, tmp_path: Path) -> None:
-    coped, failed = (svg_text(chart(story.fold()), "") for story in (asking(), asking(passed_on=True, task_fails=True)))
-    assert 'class="coped"' in coped
-    assert "failed, and handled" in coped
-    assert 'class="failed"' not in coped
-    assert 'class="coped"' not in failed
-    assert 'class="failed"' in failed
-    bar = next(bar for row in chart(asking().fold()).rows for bar in row.handled if bar.name == "look")
-    assert bar.title().endswith(": failed, told to maps, whose handler of where {2} went on")
-    text = tca("gantt", asking().write(tmp_path / "ask"), COLUMNS="100").stdout
-    assert "█~ failed, and handled" in text
-    assert "█! failed" not in text
-
-
-def test_what_was_sent_directly_and_failed_was_told_to_who_asked() -> None:
-    story = Story().module("eye", "look", "log").at(1.0)
-    for name, kind in (("look", QUERY), ("log", MessageClass.INFORM)):
-        story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
-        story.say(facts.HandledDirectly(name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"))
-    bars = {bar.name: bar.ending is Ending.COPED for row in chart(story.fold()).rows for bar in row.handled}
-    assert bars == {"look": True, "log": False}
 
 
 def test_who_asked_directly_is_followed_too() -> None:

@@ -49,20 +49,6 @@ def test_the_tree_while_one_step_is_taken_and_the_next_is_planned() -> None:
     assert history.tasks[6].handlings[0].module == "controller"
 
 
-def test_the_tree_as_it_was() -> None:
-    history = walking().fold(until=0.65)
-    assert states(history) == {
-        "traverse arc {1}": State.HANDLING,
-        "take steps {2}": State.QUEUED,
-        "take steps {3}": State.QUEUED,
-        "take steps {4}": State.HELD,
-    }
-    assert history.time == 0.65
-    assert walking().fold(until=1.3).tasks[2].state is State.HANDLING
-    assert walking().fold(until=2.0).tasks[3].state is State.PLANNING
-    assert walking().fold(until=99.0).time == 4.0
-
-
 def test_why_each_task_waits() -> None:
     history = walking().fold()
     assert reasons(history, 1) == ["until take steps {2}, take steps {3} and take steps {4} are achieved"]

@@ -15,8 +15,7 @@ from tca_tools.run.selection import waited_for
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import note
 from tca_tools.why.story import story
-from tca_tools.why.wait_words import reasons
-from tca_wire.constraints import Constraint, not_before, sequential_achievement
+from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
@@ -99,21 +98,6 @@ def test_a_killed_task_whose_handler_runs_has_not_ended() -> None:
     end = history.tasks[move].reached[Moment.END_ACHIEVING]
     assert history.tasks[move].states[-1] == (end, State.KILLED)
     assert told(history, move)[-3:] == ["killed: too slow (by user)", "ending, until its handler returns", "has ended"]
-
-
-def test_a_killed_task_waits_for_what_is_to_leave_things_safe() -> None:
-    player = robot()
-    walk = player.task("user", "walk")
-    player.send("legs/1", "check", under=walk, when_killed=True)
-    move = player.task("legs/1", "move", under=walk)
-    player.reply("legs/1")
-    player.receive("user", headers.Kill(player.number("user"), TaskId(walk), "stop"))
-    history = folded(player)
-    check = history.tasks[walk].children[-1]
-    assert (
-        noted(history, walk) == f"killed: stop (by user); waits until move {{{move}}} and check {{{check}}} have ended"
-    )
-    assert noted(history, move) == "killed; waits until its handler returns"
 
 
 def test_a_handler_that_goes_on_while_it_waits_for_a_reply() -> None:
@@ -273,22 +257,3 @@ def test_a_report_names_all_that_a_message_waited_for() -> None:
 def test_the_chart_of_a_story_has_all_that_a_task_waited_for() -> None:
     story, (*others, last) = queue_of_three()
     assert waited_for(story.fold(), TaskId(last), {last}) == set(others)
-
-
-def test_what_must_have_come_to_the_same_moment_is_told_as_one_reason() -> None:
-    """A bake waits for its parent, for five weighs, for one of them to begin, after another one, and for a time."""
-    story = Story().module("oven", "bake", "weigh").at(1.0)
-    batch, *weighs = story.goal("batch", "user"), *(story.command("weigh", "user") for _ in range(5))
-    achieved = [sequential_achievement(TaskId(one), THIS) for one in weighs]
-    begun = Point(TaskId(weighs[0]), Moment.START_ACHIEVING)
-    later = Constraint(Point(TaskId(weighs[1]), Moment.END_ACHIEVING), Point(THIS, Moment.START_ACHIEVING), 2.0)
-    others = [Constraint(begun, Point(THIS, Moment.START_ACHIEVING)), later, not_before(THIS, 9.0)]
-    bake = story.command("bake", "user", batch, *achieved, *others)
-    at = RunAt(story.at(2.0).fold())
-    assert sorted(reasons(at, at.tasks[bake])) == [
-        "until 2 s after weigh {3} is achieved",
-        "until 9.000 s",
-        "until its parent batch {1} is being achieved",
-        "until weigh {2} is being achieved",
-        "until weigh {2}, weigh {3}, weigh {4} and 2 more are achieved",
-    ]

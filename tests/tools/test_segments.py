@@ -193,16 +193,6 @@ def test_who_follows_a_file_in_which_another_run_begins_is_told_and_waits_no_lon
     assert "another run begins here" in said(log, capsys)[0]
 
 
-def test_the_page_of_such_a_file_says_so(joined: tuple[Path, int]) -> None:
-    reading = Reading(open_log(joined[0]))
-    reading.start()
-    with reading:
-        assert reading._grown.wait_for(lambda: reading.caught_up, 30)
-        assert "another run begins here" in reading.remark
-        assert (reading.problem, reading.entries) == ("", len(walking().entries))
-    reading.stop()
-
-
 def test_nobody_reads_on_after_the_page_was_closed(two: Path) -> None:
     """The thread looked for news as fast as it could, for as long as the process lived."""
     reading = Reading(open_log(two))

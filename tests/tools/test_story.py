@@ -24,14 +24,6 @@ def told(history: History, message: int) -> list[str]:
     ]
 
 
-def test_a_task_that_waited_for_its_turn_and_its_parent_to_be_killed() -> None:
-    assert told(stumbling().fold(), 9) == [
-        "2.2 command sent by gait planner while handling take steps {3}, under take steps {3}",
-        "2.2 (2.3 s) held, until its parent take steps {3} is being achieved",
-        "4.5 killed: failure 'terrain collision' of move body {7} was not handled",
-    ]
-
-
 def test_a_task_that_failed() -> None:
     assert told(stumbling().fold(), 7) == [
         "1.4 command sent by gait planner while handling take steps {2}, under take steps {2}",
