@@ -3,7 +3,7 @@
 import tca_properties
 from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.observed.world import Held, Seen, World
-from tca_explorer.scenario.accepted import accepted
+from tca_explorer.scenario.requests import accepted
 from tca_explorer.scenario.scenario import Scenario, ScenarioModule
 from tca_explorer.scenario.script import Script, Task
 from tca_explorer.search.exploration import explore

@@ -65,9 +65,6 @@ class Fold(Situation):
             self._change(fact.about, has_fired=True)
         self._constrain(fact.constraints)
 
-    def _constrained(self, fact: facts.Constrained) -> None:
-        self._constrain(fact.constraints)
-
     def _constrain(self, constraints: Iterable[Constraint]) -> None:
         for before, after, delay in ((one.before, one.after, one.delay) for one in constraints):
             moment, task = int(after.moment), self.seen[after.task]
@@ -90,9 +87,6 @@ class Fold(Situation):
             self._copies[fact.id] = fact.message_id
         return fact.id
 
-    def _claimed(self, fact: facts.Claimed) -> None:
-        self.claims[fact.id] = fact
-
     def _granted(self, fact: facts.Granted) -> None:
         claim = self.claims[fact.id]
         self.held_by[claim.module, claim.resource] = claim
@@ -101,12 +95,6 @@ class Fold(Situation):
         claim = self.claims.pop(fact.id)
         if self.held_by.get((claim.module, claim.resource)) is claim:
             del self.held_by[claim.module, claim.resource]
-
-    def _queued(self, fact: facts.Queued) -> None:
-        self._change(self._key(fact), is_queued=True, module="")
-
-    def _unqueued(self, fact: facts.Unqueued) -> None:
-        self._change(self._tasks.get(fact.id, fact.id), is_queued=False)
 
     def _delivered(self, fact: facts.Delivered) -> None:
         key = self._key(fact)
@@ -135,16 +123,10 @@ class Fold(Situation):
             top = parent
         self._change(top.id, failure=top.failure or failing.failure)
 
-    def _reissued(self, fact: facts.Reissued) -> None:
-        self._recover(self.seen[fact.handler])
-
     def _recover(self, handler: TrackedMessage) -> None:
         """An exception handler is at work no longer."""
         if (failing := self.seen.get(handler.about)) is not None:
             self._change(failing.id, recovering=tuple(one for one in failing.recovering if one != handler.id))
-
-    def _dealt_with(self, fact: facts.Recovered) -> None:
-        self._change(fact.task, failure="")
 
     def _retried(self, fact: facts.Retried) -> None:
         task = self.seen[fact.task]
@@ -158,16 +140,10 @@ class Fold(Situation):
                 below.add(task.id)
                 self._change(task.id, is_suspended=fact.is_suspended)
 
-    def _killed(self, fact: facts.Killed) -> None:
-        self._change(fact.task, is_killed=True, is_suspended=False)
-
     def _dropped(self, fact: facts.Dropped) -> None:
         for dropped in [fact.id, *(copy for copy, of in self._copies.items() if of == fact.id)]:
             if dropped in self.seen:
                 self._change(dropped, is_queued=False, is_over=not self.seen[dropped].is_handled)
-
-    def _tap_added(self, fact: facts.TapAdded) -> None:
-        self._conditions[fact.id] = fact.condition
 
     def _tap_fired(self, fact: facts.TapFired) -> None:
         listener, tapped = self.seen.get(fact.listener), self.seen.get(fact.tapped)
@@ -206,23 +182,23 @@ class Fold(Situation):
 # ruff: noqa: SLF001
 _FOLD: dict[type, Callable[[Fold, Any], None]] = {
     facts.Received: Fold._received,
-    facts.Claimed: Fold._claimed,
+    facts.Claimed: lambda fold, fact: fold.claims.update({fact.id: fact}),
     facts.Granted: Fold._granted,
     facts.ClaimEnded: Fold._claim_ended,
-    facts.Constrained: Fold._constrained,
-    facts.Queued: Fold._queued,
-    facts.Unqueued: Fold._unqueued,
+    facts.Constrained: lambda fold, fact: fold._constrain(fact.constraints),
+    facts.Queued: lambda fold, fact: fold._change(fold._key(fact), is_queued=True, module=""),
+    facts.Unqueued: lambda fold, fact: fold._change(fold._tasks.get(fact.id, fact.id), is_queued=False),
     facts.Delivered: Fold._delivered,
     facts.Returned: Fold._returned,
     facts.Failed: Fold._failed,
     facts.Unhandled: Fold._unhandled,
-    facts.Reissued: Fold._reissued,
-    facts.Recovered: Fold._dealt_with,
+    facts.Reissued: lambda fold, fact: fold._recover(fold.seen[fact.handler]),
+    facts.Recovered: lambda fold, fact: fold._change(fact.task, failure=""),
     facts.Retried: Fold._retried,
     facts.SuspendedOrResumed: Fold._suspended,
-    facts.Killed: Fold._killed,
+    facts.Killed: lambda fold, fact: fold._change(fact.task, is_killed=True, is_suspended=False),
     facts.Dropped: Fold._dropped,
-    facts.TapAdded: Fold._tap_added,
+    facts.TapAdded: lambda fold, fact: fold._conditions.update({fact.id: fact.condition}),
     facts.TapFired: Fold._tap_fired,
     facts.Reached: Fold._reached,
     facts.ModuleJoined: Fold._joined,

@@ -11,8 +11,7 @@ from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.observed.fold import Fold
 from tca_explorer.observed.messages import Taken
 from tca_explorer.play.actors import Actor, Line, OpenRequest
-from tca_explorer.play.identifiers import MessageId, RequestNumber
-from tca_explorer.play.renaming import renamed, renamed_rows
+from tca_explorer.play.identifiers import MessageId, RequestNumber, renamed, renamed_rows
 from tca_explorer.scenario.requests import call_of
 from tca_explorer.scenario.scenario import Scenario
 from tca_explorer.scenario.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, Return

@@ -7,7 +7,7 @@ central receives things, and what is due between them, is all that interleavings
 runs have equal results.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 
 import msgspec
@@ -18,7 +18,7 @@ from tca_explorer.observed.messages import TrackedMessage
 from tca_explorer.play.actors import Actor, Line, ModuleRun
 from tca_explorer.play.exchange import Exchange, connection_of
 from tca_explorer.scenario.scenario import Scenario
-from tca_explorer.scenario.steps import Await, Given, Got
+from tca_explorer.scenario.steps import Await, Given, Got, ScriptRun
 from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
@@ -277,3 +277,29 @@ _PERFORM: dict[ActionKind, Callable[[Play, Action], None]] = {
     ActionKind.SUSPEND: Play._suspend,
     ActionKind.RESUME: Play._resume,
 }
+
+
+Waiting = tuple[int] | tuple[Actor, ScriptRun]
+"""A task that is held or queued, by id; a script, at that point of its life."""
+
+
+def waiting(play: Play) -> list[Waiting]:
+    """The tasks that wait by themselves, not for what is under them, oldest first; and the scripts."""
+    tasks = play.fold.tasks
+    parents = {task.parent_id for task in tasks if not task.is_over}
+    return [
+        *((task.id,) for task in tasks if _waits(task) and task.id not in parents),
+        *((actor, actor.life) for name in sorted(play.lines) for actor in play.lines[name].actors
+          if actor.step is not None),
+    ]  # fmt: skip
+
+
+def carried(before: Sequence[Waiting], play: Play) -> tuple[int, ...]:
+    """Where among what waits now is what waited before; -1: it does not."""
+    now = waiting(play)
+    return tuple(now.index(one) if one in now else -1 for one in before)
+
+
+def _waits(task: TrackedMessage) -> bool:
+    """Central itself carries monitors out: they go on, and do not wait."""
+    return not (task.is_over or task.is_handled or task.message_class.is_monitor)

@@ -5,9 +5,8 @@ from typing import Any
 
 from tca_explorer.observed.messages import TrackedMessage
 from tca_explorer.play.actors import Actor, Line
-from tca_explorer.play.play import Action, ActionKind, Play
-from tca_explorer.play.renaming import renamed
-from tca_explorer.play.waiting import Waiting
+from tca_explorer.play.identifiers import renamed
+from tca_explorer.play.play import Action, ActionKind, Play, Waiting
 from tca_explorer.scenario.requests import in_words, point_in_words
 from tca_explorer.scenario.script_connection import CHOOSE
 from tca_explorer.scenario.steps import Ask, Await, Fail, GiveUp, Hang, History, Know, Return, Step

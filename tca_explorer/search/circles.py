@@ -14,8 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from tca_explorer.play.play import Action
-from tca_explorer.play.waiting import waiting
+from tca_explorer.play.play import Action, waiting
 from tca_explorer.play.words import left_behind
 from tca_explorer.scenario.scenario import Scenario
 from tca_explorer.search.states import SearchState, Transition, Violation, replayed

@@ -1,23 +1,21 @@
 """Goes through every run of a scenario, breadth first: what it finds wrong is shown by the shortest run that does."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 import msgspec
 
 from tca_central.invariants import check_invariants
 from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.observed.world import World, breach_in_words
-from tca_explorer.play.play import Action, Play
-from tca_explorer.play.waiting import Waiting, carried, waiting
+from tca_explorer.play.play import Action, Play, Waiting, carried, waiting
 from tca_explorer.play.words import unfinished
-from tca_explorer.scenario.argument_checks import checked_number
+from tca_explorer.scenario.argument_checks import checked_number, nearest
 from tca_explorer.scenario.scenario import Scenario, checked_properties
 from tca_explorer.scenario.worker_thread import check_wanted, in_worker_thread
 from tca_explorer.search import circles
 from tca_explorer.search.branching import Branching
 from tca_explorer.search.fingerprint import Detail, recognised
-from tca_explorer.search.name_checks import check_message_names, check_module_names, unknown_names
 from tca_explorer.search.snapshot import Snapshots
 from tca_explorer.search.states import Result, SearchState, Transition, Violation, replayed
 from tca_properties.algebra import NeverStuck, Property, words_of
@@ -45,7 +43,7 @@ def explore(
         raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
     checked_number(limit, "explore(limit=...)", least=1)
     judged = (*scenario.properties, *checked_properties(properties))
-    check_module_names(scenario, judged)
+    _check_module_names(scenario, judged)
     detail = Detail()
     while True:
         exploration = _Exploration(scenario, judged, limit, detail, watch)
@@ -95,7 +93,7 @@ class _Exploration:
         if is_complete and longest is None:
             violation = self._go_round(states)
         if is_complete:
-            check_message_names(self.scenario, self.properties, self.used)
+            _check_message_names(self.scenario, self.properties, self.used)
         vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
         said_nothing = tuple(f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous)
         return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
@@ -198,7 +196,7 @@ class _Exploration:
             if isinstance(one, NeverStuck) and left:
                 return Violation(str(one), f"nothing further need happen, and this is left:{left}", state.actions())
             if one.is_owed(memory):
-                left += "".join(f"\n{words}" for words in unknown_names(one, self.used))
+                left += "".join(f"\n{words}" for words in _unknown_names(one, self.used))
                 return Violation(str(one), f"nothing further need happen, and it never did{left}", state.actions())
         return None
 
@@ -215,3 +213,34 @@ def _longest_way(states: list[SearchState]) -> int | None:
             if not ways_in[id(following)]:
                 ready.append(following)
     return max(length.values()) if len(ready) == len(states) else None
+
+
+# --- names: of a wrong one everything would hold, and nobody would hear of it ----------------------------------------
+
+
+def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> None:
+    """Raise ScenarioError for a property of a module that the scenario has not."""
+    for one in properties:
+        for named in one.named:
+            if named.module and named.module.partition("#")[0] not in scenario.modules:
+                raise ScenarioError(f"property '{one}': scenario '{scenario.title}' has no module '{named.module}'; "
+                                    f"{nearest(named.module, scenario.modules)}")  # fmt: skip
+
+
+def _check_message_names(scenario: Scenario, properties: Iterable[Property], used: Collection[str]) -> None:
+    """Raise ScenarioError for the name of a message that is not among all that are handled or *used*."""
+    others = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
+    missing = [f"property '{one}': {words}" for one in properties for words in _unknown_names(one, used)]
+    missing += [f"{call}: {_missing(name, used)}" for call, names in others for name in names if name not in used]
+    if missing:
+        raise ScenarioError(f"it can't be judged: {missing[0]}")
+
+
+def _unknown_names(one: Property, used: Collection[str]) -> Iterator[str]:
+    """What is wrong with the names of messages in a property, in words."""
+    names = dict.fromkeys(named.message for named in one.named if named.message)
+    return (_missing(name, used) for name in names if name not in used)
+
+
+def _missing(name: str, used: Collection[str]) -> str:
+    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest(name, used)}"

@@ -1,11 +1,9 @@
-"""By what a state is recognised when it is reached in another way: everything that can influence what happens next.
+"""The fingerprint of a state: everything that can influence what happens next.
 
-Theory of operation. The objects of central and of the scripts are walked from the task tree on, and numbered in the
-order in which they are met; names such as ids (marks.py) are numbered, too. So two states are equal when they differ
-in nothing but ids and such, whatever those were. *Everything* that an object holds is taken in, also what is added
-to central after this file was written; only what is listed in IGNORED is left out, and each line there has its reason.
-To take in too much costs states that could have been one; to leave out too much would leave runs unexplored. Times are
-taken relative to now, so that what comes round every so many seconds comes to the same state again.
+The objects of central and of the scripts are walked from the task tree on and numbered as they are met, ids (see
+identifiers.py) too, so two states are equal if they differ in ids only. *Everything* that an object holds is taken in,
+except what IGNORED lists with its reason. Taking in too much costs states that could have been one; leaving out too
+much would leave runs unexplored. Times are relative to now: a period comes to the same state again.
 """
 
 from collections import deque
@@ -20,7 +18,6 @@ import msgspec
 from msgspec.structs import replace
 
 from tca_central.model.deliveries import MessageType
-from tca_central.model.task_tree import Verdict
 from tca_explorer.observed.messages import TrackedMessage
 from tca_explorer.play.actors import Actor
 from tca_explorer.play.exchange import connection_of
@@ -129,6 +126,10 @@ class _Walk:
         else:
             _way_of(kind)(self, value)
 
+    def write(self, *plain: Any) -> None:
+        """Write down values as they are."""
+        self._out += plain
+
     def number_of_name(self, name: int) -> int:
         return self._names.setdefault((type(name), int(name)), len(self._names))
 
@@ -173,18 +174,9 @@ class _Walk:
     def add_int(self, value: int) -> None:
         self._out.append(value if -(1 << 63) <= value < 1 << 63 else hex(value))  # MessagePack has no longer ones
 
-    def add_mark(self, name: int) -> None:
-        self._out += _NAME, self.number_of_name(name)
-
-    def add_enum(self, value: Enum) -> None:
-        self._out.append(value.value)
-
     def add_struct(self, value: msgspec.Struct) -> None:
         self._out.append(type(value).__name__)
         self.add(msgspec.structs.astuple(value))
-
-    def add_thing(self, value: object) -> None:
-        self._out += _THING, self.number_of(value)
 
     def add_list(self, values: Any) -> None:
         self._out += _LIST, len(values)
@@ -216,26 +208,16 @@ class _Walk:
             self.add(name)
             self.add(values[name])
 
-    def add_living_by_name(self, _: object, tasks: dict[str, Any]) -> None:
-        self.add_by_name(None, {name: task for name, task in tasks.items() if task.reached != ALL_MOMENTS})
-
     def add_children(self, task: Any, children: dict[int, Any] | None) -> None:
         if task.id:
             self.add(list((children or {}).values()))
         else:  # nothing looks at all tasks under the root in their order
             self.add_unordered(task, children or {})
 
-    def add_verdict(self, _: object, verdict: Verdict) -> None:
-        self.add(verdict.why)
-        self.add(verdict.by)  # who asked for it shows in the journal only
-
     # --- time --------------------------------------------------------------------------------------------------------
 
     def add_time(self, _: object, time: float | None) -> None:
         self._out.append(None if time is None else round(time - self._now, _DIGITS))
-
-    def add_timers(self, _: object, timers: list[Any]) -> None:
-        self.add([timer for timer in timers if not timer.is_cancelled])
 
     def add_due(self, clock: Any, _: object) -> None:
         """What is due later, in its order."""
@@ -250,29 +232,12 @@ class _Walk:
         passed = round((self._now - began) % period, _DIGITS) if began is not None and period else 0.0
         self.add([began is None, 0.0 if passed == round(period, _DIGITS) else passed])
 
-    def add_count(self, watch: Any, count: int) -> None:
-        self._out.append(count % watch.options.fire_every)
-
-    def add_fires(self, watch: Any, fires: int) -> None:
-        self._out.append(fires if watch.options.maximum else 0)
-
-    # --- what happens to tasks ---------------------------------------------------------------------------------------
-
-    def add_fired(self, _: object, taps: dict[int, bool]) -> None:
-        self.add(sorted(taps.items()))
-
-    def add_living(self, _: object, tasks: list[Any]) -> None:
-        self.add([task for task in tasks if task.reached != ALL_MOMENTS])
-
     def add_attachment(self, _: object, attached: Any) -> None:
         """An attachment that may have been removed since: its place among the others is by its age."""
         self.add(attached)
         place = attached.place
         others = place.attached if isinstance(place, MessageType) else place.more.attached
         self._out.append(sum(other.id < attached.id for other in others))
-
-    def add_queue(self, resource: Any, _: object) -> None:
-        self.add(resource.in_line())
 
     def digest(self) -> bytes:
         for ranks in self._ranks.values():
@@ -288,8 +253,8 @@ _PLAIN = frozenset((str, bytes, bool, float, type(None)))
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
 _WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
-    ((Enum,), _Walk.add_enum),
-    ((Identifier,), _Walk.add_mark),
+    ((Enum,), lambda walk, value: walk.add(value.value)),
+    ((Identifier,), lambda walk, name: walk.write(_NAME, walk.number_of_name(name))),
     ((int,), _Walk.add_int),
     ((msgspec.Struct,), _Walk.add_struct),
     ((list, tuple, deque), _Walk.add_list),
@@ -298,34 +263,40 @@ _WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
 """How a value of one of those classes is written down: the first that fits. All else is a thing with a number."""
 
 
+def _add_thing(walk: _Walk, value: object) -> None:
+    walk.write(_THING, walk.number_of(value))
+
+
 @cache
 def _way_of(kind: type) -> Callable[[_Walk, Any], None]:
     """How values of a class that is not plain are written down."""
-    return next((write for classes, write in _WAYS if issubclass(kind, classes)), _Walk.add_thing)
+    return next((write for classes, write in _WAYS if issubclass(kind, classes)), _add_thing)
 
 
 Write = Callable[[_Walk, Any, Any], None]
 
 SPECIAL: dict[tuple[str, str], Write] = {
-    ("TaskTree", "last_of_module"): _Walk.add_living_by_name,  # flags do not refer to ended tasks
+    ("TaskTree", "last_of_module"): lambda walk, _, tasks: walk.add_by_name(  # flags do not refer to ended tasks
+        None, {name: task for name, task in tasks.items() if task.reached != ALL_MOMENTS}
+    ),
     ("TaskTree", "top_of_module"): _Walk.add_by_name,
     ("Task", "children"): _Walk.add_children,
     ("Delivery", "arrival"): _Walk.add_rank,
-    ("Rare", "fired"): _Walk.add_fired,
-    ("Rare", "listeners"): _Walk.add_living,
+    ("Rare", "fired"): lambda walk, _, taps: walk.add(sorted(taps.items())),
+    ("Rare", "listeners"): lambda walk, _, tasks: walk.add([one for one in tasks if one.reached != ALL_MOMENTS]),
     ("FailureContext", "attached"): _Walk.add_attachment,
-    ("PendingKill", "verdict"): _Walk.add_verdict,
-    ("Watch", "timers"): _Walk.add_timers,
+    ("PendingKill", "verdict"): lambda walk, _, verdict: walk.add([verdict.why, verdict.by]),
+    ("Watch", "timers"): lambda walk, _, timers: walk.add([timer for timer in timers if not timer.is_cancelled]),
     ("Watch", "began"): _Walk.add_beginning,
-    ("Watch", "count"): _Walk.add_count,
-    ("Watch", "fires"): _Walk.add_fires,
+    ("Watch", "count"): lambda walk, watch, count: walk.write(count % watch.options.fire_every),
+    ("Watch", "fires"): lambda walk, watch, fires: walk.write(fires if watch.options.maximum else 0),
     ("Timer", "time"): _Walk.add_time,
     ("Clock", "_queue"): _Walk.add_due,
     ("Registry", "modules"): _Walk.add_unordered,
     ("Registry", "messages"): _Walk.add_by_name,
     ("Module", "connections"): _Walk.add_unordered,
     ("Resource", "slots"): _Walk.add_unordered_keys,
-    ("Resource", "_queue"): _Walk.add_queue,
+    ("Resource", "_queue"): lambda walk, resource, _: walk.add(resource.in_line()),
     ("Dispatcher", "running"): _Walk.add_unordered,  # the order of nested ones is that of the scripts on their line
 }
 """By class and attribute: of what only a part, or not the order, can influence what happens next."""
