@@ -113,15 +113,6 @@ def run(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_tree_and_the_story_say_so(tca: Tca, run: Path, tmp_path: Path) -> None:
-    assert '7 failed with {"z": 1.5}' in tca("tree", run, "--data").stdout
-    assert 'the failure\'s data: {"z": 1.5}' in tca("tree", run, "--story", "move").stdout
-    for suffix in ("dot", "svg"):
-        picture = tmp_path / f"tree.{suffix}"
-        assert tca("tree", run, "--data", "--layout", "outline", "-o", picture).exit_code == 0
-        assert "7 failed with {" in picture.read_text()
-
-
 def test_exports_and_the_page_say_so(run: Path) -> None:
     player, move = slipping()
     history = fold(player)

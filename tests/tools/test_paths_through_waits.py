@@ -1,19 +1,14 @@
 """The critical path goes on through waits that came to nothing, or took no time; and a refused deadlock is told."""
 
-from pathlib import Path
-
 import pytest
-from click.testing import CliRunner
 from tools.story import QUERY, Story
 from tools.test_critical_path import path_of
 
-from tca_tools.analysis.advice import advice
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.step_words import why_then
 from tca_tools.log.classic import classic_lines
-from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents
 from tca_tools.run.fates import Fate
 from tca_tools.run.whole_run import Run
@@ -112,14 +107,6 @@ def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
     assert contents(run).stories == {}
 
 
-def test_the_report_names_the_circle(tmp_path: Path) -> None:
-    told, go = going()
-    short_at(_asked(told, go), 4.2, go)
-    made = CliRunner().invoke(report, [str(told.write(tmp_path / "run")), "-o", str(tmp_path / "run.html")])
-    assert made.exit_code == 0, made.output
-    assert CIRCLE in (tmp_path / "run.html").read_text()
-
-
 def test_a_query_that_is_dropped_from_a_queue_is_not_on_hold_in_the_classic_log() -> None:
     told, go = going()
     lines = "\n".join(classic_lines(_asked(told, go).entries))
@@ -163,15 +150,6 @@ def test_a_lock_is_waited_for_while_somebody_is_at_work_there() -> None:
     path = critical_path(run, Causes(run), run.tasks[go])
     assert [(run.name(step.message_id), step.start, step.end) for step in path.steps] == [("hog", 1.0, 6.0)]
     assert path.because == ["the handler of go {2} waits for the lock of n {50}, busy with hog {1}"]
-
-
-def test_who_says_goodbye_when_all_is_done_is_not_missed() -> None:
-    told = Story().module("user").at(1.0)
-    where = told.received("where", QUERY, "user", blocking=True)
-    told.queued(where).at(2.0).module("map", "where").delivered(where, "map").at(2.1).returned(where)
-    run = told.say(facts.Answered(where)).at(9.0).say(facts.HandlerRemoved("where", "map")).fold()
-    (one,) = advice(run, Causes(run), None, [], [], [], 0.1)
-    assert one.title == "Nobody handles 'where' for a while"
 
 
 def test_a_wait_that_begins_just_when_the_journal_ends() -> None:

@@ -24,7 +24,6 @@ from tca_tools.run.fates import HANDLED
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.text.measures import duration
 from tca_wire.vocabulary import Outcome
 
 VOID = {"meta", "link", "br", "img", "path", "rect", "line", "hr"}
@@ -262,13 +261,6 @@ def test_a_long_run_is_a_page_of_bounded_size(tmp_path: Path) -> None:
     assert " of 3,000 tasks" in shown.text
 
 
-def test_numbers_of_the_page_are_those_of_the_analysis(reported: Reported) -> None:
-    found, shown = contents(stepping().fold()), reported(stepping())
-    assert found.path is not None
-    for share in found.path.shares:
-        assert duration(share.seconds) in shown.text
-
-
 def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
     whole = stumbling().encoded()
     (tmp_path / "run.tcaj").write_bytes(whole[: len(whole) * 2 // 3])
@@ -281,22 +273,6 @@ def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
     shown = Page((tmp_path / "bad.html").read_text())
     assert "Not all of the journal can be read: " in shown.text
     assert "traverse arc {1}" in shown.text
-
-
-@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n" * 50, b"{}\n" * 100], ids=["empty", "picture", "text"])
-def test_what_is_no_journal_gets_one_line_and_no_page(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "run.tcaj").write_bytes(content)
-    result = tca_report(tmp_path / "run.tcaj", "-o", tmp_path / "run.html")
-    assert result.exit_code == 2
-    assert not (tmp_path / "run.html").exists()
-
-
-def test_a_journal_of_a_later_version_is_reported_with_one_line_that_says_so(tmp_path: Path) -> None:
-    story = stepping()
-    story.entries[0].facts[0] = facts.Opened(99, "epoch", 1, 0.0, "9.0")
-    result = tca_report(story.write(tmp_path / "run"), "-o", tmp_path / "run.html")
-    assert (result.exit_code, result.output.count("written by a later version (99; ")) == (1, 1)
-    assert "written by a later version (99; " in (tmp_path / "run.html").read_text()
 
 
 def test_wrong_usage(tmp_path: Path) -> None:
