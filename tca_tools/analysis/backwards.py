@@ -16,7 +16,7 @@ from math import nextafter
 from tca_tools.analysis.standing import going_on, last_change
 from tca_tools.analysis.steps import Doing, Step, delay_of
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Suspension, Task
+from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Role
@@ -88,7 +88,8 @@ class Causes:
         if not handling.waits:
             return None
         if (waits := self._waits.get(id(handling))) is None:
-            waits = self._waits[id(handling)] = _by_end(handling.waits)
+            over = (wait for wait in handling.waits if wait.end is not None and wait.end > wait.start)
+            waits = self._waits[id(handling)] = sorted(over, key=_end_of)  # what takes no time is over as it begins
         place = bisect_right(waits, time, key=_end_of)
         return waits[place - 1] if place else None
 
@@ -116,8 +117,7 @@ class Causes:
         own = (run for run in reversed(message.handlings) if run.end == at.time) if message else ()
         ended = next(iter(own), None) or self._run.asker_at(at.time)
         waited = at.wait.by if at.wait else None
-        is_it = isinstance(ended, Handling) and ended is not waited and ended.start < at.time
-        return ended if is_it and isinstance(ended, Handling) else None
+        return ended if isinstance(ended, Handling) and ended is not waited and ended.start < at.time else None
 
     def _by(self, module: str, by: Handling | None, number: int, time: float) -> _Back:
         """Back into the handler that did something; or to where the program last waited, outside of any handler."""
@@ -202,23 +202,15 @@ class Causes:
 
 def _resumed(task: Task, time: float) -> Step | None:
     """The part of a suspension that was over then in which nothing ran any more."""
-    ended = (one for one in task.suspensions if one.end == time)
-    return next(filter(None, (_stood(one, time) for one in ended)), None)
-
-
-def _stood(suspension: Suspension, end: float) -> Step | None:
-    since = suspension.standstill
-    return Step(since, end, Doing.SUSPENDED, suspension.cause, "") if since is not None and since < end else None
+    for one in task.suspensions:
+        if one.end == time and (since := one.standstill) is not None and since < time:
+            return Step(since, time, Doing.SUSPENDED, one.cause, "")
+    return None
 
 
 def _before(step: Step, since: float) -> _At:
     """Where a walk goes on that leaves out the wait before a step: in its handler, or where it was put into a queue."""
     return _At(since, step.message_id, step.handling if step.resumed else None)
-
-
-def _by_end(waits: list[HandlerWait]) -> list[HandlerWait]:
-    """Those that took time and are over, as they ended. What takes no time is over with the event that begins it."""
-    return sorted((wait for wait in waits if wait.end is not None and wait.end > wait.start), key=_end_of)
 
 
 def _end_of(wait: HandlerWait) -> float:

@@ -77,17 +77,7 @@ class Kind:
     @property
     def is_good(self) -> bool:
         """Whether all of them were overcome."""
-        return not self.bad
-
-    @property
-    def bad(self) -> int:
-        """How many were not overcome."""
-        return sum(case.fate not in GOOD_FATES for case in self.cases)
-
-    @property
-    def untold(self) -> int:
-        """Of how many nobody was told."""
-        return sum(case.fate is Fate.UNTOLD for case in self.cases)
+        return all(case.fate in GOOD_FATES for case in self.cases)
 
 
 def failures(run: Run) -> list[Kind]:
@@ -98,7 +88,12 @@ def failures(run: Run) -> list[Kind]:
     found = [((one.failure.name, one.message.name), _case(run, one)) for one in all_failures(run)]
     for key, case in [*found, *_refused(run)]:
         kinds.setdefault(key, Kind(*key)).cases.append(case)
-    return sorted(kinds.values(), key=lambda kind: (kind.untold - kind.bad, -kind.bad, -kind.cost))
+    return sorted(kinds.values(), key=_rank)
+
+
+def _rank(kind: Kind) -> tuple[int, int, float]:
+    bad = [case.fate for case in kind.cases if case.fate not in GOOD_FATES]
+    return bad.count(Fate.UNTOLD) - len(bad), -len(bad), -kind.cost
 
 
 def _case(run: Run, one: Failed) -> Case:

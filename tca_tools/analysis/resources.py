@@ -16,21 +16,9 @@ _BEFORE = 100
 """Locks that are looked at, of those that were asked for before a wait began."""
 
 
-@dataclass(frozen=True, slots=True)
-class Busy:
-    """How busy a resource was between two times. All tools ask here."""
-
-    seconds: float
-    """How long its slots had messages, all slots together."""
-    waiting: float
-    """How much of that the handlers waited for replies, tasks or locks; of one handler what overlaps counts once."""
-    share: float
-    """The seconds as a share of what its slots had to give (0 to 1)."""
-
-
 @dataclass(slots=True)
 class Use:
-    """What a resource did between two times; all lengths in seconds."""
+    """What a resource did between two times; all lengths in seconds. All tools ask here."""
 
     key: Key
     name: str
@@ -40,11 +28,9 @@ class Use:
     busy: float
     """How long its slots had messages, all slots together."""
     waiting: float
-    """How much of that the handlers waited for replies, tasks or locks."""
+    """How much of that the handlers waited for replies, tasks or locks; of one handler what overlaps counts once."""
     share: float
     """*busy* as a share of what its slots had to give (0 to 1)."""
-    full: float
-    """How long all its slots had messages."""
     queued: int
     """How many messages stood in its queue at some time."""
     queue_seconds: float
@@ -81,16 +67,6 @@ def capacity_of(run: Run, key: Key) -> int:
     return max(module.capacities.get(key[1], 1), 1) if module else 1
 
 
-def busy(runs: list[Handling], capacity: int, start: float, end: float) -> Busy:
-    """How busy a resource of a capacity was with these runs of its handlers."""
-    handled = lengths(clipped(run.start, run.end, start, end) for run in runs)
-    waited = sum(
-        Cover(clipped(wait.start, wait.end, start, end) for wait in run.waits).total for run in runs if run.waits
-    )
-    given = max(capacity, 1) * (end - start)
-    return Busy(handled, waited, min(handled / given, 1.0) if given > 0 else 0.0)
-
-
 def kept_out(
     run: Run, key: Key, start: float, end: float, sender: str = "", but: Claim | None = None
 ) -> tuple[float, Claim | None]:
@@ -112,25 +88,26 @@ def kept_out(
 
 
 def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], start: float, end: float) -> Use:
-    runs = [clipped(handling.start, handling.end, start, end) for handling in handled]
-    lines = [clipped(queueing.start, queueing.end, start, end) for queueing in queued]
-    grants = run.granted(*key)
-    locks = [clipped(claim.granted or claim.start, claim.end, start, end) for claim in grants]
-    capacity = capacity_of(run, key)
-    had = busy(handled, capacity, start, end)
+    def clipped(spans: Iterable[tuple[float, float | None]]) -> list[Span]:
+        return [
+            (min(max(since, start), end), end if until is None else max(min(until, end), start))
+            for since, until in spans
+        ]
+
+    capacity, waits = capacity_of(run, key), [one.waits for one in handled if one.waits]
+    busy = _length(clipped((one.start, one.end) for one in handled))
+    waiting = sum(Cover(clipped((wait.start, wait.end) for wait in some)).total for some in waits)
+    share = min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0
+    lines = clipped((one.start, one.end) for one in queued)
     longest_queue = max((count for _, count in levels(lines)), default=0)
     longest_wait = max((until - since for since, until in lines), default=0.0)
+    locks = clipped((claim.granted or claim.start, claim.end) for claim in run.granted(*key))
     return Use(
-        key, place(*key), capacity, len(handled), had.seconds, had.waiting, had.share, Cover(runs, capacity).total,
-        len(queued), lengths(lines), longest_queue, longest_wait, Cover(locks).total, (start, end),
+        key, place(*key), capacity, len(handled), busy, waiting, share, len(queued), _length(lines), longest_queue,
+        longest_wait, Cover(locks).total, (start, end),
     )  # fmt: skip
 
 
-def clipped(since: float, until: float | None, start: float, end: float) -> Span:
-    """The part of a span that lies between *start* and *end*; a span that goes on (None) is taken until *end*."""
-    return min(max(since, start), end), end if until is None else max(min(until, end), start)
-
-
-def lengths(spans: Iterable[Span]) -> float:
+def _length(spans: list[Span]) -> float:
     """How long they are together, in seconds."""
     return sum(max(until - since, 0.0) for since, until in spans)

@@ -1,7 +1,5 @@
 """Outcome, failures, waits and resources of a run, each worked out by hand."""
 
-from typing import Any
-
 import pytest
 from tools.made_robots import caught, commanding, fail, near, recovering, stepping
 from tools.story import Story, mopping, stumbling, walking
@@ -14,7 +12,6 @@ from tca_tools.analysis.failures import failures
 from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.summary import summary
-from tca_tools.export.tables import TABLES
 from tca_tools.run.fates import Fate
 from tca_tools.run.records import State
 from tca_tools.run.whole_run import Run
@@ -139,13 +136,6 @@ def test_a_deadline_costs_what_was_done_until_then(is_killed: bool) -> None:
     assert near(kind.cases[0].lost) == ((0.5,) if is_killed else (0.0,))
     outcome = run.tasks[dock].handlings[0].outcome  # it returned, but its task had been killed
     assert outcome is (Outcome.KILLED if is_killed else Outcome.DONE)
-    (row,) = [row for row in rows_of("handlings", run) if row["name"] == "dock"]
-    assert row["outcome"] == ("killed" if is_killed else "done")
-
-
-def rows_of(name: str, run: Run) -> list[dict[str, Any]]:
-    table = next(table for table in TABLES if table.name == name)
-    return [dict(zip(table.columns, row, strict=True)) for row in table.rows(run)]
 
 
 def test_failures_at_the_same_time_cost_that_time_once() -> None:
@@ -275,7 +265,7 @@ def test_a_resource_of_several_slots_and_one_that_was_locked() -> None:
     story.at(6.0).say(facts.Claimed(50, "map", "map", False, "eye", 0)).at(7.0).say(facts.Granted(50))
     story.at(9.0).say(facts.ClaimEnded(50, "released"), facts.ResourceChanged("map", "map", 0))
     (use,) = uses(story.fold(), 1.0, 11.0)
-    assert near(use.capacity, use.busy, use.share, use.full, use.locked) == (2, 6.0, 0.3, 2.0, 2.0)
+    assert near(use.capacity, use.busy, use.share, use.locked) == (2, 6.0, 0.3, 2.0)
 
 
 def test_spans() -> None:

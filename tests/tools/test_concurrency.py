@@ -42,11 +42,6 @@ def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_
     assert slow - fast == pytest.approx(overlap.saving)
 
 
-def test_no_more_is_saved_than_the_acting_takes() -> None:
-    (overlap,) = found_in(stepping(planning=3.0, acting=2.0).fold())
-    assert overlap.saving == pytest.approx(4.0)
-
-
 def test_no_more_is_saved_than_the_planner_has_time_for() -> None:
     (overlap,) = found_in(stepping(planning=1.0, acting=2.0, errand=1.5).fold())
     assert overlap.saving == pytest.approx(2 * 0.5)

@@ -11,14 +11,12 @@ from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
 from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing
-from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
-from tca_tools.why.wait_words import reasons
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import MessageClass
 
 
 def path_of(run: Run) -> list[tuple[Any, ...]]:
@@ -97,31 +95,6 @@ def test_through_an_exception_handler_and_a_retry() -> None:
     assert told == [("move", 1.0, 2.0), ("recover", 2.0, 2.2), ("move", 2.2, 3.7)]
 
 
-def test_a_script_that_sends_one_task_after_the_other_is_followed() -> None:
-    story = Story().module("script").module("legs", "move")
-    for start in (1.0, 4.0):
-        move = story.at(start).command("move", "script")
-        story.delivered(move, "legs").at(start).say(facts.WaitBegan("script", 0, TaskId(move), Moment.END_ACHIEVING))
-        story.at(start + 2).returned(move).reached(move, Moment.END_ACHIEVING)
-        story.say(facts.WaitEnded("script", 0, TaskId(move)))
-    assert path_of(story.fold()) == [
-        ("move", "legs", 1.0, 3.0),
-        ("outside", "script", 3.0, 4.0),
-        ("move", "legs", 4.0, 6.0),
-    ]
-
-
-def test_who_occupies_the_resource_is_on_the_path_of_who_waits_for_it() -> None:
-    story = Story().module("a").module("b").module("legs", "move")
-    first = story.at(1.0).command("move", "a")
-    story.delivered(first, "legs")
-    second = story.at(2.0).command("move", "b")
-    story.queued(second, "legs")
-    story.at(5.0).returned(first).reached(first, Moment.END_ACHIEVING).delivered(second, "legs")
-    story.at(6.0).returned(second).reached(second, Moment.END_ACHIEVING)
-    assert path_of(story.fold()) == [("move", "legs", 1.0, 5.0), ("move", "legs", 5.0, 6.0)]
-
-
 def test_a_delay_and_a_missing_handler() -> None:
     story = Story().module("a").module("legs", "move")
     first = story.at(1.0).command("move", "a")
@@ -191,35 +164,6 @@ def test_a_suspended_task_of_which_nothing_ran_stood_in_a_queue_before() -> None
         ("no handler", "", 5.0, 7.0),
         ("fly", "a", 7.0, 8.0),
     ]
-
-
-def test_a_task_that_is_suspended_twice_and_killed_by_its_deadline() -> None:
-    story = Story().module("a", "walk").module("legs", "move").at(1.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING)
-    story.at(2.0).returned(walk).say(facts.SuspendedOrResumed(TaskId(walk), True))
-    story.at(3.0).say(facts.SuspendedOrResumed(TaskId(walk), False))
-    story.at(4.0).say(facts.SuspendedOrResumed(TaskId(walk), True))
-    story.at(6.0).say(facts.Killed(TaskId(walk), "late")).reached(walk, *Moment)
-    assert path_of(story.fold()) == [
-        ("walk", "a", 1.0, 2.0),
-        ("suspended", "", 2.0, 3.0),
-        ("not known", "", 3.0, 4.0),
-        ("suspended", "", 4.0, 6.0),
-    ]
-
-
-def test_a_task_that_is_killed_by_its_deadline_while_nobody_handles_what_it_needs() -> None:
-    story = Story().module("a", "walk").at(1.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).at(1.5)
-    fly = story.command("fly", "a", walk)
-    story.queued(fly).returned(walk).at(9.0)
-    story.say(facts.Failed(walk, "timeout", "", is_beside=True))
-    story.say(*(facts.Killed(TaskId(task), "late") for task in (walk, fly))).reached(fly, *Moment).reached(
-        walk, *Moment
-    )
-    assert path_of(story.fold()) == [("walk", "a", 1.0, 1.5), ("no handler", "", 1.5, 9.0)]
 
 
 def test_the_longest_task_and_the_last() -> None:
@@ -317,20 +261,6 @@ def test_a_run_that_stands_on_a_constraint_of_which_no_more_is_known() -> None:
 
 def _start_after(task: int, other: int) -> Constraint:
     return Constraint(Point(TaskId(other), Moment.END_ACHIEVING), Point(TaskId(task), Moment.START_ACHIEVING))
-
-
-@pytest.mark.parametrize(("moment", "state"), [("END_HANDLING", "achieving"), ("END_PLANNING", "planning")])
-def test_a_constraint_on_the_end_of_handling_or_planning_is_a_reason(moment: str, state: str) -> None:
-    story = Story().module("a", "walk").at(1.0)
-    first = story.goal("walk", "user")
-    walk = story.goal(
-        "walk", "user", 0, Constraint(Point(TaskId(first), Moment.END_ACHIEVING), Point(TaskId(-1), Moment[moment]))
-    )
-    story.say(facts.Delivered(walk, walk, "a", "a")).reached(walk, Moment.START_HANDLING, Moment.START_PLANNING).at(2.0)
-    if state == "achieving":
-        story.reached(walk, Moment.START_ACHIEVING)
-    run = story.say(facts.Returned(walk, Outcome.DONE, b"")).fold()
-    assert (run.tasks[walk].state, reasons(at := RunAt(run), at.tasks[walk])) == (state, ["until walk {1} is achieved"])
 
 
 def test_a_task_that_its_deadline_killed_leads_to_what_it_waited_for_elsewhere() -> None:
