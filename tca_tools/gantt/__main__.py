@@ -44,7 +44,7 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     check_span(asked.start, history.time if asked.end is None else asked.end)
     with no_garbage():
         drawing = chart(history, asked.start, asked.end, _picked(history, asked, story))
-    blocks = ASCII if as_ascii or (output is None and not can_show("".join(UNICODE))) else UNICODE
+    blocks = ASCII if as_ascii or (output is None and not can_show("".join(UNICODE.values()))) else UNICODE
     title = _title(journal.name, drawing, asked.task, story, is_live=history.is_live and drawing.end >= history.time)
     width = _WIDTH if output else line_width() or _WIDTH
     if output is None or output.suffix == ".txt":

@@ -34,6 +34,28 @@ class Ending(StrEnum):
     KILLED = "killed"  # its handler was at work when it was killed
 
 
+CONNECTED = "connected"
+RAISED = {
+    Ending.FAILED: "failure raised beside the handler",
+    Ending.COPED: "failure raised beside the handler, and handled",
+}
+MEANINGS: dict[str, str] = {
+    Kind.HANDLED: "handling",
+    Kind.WAITING: "waiting for a reply, task or lock",
+    Kind.QUEUED: "queued",
+    Kind.SUSPENDED: "suspended",
+    Kind.HELD: "held",
+    Kind.LOCKED: "locked",
+    Kind.RESERVED: "reserved",
+    CONNECTED: "connected",
+    Ending.FAILED: "failed",
+    Ending.COPED: "failed, and handled",
+    Ending.KILLED: "killed",
+    **{words: words for words in RAISED.values()},
+}
+"""The legend of a chart: what is to be seen in it, and what that means."""
+
+
 @dataclass(frozen=True, slots=True)
 class Mark:
     """A failure that was raised beside the handler."""
@@ -117,6 +139,11 @@ class Row:
         return " or ".join(sorted({bar.kind for bar in self.queued}))
 
     @property
+    def is_idle(self) -> bool:
+        """Whether its module was there, and nothing else happened in it."""
+        return bool(self.connected) and not any(self.bars)
+
+    @property
     def bars(self) -> Iterator[Bar]:
         """All its bars but locks and reservations."""
         return chain(self.handled, self.queued, self.held)
@@ -140,13 +167,13 @@ class Chart:
         """All bars but locks and reservations."""
         return chain.from_iterable(row.bars for row in self.rows)
 
-    def claims(self) -> set[Kind]:
-        """Whether there are locks or reservations to be seen."""
-        return {one.kind for row in self.rows for one in row.claims if self.shows(one.start, one.end)}
-
-    def marks(self) -> Iterator[Mark]:
-        """The failures beside handlers that can be seen."""
-        return (mark for bar in self.bars() for mark in bar.raised if self.shows(mark.time))
+    def seen(self) -> set[str]:
+        """What the legend has to tell of: keys of ``MEANINGS``."""
+        claims = (one for row in self.rows for one in row.claims if self.shows(one.start, one.end))
+        bars, marks = list(self.bars()), (mark for bar in self.bars() for mark in bar.raised if self.shows(mark.time))
+        seen: set[str] = {bar.kind for bar in (*bars, *claims)} | {bar.ending for bar in bars}
+        seen |= {RAISED[mark.ending] for mark in marks} | {CONNECTED for row in self.rows if row.is_idle}
+        return seen | {Kind.WAITING for bar in bars if bar.waits}
 
 
 def lanes_of(bars: list[Bar]) -> int:

@@ -5,7 +5,7 @@ from html import escape
 
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale
-from tca_tools.gantt.chart import Chart, Ending, Kind
+from tca_tools.gantt.chart import MEANINGS, RAISED, Chart, Ending, Kind
 from tca_tools.gantt.looks import COLOURS, LONGEST_LABEL, MARGIN, dark
 from tca_tools.gantt.queues import CURVE, is_curve
 from tca_tools.terminal import cut
@@ -16,44 +16,38 @@ _MOST_NAMES = 40
 """A robot has so many messages at most whose colours can be told apart."""
 _GREY = "#52606d"
 _WHOLE = 'width="1" height="1" patternContentUnits="objectBoundingBox"'
-_RAISED = "failure raised beside the handler"
-_ENDINGS = {
-    Ending.FAILED: ('class="failed"', "failed"),
-    Ending.COPED: ('class="coped"', "failed, and handled"),
-    Ending.KILLED: ('fill="url(#killed)"', "killed"),
+_LOOKS: dict[str, str] = {
+    Kind.HANDLED: 'fill="#3e4c59"',
+    Kind.WAITING: 'fill="#c5cbd3"',
+    Kind.QUEUED: 'fill="url(#queued)"',
+    Kind.SUSPENDED: 'fill="url(#suspended)"',
+    Kind.HELD: f'fill="#ffffff" stroke="{_GREY}" stroke-dasharray="4 3"',
+    Kind.LOCKED: 'class="locked"',
+    Kind.RESERVED: 'class="reserved"',
+    Ending.FAILED: 'class="failed"',
+    Ending.COPED: 'class="coped"',
+    Ending.KILLED: 'fill="url(#killed)"',
+    **{words: f'fill="{COLOURS[ending]}"' for ending, words in RAISED.items()},
 }
+"""The square of each meaning, as attributes of a ``<rect>``."""
+_FLAGS = (
+    (Ending.FAILED, "flag", "here something failed"),
+    (Ending.COPED, "amber-flag", "here something failed, and was handled"),
+)
 
 
 def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     """The squares of the legend (attributes of a ``<rect>``), and what each means."""
-    curves = [is_curve(row, scale) for row in chart.rows]
-    hatched = {bar.kind for row, is_long in zip(chart.rows, curves, strict=True) if not is_long for bar in row.queued}
-    claims, marked = chart.claims(), {mark.ending for mark in chart.marks()}
-    ended = {bar.ending for bar in chart.bars()}
-    items = [
-        ('fill="#3e4c59"', "handling", True),
-        ('fill="#c5cbd3"', "waiting for a reply, task or lock", True),
-        ('fill="url(#queued)"', "queued", Kind.QUEUED in hatched or not any(curves)),
-        ('fill="url(#suspended)"', "suspended", Kind.SUSPENDED in hatched),
-        (f'fill="{CURVE}"', "how many are queued or suspended", any(curves)),
-        (f'fill="#ffffff" stroke="{_GREY}" stroke-dasharray="4 3"', "held", any(row.held for row in chart.rows)),
-        *((f'class="{kind}"', kind, kind in claims) for kind in (Kind.LOCKED, Kind.RESERVED)),
-        *((*look, ending in ended) for ending, look in _ENDINGS.items()),
-        (f'fill="{COLOURS[Ending.FAILED]}"', _RAISED, Ending.FAILED in marked),
-        (f'fill="{COLOURS[Ending.COPED]}"', f"{_RAISED}, and handled", Ending.COPED in marked),
-        ('fill="url(#flag)"', "here something failed", Ending.FAILED in ended | marked),
-        ('fill="url(#amber-flag)"', "here something failed, and was handled", Ending.COPED in ended | marked),
-    ]
-    return [(look, words) for look, words, is_seen in items if is_seen] + list(_names(chart))
-
-
-def _names(chart: Chart) -> Iterator[tuple[str, str]]:
+    seen, curves = chart.seen(), {id(row) for row in chart.rows if is_curve(row, scale)}
+    hatched = {bar.kind for row in chart.rows for bar in row.queued if id(row) not in curves}
+    seen -= {Kind.QUEUED, Kind.SUSPENDED} - hatched
+    items = [(_LOOKS[key], words) for key, words in MEANINGS.items() if key in seen and key in _LOOKS]
+    items += [(f'fill="{CURVE}"', "how many are queued or suspended")] * bool(curves)
+    items += [(f'fill="url(#{flag})"', words) for end, flag, words in _FLAGS if not seen.isdisjoint((end, RAISED[end]))]
     shown = {bar.name for bar in chart.bars()}
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
-    for number, name in names[:_MOST_NAMES]:
-        yield f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)
-    if len(names) > _MOST_NAMES:
-        yield 'fill="none"', f"and {len(names) - _MOST_NAMES} more messages"
+    items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
+    return items + [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)
 
 
 def legend(items: list[tuple[str, str]], width: float, top: float) -> tuple[list[str], float]:
@@ -76,20 +70,17 @@ def patterns(chart: Chart, *, of_names: bool = True) -> str:
 
 
 def _of_legend() -> Iterator[str]:
-    yield _pattern(Kind.QUEUED, "", _GREY)
-    yield _pattern(Kind.SUSPENDED, "", _GREY)
+    yield from (_pattern(kind, "", _GREY) for kind in (Kind.QUEUED, Kind.SUSPENDED))
     yield f'<pattern id="killed" {_WHOLE}><rect width="1" height="1" fill="#8a97a5"/>'
     yield f'<rect x="0.75" width="0.25" height="1" fill="{COLOURS[Ending.KILLED]}"/></pattern>'
-    for flag, ending in (("flag", Ending.FAILED), ("amber-flag", Ending.COPED)):
+    for ending, flag, _ in _FLAGS:
         yield f'<pattern id="{flag}" {_WHOLE}><path d="M0.2 0.2 h0.6 l-0.3 0.6 z" fill="{COLOURS[ending]}"/></pattern>'
 
 
 def _of_names(chart: Chart) -> Iterator[str]:
-    queued = {(bar.name, bar.kind) for row in chart.rows for bar in row.queued}
-    for number, name in enumerate(chart.names):
-        for kind in (Kind.QUEUED, Kind.SUSPENDED):
-            if (name, kind) in queued:
-                yield _pattern(kind, str(number), dark(number))
+    numbers = {name: number for number, name in enumerate(chart.names)}
+    for name, kind in sorted({(bar.name, bar.kind) for row in chart.rows for bar in row.queued}):
+        yield _pattern(kind, str(numbers[name]), dark(numbers[name]))
 
 
 def _pattern(kind: Kind, number: str, colour: str) -> str:

@@ -15,9 +15,8 @@ _HIGHEST, _LOWEST = 30.0, 16.0
 """Pixels: of the row of a length; there must be room for its number."""
 _HATCHED = 14.0
 """Pixels: of a bar whose hatching can be seen."""
-_LETTERS, _BESIDE = 12.0, 6.0
+_BESIDE = 6.0
 CURVE = "#7b8794"
-_Steps = list[tuple[float, float, int]]
 
 
 def is_curve(row: Row, scale: Scale) -> bool:
@@ -35,36 +34,19 @@ def queue_height(row: Row, *, is_curve: bool) -> float:
 
 
 def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
-    """How many wait, as a line of steps; beside the highest of them the number, if ever more than one does."""
+    """How many wait, as a line of steps; beside the first of the highest, left or right of it, the number, if ever more
+    than one does.
+    """
     steps = [one for one in queue_lengths(row.queued, scale.start, column) if one[0] <= scale.end]
     most, tall = max((number for *_, number in steps), default=1), queue_height(row, is_curve=True)
     for start, end, number in steps:
         height = max((tall - 4) * number / most, 1.0)
-        left, right, y = scale.x(start), scale.x(end), top + tall - 2 - height
         title = f"at most {number} {row.queue_kind} {from_to(start, end)}"
-        yield rectangle(f'fill="{CURVE}"', left, y, right, height, title)
-    if lanes_of(row.queued) == 1:
-        return  # there is nothing to compare
-    words = f"up to {most} {row.queue_kind}"
-    x, is_before = _beside(steps, most, scale, width_of(words), (tall - 2 - _LETTERS) / (tall - 4) * most)
-    kind = "number before" if is_before else "number"
-    yield f'<text class="{kind}" x="{x:.1f}" y="{top + 10:.1f}" pointer-events="none">{words}</text>'
-
-
-def _beside(steps: _Steps, most: int, scale: Scale, width: float, low: float) -> tuple[float, bool]:
-    """Where the number begins or, if it stands before that, ends; and whether it does. That is left of the first
-    highest step or right of it, the nearest place in the row in which nothing is higher than *low*; over the steps only
-    where there is none.
-    """
-    peak = next((at for at, one in enumerate(steps) if one[2] == most), 0)
-    last = max(scale.width - width - _BESIDE, 3.0)
-    highest = [(scale.x(start), scale.x(end)) for start, end, number in steps if number > low]
-    here = scale.x(steps[peak][0]) if steps else 0.0
-    left = here - width - _BESIDE
-    if left >= 3.0 and not any(start < left + width and end > left for start, end in highest):
-        return here - _BESIDE, True
-    place = here
-    for start, end in highest:
-        if end > here and start - place < width + 2 * _BESIDE:
-            place = end
-    return (place + _BESIDE if place + _BESIDE <= last else min(max(left, 3.0), last)), False
+        yield rectangle(f'fill="{CURVE}"', scale.x(start), top + tall - 2 - height, scale.x(end), height, title)
+    if lanes_of(row.queued) > 1:
+        words = f"up to {most} {row.queue_kind}"
+        start, end = next((map(scale.x, span) for *span, number in steps if number == most), (0.0, 0.0))
+        is_before = start > width_of(words) + _BESIDE
+        x = start - _BESIDE if is_before else min(end + _BESIDE, scale.width - width_of(words))
+        kind = "number before" if is_before else "number"
+        yield f'<text class="{kind}" x="{x:.1f}" y="{top + 10:.1f}" pointer-events="none">{words}</text>'
