@@ -11,7 +11,7 @@ from tca_tools.gantt import titles
 from tca_tools.gantt.chart import Bar, Chart, Ending, Kind, Mark, Row
 from tca_tools.gantt.window import ALL, Pick, span_of
 from tca_tools.run.fates import has_coped, went_on
-from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
+from tca_tools.run.records import HandlerWait, Handling, ModuleRecord, Queueing, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import lanes
 from tca_tools.why.waits import told_waits
@@ -22,8 +22,6 @@ NO_HANDLER = "(no handler)"
 """The row of what waits for a module that handles it."""
 SUSPENDED = "(suspended)"
 """The row of suspended tasks."""
-_NOBODYS = (("", SUSPENDED), ("", ""))
-"""Below all modules, as in the viewer's chart: what is no module's may stay for long, and is little to look at."""
 _HELD = (State.HELD, State.PLANNED)
 """States in which a task may not go on yet: it may not be handled, or may not be achieved."""
 
@@ -38,15 +36,10 @@ def chart(run: Run, start: float | None = None, end: float | None = None, pick: 
         row.handled = _laid_out(row.handled, start, end)
         row.queued = _laid_out(row.queued, start, end)
         row.held = _laid_out(row.held, start, end)
-    shown = [row for row in _in_order(rows) if any(row.bars) or _shows_empty(row, pick)]
+    modules = list(dict.fromkeys(module for module, _ in rows if module))  # rows of a module stand side by side
+    keys = sorted(rows, key=lambda key: modules.index(key[0]) if key[0] else len(modules) + (key == ("", "")))
+    shown = [rows[key] for key in keys if any(rows[key].bars) or _shows_empty(rows[key], pick)]
     return Chart(start, end, shown, list(dict.fromkeys(names)))
-
-
-def _in_order(rows: dict[tuple[str, str], Row]) -> Iterator[Row]:
-    """Those of a module side by side, the modules in the order in which they came."""
-    for module in filter(None, dict.fromkeys(module for module, _ in rows)):
-        yield from (row for (name, _), row in rows.items() if name == module)
-    yield from (rows[key] for key in _NOBODYS if key in rows)
 
 
 def _shows_empty(row: Row, pick: Pick) -> bool:
@@ -86,33 +79,31 @@ class _Filler:
         """The rows, with the bars of everything that is asked for and shows."""
         run, modules = self.run, [one for one in self.run.modules.values() if self.pick.row(one.name)]
         for module in modules:
-            self._add_module(module)
+            for resource in _resources(module):
+                row = self._row(module.name, resource)
+                row.connected = [(start, self._until(end)) for start, end in module.joined]
+                row.is_offered = bool(module.resources)
         for handling in filter(self._wants, self._showing(run.handlings)):
             self._row(handling.module, handling.resource).handled.append(self._handled(handling))
-        for module in modules:
-            self._add_waits(module)
+        for module in modules:  # what it waits for outside of handlers
+            waits = (wait for wait in self._showing(_lasting(module.waits)) if self.pick.message(wait.awaited))
+            row = self._row(module.name, _resources(module)[0])
+            row.handled += [self._awaited(module.name, wait) for wait in waits]
         for queueing in filter(self._wants, self._showing(run.queueings)):
-            self._row(queueing.module, queueing.resource).queued.append(self._queued(queueing))
+            number = queueing.message_id
+            span = run.name(number), queueing.start, queueing.end
+            bar = self._bar(Kind.QUEUED, *span, titles.queued, queueing, of=number)
+            bar.raised = self._raised(number, bar)
+            self._row(queueing.module, queueing.resource).queued.append(bar)
         for task in run.tasks.values():
             self._add_kept(task)
         for claim in chain.from_iterable(run.grants.values()):
             if self.pick.row(claim.module):
-                self._row(claim.module, claim.resource).claims.append(self._claimed(claim))
+                kind = Kind.RESERVED if claim.is_reserved else Kind.LOCKED
+                start = claim.start if claim.granted is None else claim.granted
+                bar = self._bar(kind, claim.sender, start, claim.end, titles.claimed, claim)
+                self._row(claim.module, claim.resource).claims.append(bar)
         return self.rows
-
-    def _add_module(self, module: ModuleRecord) -> None:
-        """A row for each of its resources."""
-        for resource in _resources(module):
-            row = self._row(module.name, resource)
-            row.connected = [(start, self._until(end)) for start, end in module.joined]
-            row.is_offered = bool(module.resources)
-
-    def _add_waits(self, module: ModuleRecord) -> None:
-        """Bars for the waits of a module outside of handlers."""
-        row = self._row(module.name, _resources(module)[0])
-        for wait in self._showing(_lasting(module.waits)):
-            if self.pick.message(wait.awaited):
-                row.handled.append(self._awaited(module.name, wait))
 
     def _row(self, module: str, resource: str) -> Row:
         key = (module, resource)
@@ -156,31 +147,16 @@ class _Filler:
         bar.waits = [self._bar(Kind.WAITING, *what)]
         return bar
 
-    def _queued(self, one: Queueing) -> Bar:
-        number = one.message_id
-        bar = self._bar(Kind.QUEUED, self.run.name(number), one.start, one.end, titles.queued, one, of=number)
-        bar.raised = self._raised(number, bar)
-        return bar
-
-    def _claimed(self, claim: Claim) -> Bar:
-        kind = Kind.RESERVED if claim.is_reserved else Kind.LOCKED
-        start = claim.start if claim.granted is None else claim.granted
-        return self._bar(kind, claim.sender, start, claim.end, titles.claimed, claim)
-
     def _raised(self, number: int, bar: Bar) -> list[Mark]:
         """The failures that were raised on a task in a bar of it, or after its last one."""
-        task = self.run.tasks.get(number)
-        failures = self.run.raised.get(number, []) if task is not None else []
+        run, task, failures = self.run, self.run.tasks.get(number), self.run.raised.get(number)
         if task is None or not failures:
             return []
-        starts = [one.start for one in task.handlings] + [one.start for one in task.queueings]
-        after = min((start for start in starts if start > bar.start), default=inf)
+        starts = (one.start for one in (*task.handlings, *task.queueings) if one.start > bar.start)
+        after = min(starts, default=inf)
+        endings = {True: Ending.COPED, False: Ending.FAILED}
         return [
-            Mark(
-                one.time,
-                Ending.COPED if went_on(self.run, task, one.time) else Ending.FAILED,
-                titles.raised(self.run, task, one),
-            )
+            Mark(one.time, endings[went_on(run, task, one.time)], titles.raised(run, task, one))
             for one in failures
             if bar.start <= one.time < after
         ]
