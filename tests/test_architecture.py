@@ -24,7 +24,6 @@ MAY_IMPORT = {
         "tca_wire",
         "msgspec",
         "click",
-        "graphviz",
         "pygraphviz",
         "jinja2",
         "markupsafe",

@@ -4,7 +4,7 @@ Narrow arrows down lead from a task to its subtasks, which stand from left to ri
 temporal constraints.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from html import escape
 from itertools import pairwise, starmap
 from operator import itemgetter
@@ -67,78 +67,57 @@ def dot_source(at: RunAt, rows: list[Row], title: str, *, with_data: bool = Fals
 
 
 def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> Iterator[str]:
-    families = list(_brothers(rows))
-    beside = {pair for brothers in families for pair in pairwise(map(_id, brothers))}
-    far: dict[int, list[str]] = {}
-    for (before, after), kinds in found.between.items():
-        if (f"t{before}", f"t{after}") not in beside:  # words on an arrow over others would lie on those
-            far.setdefault(after, []).append(f"{' · '.join(kinds)}: after {at.describe(before)}")
-    for after, words_of in _unseen(at, found):
-        far.setdefault(after, []).append(words_of)
+    families: dict[int, list[str]] = {}
     for row in rows:
-        said = [*_own(row, found), *far.get(row.task.id, ())] if row.task else []
-        yield _node(at, row, said, with_data)
+        families.setdefault(row.parent, []).append(_id(row))
+    beside = {pair for brothers in families.values() for pair in pairwise(brothers)}
+    said = _said(at, found, beside)
     for row in rows:
-        if row.parent >= 0:
-            yield f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];"
+        yield _node(at, row, said.get(row.task.id, []) if row.task else [], with_data)
+    yield from (f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];" for row in rows if row.parent >= 0)
     joined = set()
     for (before, after), kinds in found.between.items():
-        pair = f"t{before}", f"t{after}"
-        joined.add(pair)
-        yield _constraint_arrow(at, before, after, kinds, is_named=pair in beside)
-    for brothers in families:
-        names = list(map(_id, brothers))
-        order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(names) if (a, b) not in joined)
-        yield f"{{ rank=same; {'; '.join(names)}; {order} }}"
+        joined.add((f"t{before}", f"t{after}"))
+        what = " · ".join(kinds)
+        tooltip = printable(f"{at.describe(before)} to {at.describe(after)}: {what}")
+        label = what if (f"t{before}", f"t{after}") in beside else ""
+        rank = "" if at.tasks[before].parent == at.tasks[after].parent else ", constraint=false"
+        looks = f"label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}{rank}"
+        yield f"t{before} -> t{after} [{looks}];"
+    for brothers in families.values():
+        order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(brothers) if (a, b) not in joined)
+        if len(brothers) > 1:
+            yield f"{{ rank=same; {'; '.join(brothers)}; {order} }}"
 
 
-def _unseen(at: RunAt, found: Arrows) -> Iterator[tuple[int, str]]:
-    """For tasks shown, after which ones they come that are not."""
+def _said(at: RunAt, found: Arrows, beside: set[tuple[str, str]]) -> dict[int, list[str]]:
+    """What stands in the boxes of tasks: their own constraints, and those that are no arrows between neighbours; words
+    on an arrow over other boxes would lie on those.
+    """
     names: dict[tuple[int, str], list[str]] = {}
-    for (before, after), kinds in found.unseen.items():
-        names.setdefault((after, " · ".join(kinds)), []).append(at.describe(before))
-    return ((after, f"{what}: after {listed(some)}") for (after, what), some in names.items())
-
-
-def _own(row: Row, found: Arrows) -> list[str]:
-    """The constraints of a task on itself and its parent, in a line."""
-    own = found.own.get(row.task.id, []) if row.task else []
-    return [", ".join(own)] if own else []
+    for (before, after), kinds in (found.between | found.unseen).items():
+        if (f"t{before}", f"t{after}") not in beside:
+            names.setdefault((after, " · ".join(kinds)), []).append(at.describe(before))
+    said = {task: [", ".join(kinds)] for task, kinds in found.own.items()}
+    for (after, what), some in names.items():
+        said.setdefault(after, []).append(f"{what}: after {listed(some)}")
+    return said
 
 
 def _id(row: Row) -> str:
     return f"t{row.task.id}" if row.task else f"f{row.number}"
 
 
-def _brothers(rows: list[Row]) -> Iterable[list[Row]]:
-    """The rows under each row (and under the root), left to right, where there are several."""
-    below: dict[int, list[Row]] = {}
-    for row in rows:
-        below.setdefault(row.parent, []).append(row)
-    return (brothers for brothers in below.values() if len(brothers) > 1)
-
-
-def _constraint_arrow(at: RunAt, before: int, after: int, kinds: Sequence[str], *, is_named: bool) -> str:
-    what = " · ".join(kinds)
-    tooltip = printable(f"{at.describe(before)} to {at.describe(after)}: {what}")
-    label = what if is_named else ""
-    siblings = at.tasks[before].parent == at.tasks[after].parent
-    rank = "" if siblings else ", constraint=false"
-    return f"t{before} -> t{after} [label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}{rank}];"
-
-
 def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
     if row.task is None:
         fill = FILLS.get(row.state, "#ffffff")
-        label = words.folded(row)
-        return f'{_id(row)} [label="{label}", fontsize=10, style="filled,dashed", fillcolor="{fill}"];'
+        return f'{_id(row)} [label="{words.folded(row)}", fontsize=10, style="filled,dashed", fillcolor="{fill}"];'
     task, state = row.task, row.task.standing
     style = "filled,rounded" if task.message_class.is_goal else "filled"
     style += ",dashed" if task.state is State.HELD else ""
-    tooltip = "\n".join(filter(None, [f"{words.called(task)}: {state}", words.note(at, task), words.data(task)]))
     label = "<br/>".join(_label_lines(at, task, said, with_data))
     border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
-    rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}{border}'
+    rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(words.tooltip(at, task))}{border}'
     return f"{_id(row)} [label=<{label}>, {rest}];"
 
 
@@ -150,53 +129,48 @@ def looks_of(task: TaskAt) -> tuple[str, str] | None:
 def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> Iterator[str]:
     name = escape(cut(printable(task.name), _LONGEST_NAME))
     yield f'{name} <font color="{_FAINT}">{{{task.id}}}</font>'
-    yield _small(" ".join(filter(None, [task.standing, _times(task)])))
-    for line in (line for one in said for line in _wrapped(printable(one))):
-        yield f'<font point-size="9" color="{_HEAVY}">{escape(line)}</font>'
+    times = ""  # when it was achieved or, before that is so, planned
+    if span := words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING):
+        start, end = span
+        times = f" since {start:.2f}" if end is None else f" {start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash
+    yield _small(f"{task.standing}{times}", _FAINT)
+    for one in said:
+        yield from (_small(line, _HEAVY) for line in words.lines_of(printable(one), _LONGEST_NAME, _MOST_LINES))
     if task.failure or task.why_killed is not None:
-        yield from map(_small, _wrapped(words.note(at, task)))
+        note = words.lines_of(words.note(at, task), _LONGEST_NAME, _MOST_LINES)
+        yield from (_small(line, _FAINT) for line in note)
     if with_data and (data := words.data(task)):
-        yield _small(cut(data, _LONGEST_DATA))
+        yield _small(cut(data, _LONGEST_DATA), _FAINT)
 
 
-def _wrapped(text: str) -> list[str]:
-    """A few lines as long as names may be."""
-    return words.lines_of(text, _LONGEST_NAME, _MOST_LINES)
+def _small(text: str, colour: str) -> str:
+    return f'<font point-size="9" color="{colour}">{escape(text)}</font>'
 
 
-def _times(task: TaskAt) -> str:
-    """When it was achieved or, before that is so, planned."""
-    span = words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING)
-    if not span:
-        return ""
-    start, end = span
-    return f"since {start:.2f}" if end is None else f"{start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash is right here
-
-
-def _small(text: str) -> str:
-    return f'<font point-size="9" color="{_FAINT}">{escape(text)}</font>'
+def borders(rows: list[Row]) -> list[tuple[str, str]]:
+    """The colours of borders that there are, and what they mean."""
+    return sorted({looks for row in rows if row.task and (looks := looks_of(row.task))}, key=itemgetter(1))
 
 
 def _heading(rows: list[Row], title: str, found: Arrows) -> str:
     """The title, and below it what colours, shapes and arrows mean."""
-    found_there = {row.task.standing for row in rows if row.task}
-    states = [state for state in STANDINGS if state in found_there]
+    there = {row.task.standing for row in rows if row.task}
+    states = [state for state in STANDINGS if state in there]
+    lines = [f'<font point-size="14"><b>{escape(title)}</b></font>']
     swatches = "".join(
         f'<td bgcolor="{FILLS[state]}" border="1" color="{_FAINT}"><font point-size="10">{state}</font></td>'
         for state in states
     )
-    lines = [f'<font point-size="14"><b>{escape(title)}</b></font>']
+    meanings = [(_HEAVY, kind, meaning) for kind, meaning in MEANINGS.items() if kind in found.kinds]
+    meanings += [(colour, "border", meaning) for colour, meaning in borders(rows)]
     if states:
         width = sum(len(state) * 7 + 18 for state in states)  # generous, too
         looks = f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
         lines.append(f"<table {looks}><tr>{swatches}</tr></table>")
-    meanings = [(_HEAVY, kind, meaning) for kind, meaning in MEANINGS.items() if kind in found.kinds]
-    borders = {border for row in rows if row.task and (border := looks_of(row.task))}
-    meanings += [(colour, "border", meaning) for colour, meaning in sorted(borders, key=itemgetter(1))]
     if meanings:
         size = f'fixedsize="true" width="{_LEGEND_WIDTH}" height="{_LEGEND_LINE * len(meanings)}"'
-        looks_of_table = f'border="0" cellborder="0" cellspacing="0" align="left" {size}'
-        lines.append(f"<table {looks_of_table}>{''.join(starmap(_meaning, meanings))}</table>")
+        looks = f'border="0" cellborder="0" cellspacing="0" align="left" {size}'
+        lines.append(f"<table {looks}>{''.join(starmap(_meaning, meanings))}</table>")
     rows_of_table = "".join(f'<tr><td align="left">{line}</td></tr>' for line in lines)
     return f'<table border="0" cellborder="0" cellspacing="2" cellpadding="1">{rows_of_table}</table>'
 

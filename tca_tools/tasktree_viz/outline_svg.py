@@ -2,16 +2,16 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 
 from tca_tools.drawing.svg import document, rectangle, text
 from tca_tools.gantt.axis import ticks
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fates import STANDINGS
-from tca_tools.run.records import State
+from tca_tools.run.records import OVER, State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, arrows
-from tca_tools.tasktree_viz.dot import FILLS, looks_of
+from tca_tools.tasktree_viz.dot import FILLS, borders, looks_of
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.plan import AFTER, BOX, CHARACTER, LANE, LINE, Place, Plan, plan
 
@@ -28,7 +28,6 @@ _STYLE = """\
 .over { stroke: #ffffff; stroke-width: 5.2; fill: none; }
 .kind { font-size: 10.5px; fill: #0b4f8a; } .tip { fill: #0b4f8a; } .zebra { fill: #f7f8fa; }
 .planning { fill: #b9a6e8; } .outlined { stroke: #1f2933; }"""
-_SECOND = "planning"
 _JOINED = "; one that begins at several tasks: all of them before all that it leads to"
 _FOLDED = (
     "so many tasks folded up; a part of the tree (--task, --module, --from, --to), or a .txt with --all, shows them"
@@ -81,25 +80,20 @@ class _Columns:
             return
         for number, note in enumerate(place.notes):
             yield f'<text class="note" x="{self.notes:.1f}" y="{y + 13 + number * LINE:.1f}">{text(note)}</text>'
-        for kind, span in ((_SECOND, place.planning), ("achieving", place.achieving)):
+        achieving = f'fill="{FILLS[task.standing]}" stroke="#52606d" stroke-width="0.7"'
+        for kind, span, look, below, height in (
+            ("planning", place.planning, 'class="planning"', 1, 5),
+            ("achieving", place.achieving, achieving, 6, 10),
+        ):
             if span:
-                yield self._bar(task, kind, span, y)
-
-    def _bar(self, task: TaskAt, kind: str, span: tuple[float, float | None], y: float) -> str:
-        start, end = span
-        left, right = self.x(start), self.x(self.end if end is None else end)
-        title = f"{task}: {kind} from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s")
-        right = max(right, left + 1.5)
-        if kind == _SECOND:
-            return rectangle('class="planning"', left, y + 1, right, 5, title)
-        return rectangle(
-            f'fill="{FILLS[task.standing]}" stroke="#52606d" stroke-width="0.7"', left, y + 6, right, 10, title
-        )
+                start, end = span
+                left, right = self.x(start), self.x(self.end if end is None else end)
+                title = f"{task}: {kind} from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s")
+                yield rectangle(look, left, y + below, max(right, left + 1.5), height, title)
 
 
 def _last(task: TaskAt, now: float) -> float:
-    is_over = task.state in (State.ACHIEVED, State.FAILED, State.KILLED)
-    return max(task.reached.values(), default=0.0) if is_over else now
+    return max(task.reached.values(), default=0.0) if task.state in OVER else now
 
 
 def _guides(laid: Plan, top: float) -> Iterator[str]:
@@ -142,18 +136,15 @@ def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
 
 def _box(at: RunAt, place: Place, top: float) -> Iterator[str]:
     row, task, left, y = place.row, place.row.task, _MARGIN + place.left, top + place.top
-    look = f'fill="{FILLS.get(task.standing if task else row.state, "#ffffff")}" stroke="#1f2933"'
-    title = place.label
     if task is None:
-        look += ' stroke-dasharray="3 2"'
+        look = f'fill="{FILLS.get(row.state, "#ffffff")}" stroke="#1f2933" stroke-dasharray="3 2"'
     else:
+        border = looks_of(task)
+        stroke = f'stroke="{border[0]}" stroke-width="2.2"' if border else 'stroke="#1f2933"'
+        look = f'fill="{FILLS[task.standing]}" {stroke}'
         look += ' rx="7"' if task.message_class.is_goal else ""
         look += ' stroke-dasharray="4 3"' if task.state is State.HELD else ""
-        if looks := looks_of(task):
-            look = look.replace('stroke="#1f2933"', f'stroke="{looks[0]}" stroke-width="2.2"')
-        title = "\n".join(
-            filter(None, [f"{words.called(task)}: {task.standing}", words.note(at, task), words.data(task)])
-        )
+    title = words.tooltip(at, task) if task else place.label
     yield rectangle(look, left, y, left + place.width, BOX, title)
     yield f'<text class="name" x="{left + 7:.1f}" y="{y + 13.5:.1f}" pointer-events="none">{text(place.label)}</text>'
     if place.after:
@@ -167,11 +158,7 @@ def _head(rows: list[Row], title: str, laid: Plan, kinds: set[str], right: float
     states = {row.task.standing if row.task else row.state for row in rows}
     items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in STANDINGS if state in states]
     items.append(('class="planning"', "when it was planned"))
-    borders = {looks for row in rows if row.task and (looks := looks_of(row.task))}
-    items += [
-        (f'fill="#ffffff" stroke="{colour}" stroke-width="2.2"', meaning)
-        for colour, meaning in sorted(borders, key=itemgetter(1))
-    ]
+    items += [(f'fill="#ffffff" stroke="{colour}" stroke-width="2.2"', meaning) for colour, meaning in borders(rows)]
     x, y = _MARGIN, _MARGIN + 20
     for look, words_of in items:
         needed = len(words_of) * CHARACTER + 34

@@ -1,5 +1,6 @@
-"""Dot source to a picture file, by whichever Graphviz this machine has."""
+"""Dot source to a picture, by the Graphviz that this machine has: the program, or the one inside a Python package."""
 
+import shutil
 import subprocess
 from typing import Any
 
@@ -8,41 +9,17 @@ from tca_tools.errors import NoPicture
 
 def drawn(source: str, kind: str) -> bytes:
     """The picture that *source* describes, as "svg", "png" or "pdf". Raises NoPicture."""
-    missing = []
-    for way in (_with_graphviz, _with_pygraphviz):
-        try:
-            return way(source, kind)
-        except _Missing as error:
-            missing.append(str(error))
-    raise NoPicture(f"no picture can be drawn: {', and '.join(missing)}")
-
-
-class _Missing(Exception):
-    """What one way of drawing lacks."""
-
-
-def _with_graphviz(source: str, kind: str) -> bytes:
+    if program := shutil.which("dot"):
+        done = subprocess.run([program, f"-T{kind}"], input=source.encode(), capture_output=True, check=False)
+        if done.returncode:
+            raise NoPicture(f"dot failed: {' '.join(done.stderr.decode(errors='replace').split())}")
+        return done.stdout
     try:
-        import graphviz  # noqa: PLC0415 - pictures are an extra
+        import pygraphviz  # noqa: PLC0415 - pictures are an extra
     except ImportError:
-        raise _Missing("the Python package 'graphviz' is missing (pip install 'tca-central[pictures]')") from None
-    try:
-        picture: bytes = graphviz.Source(source).pipe(format=kind, quiet=True)
-    except graphviz.ExecutableNotFound:
-        raise _Missing("the program 'dot' is missing (install Graphviz)") from None
-    except subprocess.CalledProcessError as error:
-        raise NoPicture(f"dot failed: {' '.join((error.stderr or b'').decode(errors='replace').split())}") from None
-    return picture
-
-
-def _with_pygraphviz(source: str, kind: str) -> bytes:
-    try:
-        import pygraphviz  # noqa: PLC0415
-    except ImportError:
-        raise _Missing("so is the package 'pygraphviz'") from None
+        raise NoPicture("no picture can be drawn: the program 'dot' is missing (install Graphviz)") from None
     graph: Any = pygraphviz.AGraph(string=source)
     try:
-        picture: bytes = graph.draw(format=kind, prog="dot")
+        return bytes(graph.draw(format=kind, prog="dot"))
     except (OSError, ValueError) as error:
         raise NoPicture(f"pygraphviz failed: {error}") from None
-    return picture

@@ -45,15 +45,6 @@ _NOTE_WIDTH = 24
 """Columns of notes before which times give way while something goes on: what a task waits for says more."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Columns:
-    """What stands beside the names."""
-
-    state_width: int
-    has_times: bool
-    """Whether there is room for when tasks were planned and achieved."""
-
-
 @dataclass(frozen=True)
 class Guides:
     """What is drawn before a task's name."""
@@ -74,48 +65,36 @@ def tree_lines(
     if not rows:
         yield "(no task was sent)"
         return
-    state_width = max(_STATE_WIDTH, *(len(row.task.standing) for row in rows if row.task))
-    widest = _widest(width, state_width)
+    states = max(_STATE_WIDTH, *(len(row.task.standing) for row in rows if row.task))
+    widest = _widest(width, states)
     before_names = prefixes(rows, guides, *_levels(widest))
-    names = [(before, _name(row)) for row, (before, _) in zip(rows, before_names, strict=True)]
-    name_width = min(max(columns_of(before + name) for before, name in names), widest)
-    numbers = [row.task.id if row.task else 0 for row in rows]
-    labels = [
-        before + cut_name(name, number, name_width - columns_of(before))
-        for number, (before, name) in zip(numbers, names, strict=True)
-    ]
-    beside = name_width + state_width + 3 * _GAP + 2 * _TIMES_WIDTH
+    names = [words.called(row.task) if row.task else words.folded(row) for row in rows]
+    name_width = max(columns_of(before + name) for (before, _), name in zip(before_names, names, strict=True))
+    name_width = min(name_width, widest)
     goes_on = any(row.task and row.task.state not in OVER for row in rows)
-    columns = _Columns(state_width, width is None or beside + _NOTE_WIDTH * goes_on <= width)
-    times = f"  {'planning':{_TIMES_WIDTH}}  achieving" if columns.has_times else ""
-    yield click.style(cut(f"{padded('task', name_width)}  {'state':{state_width}}{times}", width), dim=True)
-    for row, label, (_, below) in zip(rows, labels, before_names, strict=True):
+    beside = name_width + states + 3 * _GAP + 2 * _TIMES_WIDTH + _NOTE_WIDTH * goes_on
+    intervals = (Interval.PLANNING, Interval.ACHIEVING) if width is None or beside <= width else ()
+    headings = [padded("task", name_width), f"{'state':{states}}", *(f"{one:{_TIMES_WIDTH}}" for one in intervals)]
+    yield click.style(cut("  ".join(headings).rstrip(), width), dim=True)
+    for row, name, (before, below) in zip(rows, names, before_names, strict=True):
+        label = before + cut_name(name, row.task.id if row.task else 0, name_width - columns_of(before))
         if row.task is None:
             yield click.style(cut(label, width), fg=COLOURS.get(row.state))
             continue
-        yield _task_line(at, row.task, padded(label, name_width), columns, width)
+        cells = [f"{row.task.standing:{states}}", *(f"{_times(row.task, one):{_TIMES_WIDTH}}" for one in intervals)]
+        room = None if width is None else max(width - name_width - _GAP, 0)
+        rest = _with_note(at, row.task, "  ".join(cells), room)
+        yield f"{padded(label, name_width)}  {click.style(rest[:states], fg=COLOURS[row.task.standing])}{rest[states:]}"
         if with_data and (data := words.data(row.task)):
             yield click.style(cut(f"{below}{data}", width), dim=True)
 
 
-def _name(row: Row) -> str:
-    return words.called(row.task) if row.task else words.folded(row)
-
-
-def _task_line(at: RunAt, task: TaskAt, label: str, columns: _Columns, width: int | None) -> str:
-    state, states = task.standing, columns.state_width
-    intervals = (Interval.PLANNING, Interval.ACHIEVING) if columns.has_times else ()
-    spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in intervals]
-    found = words.note_of(at, task)
-    rest, room = "  ".join([f"{state:{states}}", *spans]), _rest_of(width, label)
-    left = None if room is None else room - len(rest) - _GAP  # for the note
-    if left is None:
-        rest = f"{rest}  {found.within(None, at.time)}".rstrip()
-    elif left >= _LEAST_NOTE:
-        rest = f"{rest}  {found.within(left, at.time)}".rstrip()
-    else:
-        rest = cut(rest, room)
-    return f"{label}  {click.style(rest[:states], fg=COLOURS[state])}{rest[states:]}"
+def _with_note(at: RunAt, task: TaskAt, cells: str, room: int | None) -> str:
+    """The state and times of a task, and as much of what is to be noted as there is room for."""
+    left = None if room is None else room - len(cells) - _GAP
+    if left is not None and left < _LEAST_NOTE:
+        return cut(cells, room)
+    return f"{cells}  {words.note_of(at, task).within(left, at.time)}".rstrip()
 
 
 def _times(task: TaskAt, interval: Interval) -> str:
@@ -123,10 +102,6 @@ def _times(task: TaskAt, interval: Interval) -> str:
         return ""
     start, end = span
     return f"{start:.2f}-" if end is None else f"{start:.2f}-{end:.2f}"
-
-
-def _rest_of(width: int | None, label: str) -> int | None:
-    return None if width is None else max(width - columns_of(label) - 2, 0)
 
 
 def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:

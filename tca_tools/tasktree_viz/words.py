@@ -34,8 +34,6 @@ from tca_wire.waits import WaitFor, WaitKind
 _LONGEST_FAILURE = 200
 _LEAST_TEXT = 28
 """Columns of a cause that stay, if what it leads to is said behind it."""
-_SHORTEST_NAME = 5
-"""Columns that are left of the name of an end."""
 _SHORTEST = 0.0005
 """Seconds: of a wait that has just begun nothing is said."""
 _UNITS = ("s", "ms", "µs", "min", "h")
@@ -63,8 +61,7 @@ def span(task: TaskAt, interval: Interval) -> tuple[float, float | None] | None:
 
 def role(task: TaskAt) -> str:
     """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"."""
-    kind = "monitor" if task.message_class.is_monitor else ""
-    return ", ".join(filter(None, (kind, task.role)))
+    return ", ".join(["monitor"] * task.message_class.is_monitor + [task.role] * bool(task.role))
 
 
 def called(task: TaskAt) -> str:
@@ -91,7 +88,7 @@ class Note(NamedTuple):
     @property
     def end(self) -> str:
         """``in the end for calibrate {3}, which no module handles``; or ``no module handles that``."""
-        return "" if not self.last else printable(self.last.behind if self.is_named else f"in the end {self.last}")
+        return printable(self.last.behind) if self.last and self.is_named else self.alone
 
     @property
     def alone(self) -> str:
@@ -99,28 +96,22 @@ class Note(NamedTuple):
         return printable(f"in the end {self.last}") if self.last else ""
 
     def within(self, room: int | None, time: float) -> str:
-        """As much of it at a *time* as there is room for. For how long it waits for this gives way first, then for how
-        long in all; then why the end stands, what follows the cause in the text, and the end. The cause stays.
+        """As much of it at a *time* as there is room for. For how long it waits for this gives way first, then why the
+        end stands, for how long it waits in all, what follows the cause in the text, and the end. The cause stays.
         """
+        last = self.last
         if not self.text:
-            return self._end_within(room)
-        lasted, brief = lasting(self.age, time), _lasting_in_all(self.age, time)
-        briefly = printable(f"in the end {self.last.brief}") if self.last and not self.is_named else self.end
-        told = [(f"{self.text}{lasted}", self.end), (f"{self.text}{brief}", self.end), (self.text, self.end)]
-        told += [(f"{self.text}{brief}", briefly), (self.text, briefly)]
-        made = ["; ".join(filter(None, one)) for one in told]
+            ends = [self.alone, f"in the end {last.brief}", f"for {last.thing}"] if last else [""]
+            made = list(map(printable, ends))
+            found = next((one for one in made if room is None or columns_of(one) <= room), None)
+            return found if found is not None else cut_name(made[-1], last.number if last else 0, room or 0)
+        brief = f"{self.text}{lasting(self.age, time, brief=True)}"
+        briefly = printable(f"in the end {last.brief}") if last and not self.is_named else self.end
+        told = [(f"{self.text}{lasting(self.age, time)}", self.end), (brief, briefly), (self.text, briefly)]
         if room is not None and briefly and (left := room - columns_of(f"; {briefly}")) >= _LEAST_TEXT:
-            made.append(f"{cut(self.text, left)}; {briefly}")
-        made += [f"{self.text}{brief}", self.text]
+            told.append((cut(self.text, left), briefly))
+        made = ["; ".join(filter(None, one)) for one in [*told, (brief, ""), (self.text, "")]]
         return next((one for one in made if room is None or columns_of(one) <= room), cut(self.text, room))
-
-    def _end_within(self, room: int | None) -> str:
-        if not self.last:
-            return ""
-        made = [printable(one) for one in (f"in the end {self.last}", str(self.last), f"in the end {self.last.brief}",
-                                           self.last.brief, f"for {self.last.thing}")]  # fmt: skip
-        found = next((one for one in made if room is None or columns_of(one) <= room), None)
-        return found if found is not None else cut_name(made[-1], self.last.number, room or 0)
 
 
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
@@ -143,13 +134,14 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     failed = failure_line(task.failure)
     if task.state is State.ENDING and not failed:
         failed = ": ".join(filter(None, ("killed", _why_killed(at, task))))
-    text, age = _going_on(at, task), age_of(waits)
+    text, age = "; ".join(coming(at, task)), age_of(waits)
     says_state = not failed and bool(waits) and is_told_with_state(task)
     if waits:
         ahead = coming(at, task) if task.state is not State.ENDING else []
         text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (f" ({'; '.join(ahead)})" if ahead else "")
     elif task.suspension and task.handling:
-        age = Age(task.suspension.start, task.suspension.start)
+        by, age = by_whom(task.suspension.by), Age(task.suspension.start, task.suspension.start)
+        text = f"still runs, though {at.describe(task.suspension.cause)} is suspended{by}"
     elif queries := asked(at, task):
         since = task.asking[0].received
         text, age = f"goes on while it waits {several_in_words(queries)}", Age(since, since)
@@ -170,34 +162,21 @@ def with_state(at: RunAt, task: TaskAt, note: Note) -> str:
     return f"{task.state}, failed: {told}" if says_how else f"{task.state}, {told}"
 
 
-def _going_on(at: RunAt, task: TaskAt) -> str:
-    """What there is to say of a task that waits for nothing: what is to come."""
-    if task.suspension and task.handling:
-        by = by_whom(task.suspension.by)
-        return f"still runs, though {at.describe(task.suspension.cause)} is suspended{by}"
-    return "; ".join(coming(at, task))
-
-
 def _why_killed(at: RunAt, task: TaskAt) -> str:
     """Why, if that is not said of what it is under."""
     above = at.tasks.get(task.parent)
     return "" if above and above.why_killed == task.why_killed else printable(task.why_killed or "")
 
 
-def lasting(its_age: Age | None, time: float) -> str:
-    """``, for 3.4 s`` and, if it waited for something else before, `` (8 s in all)``."""
+def lasting(its_age: Age | None, time: float, *, brief: bool = False) -> str:
+    """``, for 3.4 s`` and, if it waited for something else before, `` (8 s in all)``; *brief*: ``, for 8 s in all``."""
     if its_age is None or time - its_age.begun < _SHORTEST:
         return ""
     since, begun = its_age
     for_this = f", for {duration(time - since)}" if time - since >= _SHORTEST else ""
-    return for_this if since - begun < _SHORTEST else f"{for_this} ({duration(time - begun)} in all)"
-
-
-def _lasting_in_all(its_age: Age | None, time: float) -> str:
-    """In less room: ``, for 8 s in all``."""
-    if its_age is None or its_age.since - its_age.begun < _SHORTEST:
-        return lasting(its_age, time)
-    return f", for {duration(time - its_age.begun)} in all"
+    if since - begun < _SHORTEST:
+        return for_this
+    return f", for {duration(time - begun)} in all" if brief else f"{for_this} ({duration(time - begun)} in all)"
 
 
 def failure_line(text: str) -> str:
@@ -210,6 +189,11 @@ def data(task: TaskAt) -> str:
     """Its data and result, or the data of its failure: ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2} failed with 5``."""
     given, result, failure_data = map(data_text, (task.body, task.result, task.failure_data))
     return " ".join(filter(None, (given, result and f"-> {result}", failure_data and f"failed with {failure_data}")))
+
+
+def tooltip(at: RunAt, task: TaskAt) -> str:
+    """All there is to say about a task, in lines."""
+    return "\n".join(filter(None, [f"{called(task)}: {task.standing}", note(at, task), data(task)]))
 
 
 def folded(row: Row) -> str:

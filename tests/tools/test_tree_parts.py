@@ -1,9 +1,7 @@
 """Task trees of a part of a run, the story of one task, and pictures of trees that are too wide for a figure."""
 
-import builtins
 import re
 import sys
-import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -223,7 +221,7 @@ def test_a_small_tree_is_a_figure_and_a_wide_one_an_outline() -> None:
 @pytest.mark.parametrize("layout", ["figure", "outline"])
 def test_pictures_of_both_kinds(tca: Tca, run: Path, tmp_path: Path, layout: str, kind: str) -> None:
     if layout == "figure":
-        pytest.importorskip("graphviz")
+        pytest.importorskip("pygraphviz")
     result = tca("tree", run, "--layout", layout, "-o", tmp_path / f"tree.{kind}")
     assert (result.exit_code, result.stderr) == (0, "")
     beginnings = {"svg": b"<", "png": b"\x89PNG", "pdf": b"%PDF", "html": b"<!doctype html>"}
@@ -275,53 +273,31 @@ def test_outlines_are_well_formed(story: Story) -> None:
     ET.fromstring(outline_svg(at, outline(at), "<&>\x1b", with_data=True))
 
 
-def without(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
-    """Make these packages impossible to import."""
-    real = builtins.__import__
-
-    def fake(name: str, *rest: Any, **more: Any) -> Any:
-        if name in packages:
-            raise ImportError(name)
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", fake)
-
-
 def test_without_graphviz_an_outline_is_drawn(
     tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    without(monkeypatch, "graphviz", "pygraphviz")
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    monkeypatch.setitem(sys.modules, "pygraphviz", None)
     result = tca("tree", run, "-o", tmp_path / "tree.svg")
     assert result.exit_code == 0
     assert result.stderr == (
-        "no picture can be drawn: the Python package 'graphviz' is missing (pip install 'tca-central[pictures]'),"
-        " and so is the package 'pygraphviz': drawn as an outline\n"
+        "no picture can be drawn: the program 'dot' is missing (install Graphviz): drawn as an outline\n"
     )
     assert (tmp_path / "tree.svg").read_text().startswith("<svg")
     assert tca("tree", run, "--layout", "figure", "-o", tmp_path / "figure.svg").exit_code == 1
     assert not (tmp_path / "figure.svg").exists()
 
 
-def test_without_dot_pygraphviz_draws(tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    graphviz = pytest.importorskip("graphviz")
-
-    def no_dot(*_: Any, **__: Any) -> bytes:
-        raise graphviz.ExecutableNotFound(["dot"])
-
-    class Graph:
-        def __init__(self, string: str) -> None:
-            assert string.startswith("digraph")
-
-        def draw(self, **how: str) -> bytes:
-            assert how == {"format": "svg", "prog": "dot"}
-            return b"<svg/>"
-
-    monkeypatch.setattr(graphviz.Source, "pipe", no_dot)
-    fake = types.ModuleType("pygraphviz")
-    fake.AGraph = Graph  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "pygraphviz", fake)
-    assert tca("tree", run, "-o", tmp_path / "tree.svg").exit_code == 0
-    assert (tmp_path / "tree.svg").read_bytes() == b"<svg/><!-- made by tca -->\n"
+@pytest.mark.parametrize(("reads", "code", "said"), [("digraph", 0, ""), ("no such text", 1, "dot failed: bad")])
+def test_the_program_dot_draws(tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                               reads: str, code: int, said: str) -> None:  # fmt: skip
+    program = tmp_path / "dot"
+    program.write_text(f"#!/bin/sh\nif grep -q '{reads}'; then echo '<svg/>'; else echo bad >&2; exit 1; fi\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    result = tca("tree", run, "--layout", "figure", "-o", tmp_path / "tree.svg")
+    assert (result.exit_code, said in result.stderr) == (code, True)
+    assert code or (tmp_path / "tree.svg").read_bytes() == b"<svg/>\n<!-- made by tca -->\n"
 
 
 def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
