@@ -97,8 +97,8 @@ class Server:
         self._next_beat = self._next_pulse = BEAT_PERIOD
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
-        self._context = zmq.Context()
         self._lock = _lock_of(endpoint)
+        self._context = zmq.Context()
         self.socket = self._bind(endpoint)
         self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
         self._monitor = self.socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
@@ -328,7 +328,7 @@ class Server:
         try:
             socket.bind(endpoint)
         except zmq.ZMQError as error:
-            socket.close()
+            self._context.destroy()
             reason = "another program uses it" if error.errno == zmq.EADDRINUSE else error.strerror
             msg = f"can't listen on {endpoint}: {reason}; choose another address with --bind"
             raise CentralError(msg) from None
