@@ -261,9 +261,7 @@ def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
             assert user.query(LOOK, timeout=SOON) == "clear"
         assert user.handlers(STEP) == []
         daemon.signal(signal.SIGSTOP)
-        with pytest.raises(
-            Timeout, match=r"not all handled within 0.1 s: query 'look', command 'step'; central did not"
-        ):
+        with pytest.raises(Timeout, match=r"not all handled within 0.1 s: query 'look', command 'step'"):
             user.wait_until_handled(LOOK, STEP, timeout=0.1)  # it knows these
         daemon.signal(signal.SIGCONT)
 
