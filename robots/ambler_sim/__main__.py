@@ -5,13 +5,14 @@ import fcntl
 import logging
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
+from click import ClickException
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
@@ -27,12 +28,16 @@ from robots.ambler_sim.reactions import (
     SHUFFLE_FEET,
     STABILITY_CHECK,
 )
-from robots.ambler_sim.report import report
 from robots.ambler_sim.robot import pybullet_is_installed
 from robots.ambler_sim.terrain import scattered_rocks
 from robots.ambler_sim.vocabulary import Rock
 from tca_module import Outcome, TaskFailed, TcaError, Timeout
 from tca_module.sending.task_ref import SentTask
+from tca_tools.gantt.__main__ import gantt
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
+from tca_tools.tasktree_viz.__main__ import tree
+from tca_wire.vocabulary import Role
 
 MODULES = ("perception", "leg planner", "body planner", "gait planner")
 REACTIONS = ("monitoring", "error recovery")
@@ -137,14 +142,14 @@ class Walk:
     def draw_history(self) -> None:
         """The task tree and the Gantt chart, from the journal, by the tools that anybody would use."""
         journal = str(self.folder / "journal")
-        for title, tool, name in (("task tree", "tasktree_viz", "tree.svg"), ("Gantt chart", "gantt", "gantt.svg")):
+        for title, tool, name in (("task tree", tree, "tree.svg"), ("Gantt chart", gantt, "gantt.svg")):
             path = self.folder / name
-            command = [sys.executable, "-m", f"tca_tools.{tool}", journal, "-o", str(path)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            try:
+                tool.main([journal, "-o", str(path)], standalone_mode=False)
+            except ClickException as error:
+                console.print(error.format_message(), style="yellow")
             if path.exists():
                 self.outputs.append((title, path))
-            if done.returncode:
-                console.print(done.stderr.strip(), style="yellow")
         self.outputs.append(("journal", self.folder / "journal"))
 
 
@@ -168,6 +173,22 @@ def _watch(goal: SentTask[None], processes: Processes, progress: Progress, bar: 
         else:
             progress.console.print("the walk was killed", style="red")
         return 1
+
+
+def _report(journal: Path) -> list[str]:
+    """Two lines: the checks that were made, and what was done about failures."""
+    tasks = History.until(open_log(journal)).tasks.values()
+    checks = Counter(task.name for task in tasks if task.name in (STABILITY_CHECK.name, FOOTFALL_CHECK.name))
+    failed = sum(bool(task.failure) for task in tasks if task.role is Role.LISTENER)
+    recoveries = Counter(task.name for task in tasks if task.role is Role.EXCEPTION)
+    return [
+        f"checks: {_counted(checks)}; {failed or 'none'} failed" if checks else "checks: none",
+        f"recoveries: {_counted(recoveries) or 'none'}",
+    ]
+
+
+def _counted(names: Counter[str]) -> str:
+    return ", ".join(f"{count} x {name}" for name, count in names.items())
 
 
 def _column(part: object) -> BarColumn | TextColumn:
@@ -239,7 +260,7 @@ def main() -> int:
         console.print(f"ambler: {error}", style="red")
         return 1
     console.print(f"{'Done' if code == 0 else 'Ended'} after {time.monotonic() - began:.0f} s:")
-    for line in report(walk.folder / "journal"):
+    for line in _report(walk.folder / "journal"):
         console.print(f"  {line}")
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)

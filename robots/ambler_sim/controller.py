@@ -38,48 +38,27 @@ TOLERANCE = 0.05
 """The links go this much (m) further than planners may plan: feet creep some centimetres on steep ground."""
 
 
-class Ambler:
-    """A robot on some plant. All moves block until done; simulated time passes only during moves."""
+class Robot:
+    """A robot on some plant. All moves block until done; simulated time passes only during moves. For one thread."""
 
     def __init__(self, plant: Plant, terrain: Terrain, *, pace: float = 0.0, state: Snapshot | None = None) -> None:
         self.terrain = terrain
+        self.backend = plant.name
         self._plant = plant
-        self._pacer = Pacer(pace)
-        self._time = state.time if state else 0.0
+        self.pacer = Pacer(pace)
+        self.time = state.time if state else 0.0
+        """Simulated seconds since the walk began, over all processes that took part in it."""
         self._last_leg = state.last_leg if state else NO_LEG
         self._scans = state.scans if state else 0
         self._trail = list(state.trail) if state else []
         self._airborne: set[int] = set()
         self._command = plant.joints()
-        self._peak_tilt = 0.0
+        self.peak_tilt = 0.0
+        """The greatest inclination (rad) of the body since this object was made."""
         self._settle()
-        self._peak_tilt = 0.0
+        self.peak_tilt = 0.0
         if state is None:
             self._trail.extend(self.stance().feet)
-
-    @property
-    def backend(self) -> str:
-        """Which simulator moves the robot: "pybullet" or "kinematic"."""
-        return self._plant.name
-
-    @property
-    def time(self) -> float:
-        """Simulated seconds since the walk began, over all processes that took part in it."""
-        return self._time
-
-    @property
-    def peak_tilt(self) -> float:
-        """The greatest inclination (rad) of the body since this object was made."""
-        return self._peak_tilt
-
-    @property
-    def pace(self) -> float:
-        """How many simulated seconds pass per real one; 0 means as many as can be computed."""
-        return self._pacer.pace
-
-    @pace.setter
-    def pace(self, pace: float) -> None:
-        self._pacer.pace = pace
 
     def stance(self) -> Stance:
         """The body pose and the six feet as measured now."""
@@ -91,7 +70,7 @@ class Ambler:
     def readings(self) -> Readings:
         """Inclinometers and foot force sensors."""
         attitude = self._plant.attitude()
-        return Readings(self._time, attitude.roll, attitude.pitch, tuple(float(load) for load in self._plant.loads()))
+        return Readings(self.time, attitude.roll, attitude.pitch, tuple(float(load) for load in self._plant.loads()))
 
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
         """Carry out a leg move. When stopped, the foot is put down where it is: the robot always stands on six feet.
@@ -145,7 +124,7 @@ class Ambler:
         return Snapshot(
             backend=self.backend,
             terrain=self.terrain.spec,
-            time=self._time,
+            time=self.time,
             posture=make_posture(self._plant.attitude(), self._plant.joints()),
             last_leg=self._last_leg,
             scans=self._scans,
@@ -159,7 +138,7 @@ class Ambler:
     def _rebase(self) -> None:
         """Command what is measured, so that old position errors do not become forces; start the clock of this move."""
         self._command = self._plant.joints()
-        self._pacer.restart()
+        self.pacer.restart()
 
     def _swing_over(self, leg: int, segments: list[motion.Segment], watch: Watch) -> Contact | None:
         """Bring a leg over its foothold; what it met on its way, if anything. Then it is some way back from there."""
@@ -216,10 +195,10 @@ class Ambler:
         tick = self._plant.tick
         self._plant.drive(joints, (joints - self._command) / tick)
         self._command = joints
-        self._time += tick
+        self.time += tick
         attitude = self._plant.attitude()
-        self._peak_tilt = max(self._peak_tilt, math.hypot(attitude.roll, attitude.pitch))
-        self._pacer.passed(tick)
+        self.peak_tilt = max(self.peak_tilt, math.hypot(attitude.roll, attitude.pitch))
+        self.pacer.passed(tick)
         if watch is not None:
             watch.passed(tick)
 

@@ -1,13 +1,4 @@
-"""What can go wrong in planning and moving; anything else that is raised is a bug.
-
-AmblerError
-    NoFootfall      no ground near the ideal foothold is fit to stand on and in reach
-    PathBlocked     the leg cannot be lifted over what lies on its way
-    TerrainContact  a leg met something on its way and was put down in front of it
-    OutOfReach      a pose or foothold that some leg cannot reach
-    UnstableMove    the centre of gravity would come too near to the edge of the support
-    ArcFinished     a step was asked for on an arc that has been walked
-"""
+"""What can go wrong in planning and moving; anything else that is raised is a bug."""
 
 from robots.ambler_sim.vocabulary import Contact
 
@@ -17,7 +8,7 @@ class AmblerError(Exception):
 
 
 class NoFootfall(AmblerError):
-    """No cell near the ideal foothold can be used."""
+    """No ground near the ideal foothold is fit to stand on and in reach."""
 
 
 class PathBlocked(AmblerError):
@@ -25,7 +16,7 @@ class PathBlocked(AmblerError):
 
 
 class TerrainContact(AmblerError):
-    """Something stood in a leg's way."""
+    """A leg met something on its way and was put down in front of it."""
 
     def __init__(self, contact: Contact) -> None:
         where = f"x {contact.x:.2f}, y {contact.y:.2f}, z {contact.z:.2f}"
@@ -34,12 +25,12 @@ class TerrainContact(AmblerError):
 
 
 class OutOfReach(AmblerError):
-    """Some leg is too short or too long for a pose."""
+    """A pose or foothold that some leg cannot reach."""
 
 
 class UnstableMove(AmblerError):
-    """The robot would be near to tipping over."""
+    """The centre of gravity would come too near to the edge of the support."""
 
 
 class ArcFinished(AmblerError):
-    """Nothing of the arc remains."""
+    """A step was asked for on an arc that has been walked."""

@@ -1,8 +1,11 @@
 """From a raw rendering to a picture worth showing: where the camera stands, sky, shadows, contour lines, footprints."""
 
 import math
+import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +31,9 @@ SKY_TOP, SKY_HORIZON = np.array([112.0, 154.0, 200.0]), np.array([232.0, 236.0, 
 CONTOUR_EVERY = 0.1
 FOOTPRINT, FOOTPRINT_RIM = 0.27, 0.03
 SMOOTH = 0.3
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+EIGHT_BIT_RGB = (8, 2, 0, 0, 0)
+NO_FILTER = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,3 +164,17 @@ def _halved(image: Array) -> Pixels:
     blocks = image.reshape(height // 2, 2, width // 2, 2, colours)
     halved: Pixels = blocks.mean(axis=(1, 3)).round().clip(0, 255).astype(np.uint8)
     return halved
+
+
+def write_png(path: Path, pixels: Pixels) -> None:
+    """Write (height, width, 3) pixels as PNG, with the standard library alone."""
+    height, width, _ = pixels.shape
+    header = struct.pack(">2I5B", width, height, *EIGHT_BIT_RGB)
+    filters = np.full((height, 1), NO_FILTER, dtype=np.uint8)
+    rows = np.hstack([filters, pixels.reshape(height, width * 3)])
+    body = zlib.compress(rows.tobytes(), level=9)
+    path.write_bytes(PNG_SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b""))
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

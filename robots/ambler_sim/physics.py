@@ -10,7 +10,6 @@ import pybullet
 from robots.ambler_sim import photograph
 from robots.ambler_sim.geometry import GRAVITY, Array, unwrap
 from robots.ambler_sim.plant import Attitude, rotation_matrix
-from robots.ambler_sim.png import write_png
 from robots.ambler_sim.terrain import RESOLUTION, Terrain
 from robots.ambler_sim.urdf import EFFORT, ambler_urdf
 from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
@@ -104,7 +103,7 @@ class BulletPlant:
         frame = self._frame(photograph.camera_for(pose), photograph.RENDERED)
         from_sun = self._frame(photograph.sun_over(pose), photograph.SHADOW_SIZE)
         written = path.with_suffix(".png")
-        write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
+        photograph.write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
         return written
 
     def close(self) -> None:

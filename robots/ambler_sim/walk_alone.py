@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robots.ambler_sim.body import plan_body_move
+from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.errors import AmblerError
 from robots.ambler_sim.footfall import choose_foothold
 from robots.ambler_sim.gait import is_finished, next_step, progress
 from robots.ambler_sim.leg_recovery import plan_leg_move
 from robots.ambler_sim.perception import build_elevation_map
-from robots.ambler_sim.robot import Robot, make_robot
+from robots.ambler_sim.robot import make_robot
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.stability import support_margin
 from robots.ambler_sim.vocabulary import Arc, ElevationMap, Footfall, Step, TerrainSpec

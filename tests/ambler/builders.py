@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.elevation import make_map
 from robots.ambler_sim.footfall import choose_foothold
 from robots.ambler_sim.gait import body_height, next_step, standard_feet
 from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.leg_recovery import plan_leg_move
 from robots.ambler_sim.perception import build_elevation_map
-from robots.ambler_sim.robot import Robot
 from robots.ambler_sim.vocabulary import Arc, ElevationMap, LegMove, Pose, Stance, Step
 from robots.ambler_sim.walk_alone import StepReport, take_step
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from ambler.builders import the_first_leg_move
 
+from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.errors import TerrainContact
 from robots.ambler_sim.motion import BACK_OFF
-from robots.ambler_sim.robot import Backend, Robot, make_robot, pybullet_is_installed
+from robots.ambler_sim.robot import Backend, make_robot, pybullet_is_installed
 from robots.ambler_sim.stability import WEIGHT
 from robots.ambler_sim.terrain import scattered_rocks
 from robots.ambler_sim.vocabulary import Contact, LegMove, Rock, TerrainSpec

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, TRAVERSE_PATH, Bend, Path
 from robots.ambler_sim.modules import (
     body_planner,
@@ -20,7 +21,7 @@ from robots.ambler_sim.modules import (
     perception,
 )
 from robots.ambler_sim.reactions import FOOTFALL_CHECK, REPLAN_MOVE, STABILITY_CHECK, UNSTABLE_MOVE
-from robots.ambler_sim.robot import Robot, make_robot
+from robots.ambler_sim.robot import make_robot
 from robots.ambler_sim.task_manager import make_module as make_task_manager
 from robots.ambler_sim.vocabulary import BodyMove, Readings
 from tca_module import Client, TaskFailed, connect

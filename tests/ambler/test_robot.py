@@ -13,11 +13,12 @@ from ambler.builders import an_arc, take_steps, the_first_leg_move
 
 from robots.ambler_sim import motion
 from robots.ambler_sim.body import plan_shift
+from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.errors import OutOfReach
 from robots.ambler_sim.gait import next_leg
 from robots.ambler_sim.leg_recovery import plan_swing
 from robots.ambler_sim.perception import build_elevation_map
-from robots.ambler_sim.robot import Backend, Robot, make_robot, pybullet_is_installed
+from robots.ambler_sim.robot import Backend, make_robot, pybullet_is_installed
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.stability import WEIGHT
 from robots.ambler_sim.vocabulary import BodyMove, Stance, TerrainSpec

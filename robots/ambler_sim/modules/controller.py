@@ -8,6 +8,7 @@ import argparse
 from pathlib import Path
 from typing import cast
 
+from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.errors import AmblerError, TerrainContact
 from robots.ambler_sim.machine import Machine
 from robots.ambler_sim.messages import (
@@ -21,7 +22,7 @@ from robots.ambler_sim.messages import (
     TERRAIN_COLLISION,
 )
 from robots.ambler_sim.pacing import OnTick
-from robots.ambler_sim.robot import Backend, Robot, make_robot
+from robots.ambler_sim.robot import Backend, make_robot
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.vocabulary import BodyMove, Footfall, LegMove, Pose, Readings, Rock, Scan, Stance, TerrainSpec
 from tca_module import Module, Task
