@@ -1,22 +1,21 @@
 """Which tasks and messages of a run are asked for: a subtree, some modules, a span of time. Pure; draws nothing."""
 
 from bisect import bisect_left
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import islice
 from math import inf
 from operator import attrgetter
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from tca_tools.errors import NotInLog
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing, Task
+from tca_tools.run.records import HandlerWait, Message, Queueing, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.text.printable import printable
 
 _GRANTED, _START = attrgetter("granted"), attrgetter("start")
-_Span = TypeVar("_Span", Claim, Handling)
 _NAMED = 5
 """How many tasks of one name an error lists."""
 
@@ -121,7 +120,8 @@ def part_of(
         for number in at.tasks
         if (under is None or number in under)
         and (not wanted or _is_of(run.tasks[number], wanted))
-        and _lived(run.tasks[number], begin, until)
+        and run.tasks[number].received <= until
+        and run.tasks[number].time_of(Moment.END_ACHIEVING) >= begin
     }
     for number in sorted(chosen, reverse=True):  # parents have smaller ids than their children
         parent = run.tasks[number].parent
@@ -182,27 +182,17 @@ def _had(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> 
     """What had a resource while something waited for it, one after the other: what was handled there, and for what it
     was locked or reserved.
     """
-    end = run.time if wait.end is None else wait.end
-    claims = _during(run.granted(module, resource), wait.start, end, _GRANTED)
-    runs = _during(run.runs.get((module, resource), []), wait.start, end, _START)
-    return {handling.message_id for handling in runs} | {
-        run.message_of.get(claim.origin, claim.origin) for claim in claims
+    grants, runs = run.granted(module, resource), run.runs.get((module, resource), [])
+    granted = islice(grants, bisect_left(grants, wait.until, key=_GRANTED))
+    begun = islice(runs, bisect_left(runs, wait.until, key=_START))
+    return {one.message_id for one in begun if one.until > wait.start} | {
+        run.message_of.get(one.origin, one.origin) for one in granted if one.until > wait.start
     }
-
-
-def _during(spans: list[_Span], start: float, end: float, began: Callable[[_Span], float]) -> Iterator[_Span]:
-    """Those that began before *end* and went on after *start*."""
-    before = islice(spans, bisect_left(spans, end, key=began))
-    return (one for one in before if one.end is None or one.end > start)
 
 
 def _is_of(message: Message, modules: set[str]) -> bool:
     handled = any(handling.module in modules for handling in message.handlings)
     return handled or any(queueing.module in modules for queueing in message.queueings)
-
-
-def _lived(task: Task, start: float, end: float) -> bool:
-    return task.received <= end and task.reached.get(Moment.END_ACHIEVING, inf) >= start
 
 
 def _time_at(run: Run, clock: float | None, default: float) -> float:

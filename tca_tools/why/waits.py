@@ -1,22 +1,15 @@
 """Why something waits: for each task and message one list of waits, read off its records.
 
-How to use it:
+- ``waits_of(run, number)``: all that a task or message ever waited for. Each wait has one cause and one span; several
+  may overlap, so the list is linear in the journal.
+- ``told_waits(run, task)``: the same as people are told of it, cut to the states of the task. ``waits_now(at, number)``
+  is that at a moment.
+- ``keeping(at, node)``: what keeps a task from one of its moments, or a message from its answer. What is planned ahead
+  is kept from being planned by one thing and from being achieved by another: each wait says which moments it ``holds``.
+- ``further(at, wait)``: the nodes that have to come about first; ``steps(at, node)`` does both (ends.py walks on them).
 
-- ``waits_of(run, number)``: all that a task or message ever waited for, oldest first. Each wait has one cause, from
-  when until when it was one; several may overlap. A task that was held by three constraints has three waits, each of
-  which ends when its own is met. So the list is linear in the journal, and nothing has to be cut.
-- ``told_waits(run, task)``: the same as people are told of it: what kept a task from what came next in each of its
-  states, cut to the span of that state; ``since`` is since when it had waited in all.
-- ``waits_now(at, number)``: what something waits for at a moment, told likewise.
-- ``keeping(at, node)``: what keeps a task from one of its moments, or a message from its answer, at a moment of the
-  run. What is planned ahead is kept from being planned by one thing and from being achieved by another, so each wait
-  says which moments it ``holds``.
-- ``further(at, wait)``: the nodes that have to come about first; ``steps(at, node)`` does both. So walks go from node
-  to node (ends.py).
-
-A wait in a queue (RESOURCE) or for a lock (LOCK) leads to whatever keeps the resource busy: keepers.py has that at a
-moment, and over time. What has no further nodes is a leaf: HANDLER, DELAY, CONDITION, RUNNING, and RESUME of what was
-itself suspended. Words come last: wait_words.py.
+A wait in a queue (RESOURCE) or for a lock (LOCK) leads to what keeps the resource busy (keepers.py). What has no
+further nodes is a leaf: HANDLER, DELAY, CONDITION, RUNNING, and RESUME of what was itself suspended. Words come last.
 """
 
 from bisect import bisect_right

@@ -3,8 +3,6 @@ everything else, and central shows what comes of it.
 
 1. *All of the rest* is done: whatever the ends do not name returns, is released or resumed. What waits, waits on.
 2. *All that is named* is done, and again what is named then: what waits gets there, without anything else.
-3. Where what is queued is said to wait for handlers that are busy, somebody gets in when one of them returns; where it
-   is said to wait for a lock that somebody wants, it does not.
 """
 
 from collections.abc import Iterator
@@ -19,13 +17,11 @@ from tca_central.core import Central
 from tca_central.events import Effect
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim as Wanted
-from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.why.ends import MOST, End, Ends
-from tca_tools.why.keepers import kept_out
 from tca_tools.why.waits import Node
 from tca_wire.constraints import Flags
-from tca_wire.journal.facts import Delivered
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Moment, TaskId
@@ -224,32 +220,11 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
             if not task.reached & moment:
                 node = Node(task.id, moment)
                 waiting.setdefault(Ends.at(at).of_node(node), []).append(node)
-    for told in at.tasks.values():
-        if told.queueing and told.queueing.module:
-            who_is_said_to_be_next_is(life, at, told)
     for ends, nodes in waiting.items():
         if len(ends) <= MOST and all(end.kind is not WaitKind.CONDITION for end in ends):
             nothing_else_helps(life, ends, nodes)
             for node in dict.fromkeys((nodes[0], nodes[-1])):
                 what_is_named_helps(life, node)
-
-
-def who_is_said_to_be_next_is(life: Life, at: RunAt, task: TaskAt) -> None:
-    """One that is handled there returns."""
-    assert task.queueing
-    place = task.queueing.module, task.queueing.resource
-    by, again = kept_out(at, *place, task), Again(life)
-    if by.claim and (at.is_granted(by.claim) or by.claim.is_reserved):  # that may let it in
-        return
-    own_slots = {one.given_as for one in may_return(again.central) if not one.nested}
-    going_on = [run for run in at.running(*place) if run.delivery in own_slots]
-    for run in going_on[:1]:
-        known = len(again.entries)
-        again.answer(again.central.dispatcher.running[run.delivery])
-        told = [fact for entry in again.entries[known:] for fact in entry.facts if isinstance(fact, Delivered)]
-        let_in = [fact.message_id for fact in told if (fact.module, fact.resource) == place]
-        is_wrong = task.id in let_in if by.claim else not let_in
-        assert not is_wrong, f"{task} waits for {by}; {run} returned, and {let_in} got in"
 
 
 def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:

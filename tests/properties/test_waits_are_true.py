@@ -9,10 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
 from properties.life import Life, operation
+from properties.test_deadlocks import Blocking
+from properties.test_deadlocks import steps as blocking_steps
 
 from tca_central.core import Central
 from tca_central.model.task_tree import Task
 from tca_central.needs.graph import needs
+from tca_central.needs.waits import NAMED, next_of
+from tca_central.needs.waits import Ends as CentralEnds
+from tca_central.needs.waits import waits_of as told_by_central
 from tca_central.order.cycles import Place
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
@@ -22,6 +27,7 @@ from tca_tools.why.waits import Node, keeping, next_node, steps, waits_of
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS, ROOT, TaskId
+from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
@@ -185,3 +191,43 @@ def test_a_retried_task_waits_under_a_new_number() -> None:
     player.receive("user", headers.Retry(player.number("user"), TaskId(first)))
     player.reply("legs/1")
     assert player.history.tasks[TaskId(first)].is_queued
+
+
+class Told(Blocking):
+    def compare(self) -> None:
+        ends = CentralEnds(self.central, 100_000)
+        for task in self.central.tree.tasks.values():
+            place = next_of(task)
+            told = told_by_central(self.central, place)
+            assert not told or several_in_words(told)
+            assert ends.end_of(place) is not None
+            if task.slot is None and task.queues is None:
+                self.compare_with_graph(place, {wait.number for wait in told}, sum(wait.more for wait in told))
+                assert told or not self.awaited(place)
+
+    def compare_with_graph(self, place: Place, told: set[int], more: int) -> None:
+        awaited = self.awaited(place)
+        suspended = set(self.central.tree.suspended)
+        assert told - {0} <= awaited | suspended
+        assert awaited <= told or (more and len(told) >= NAMED), f"{place}: {awaited} and not {told}"
+
+    def awaited(self, place: Place) -> set[int]:
+        """The other tasks that the graph names, from point to point of the task itself."""
+        places, found = [place], set[int]()
+        for own in places:  # grows while it is walked
+            for one in (one for group in needs(self.central, own) for one in group or ()):
+                if isinstance(one, Place) and one.task is not place.task:
+                    found.add(one.task.id)
+                elif isinstance(one, Place) and one not in places:
+                    places.append(one)
+        return found
+
+
+@given(blocking_steps)
+@settings(max_examples=100)
+def test_what_is_told_is_what_the_graph_has(taken: list[tuple[str, int, int, int]]) -> None:
+    life = Told(looks=True)
+    life.hello("operator")
+    for step in taken:
+        life.do(*step)
+        life.compare()
