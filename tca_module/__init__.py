@@ -19,7 +19,7 @@ from tca_module.errors import (
     VariableNotSet,
 )
 from tca_module.module import Module
-from tca_module.sending.claim import Claim
+from tca_module.sending.central_services import Claim
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, ResourceInfo
 from tca_module.sending.later_reply import LaterReply

@@ -81,16 +81,8 @@ def _is_name(name: Any) -> bool:
     return isinstance(name, str) and bool(name.strip()) and name.isprintable() and len(name) <= Limit.NAME
 
 
-def _are_constraints(value: Any) -> bool:
-    return isinstance(value, list | tuple) and all(isinstance(each, Constraint) for each in value)
-
-
-def _are_messages(value: Any) -> bool:
-    return isinstance(value, Collection) and value != "" and all(isinstance(each, Message) for each in value)
-
-
-def _is_list_of_pairs(value: Any) -> bool:
-    return isinstance(value, list | tuple) and all(isinstance(pair, tuple) and len(pair) == 2 for pair in value)
+def _is_list(value: Any, fits: Callable[[Any], bool]) -> bool:
+    return isinstance(value, list | tuple) and all(map(fits, value))
 
 
 _NAME = f"1 to {Limit.NAME:d} printable characters"
@@ -123,13 +115,19 @@ NUMBER = Kind("a number, as in the journal", lambda value: _is_whole(value) and 
 POINT = Kind("a point of a task, such as task.achieving.end", lambda value: isinstance(value, Point))
 POINT_OR_NONE = Kind(f"{POINT.words}, or None", lambda value: value is None or isinstance(value, Point))
 CONSTRAINT = Kind("a constraint, such as a.achieving.end <= b.planning.start", lambda v: isinstance(v, Constraint))
-CONSTRAINTS = Kind("a list of constraints, such as [a <= b, c <= d]", _are_constraints)
-PAIRS = Kind("a list of pairs, such as [(COLLISION, RAISE_LEG)]", _is_list_of_pairs)
+CONSTRAINTS = Kind("a list of constraints, such as [a <= b, c <= d]", lambda value: _is_list(value, CONSTRAINT.fits))
+PAIRS = Kind(
+    "a list of pairs, such as [(COLLISION, RAISE_LEG)]",
+    lambda value: _is_list(value, lambda pair: isinstance(pair, tuple) and len(pair) == 2),
+)
 CONDITION = Kind("a Condition, such as Condition.BEFORE_HANDLING", lambda value: value in tuple(Condition))
 SCOPE = Kind(" or ".join(f"Scope.{one.name}" for one in Scope), lambda value: value in tuple(Scope))
 VARIABLE = Kind("a Variable", lambda value: isinstance(value, Variable))
 MESSAGE = Kind("a message, such as Goal('walk', Path)", lambda value: isinstance(value, Message))
-MESSAGES = Kind("a list of messages, such as [WALK]", _are_messages)
+MESSAGES = Kind(
+    "a list of messages, such as [WALK]",
+    lambda value: isinstance(value, Collection) and value != "" and all(map(MESSAGE.fits, value)),
+)
 MESSAGE_OR_NAME = Kind(
     "a message, its name, or None for all",
     lambda value: value is None or isinstance(value, Message) or bool(value and _is_text(value)),

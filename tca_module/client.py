@@ -32,7 +32,7 @@ class Client(Sender):
     @property
     def address(self) -> str:
         """Central's address."""
-        return self._connection().address
+        return self._connection().transport.address
 
     def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
         """What central knows of a topic, as plain values: "status", "modules", "messages", "tree", "variables", "load"

@@ -30,9 +30,7 @@ class LocalCentral:
     """The core of central, used from any thread."""
 
     def __init__(self, epoch: str = "local", *, check: bool = False) -> None:
-        """With *check* central's own invariants are checked after every event, for small trees; an AssertionError says
-        which does not hold.
-        """
+        """With *check* central's own invariants are checked after every event, for small trees (AssertionError)."""
         self._is_checked = check
         self.address = f"local central '{epoch}'"
         self.entries: list[Entry] = []  #: the journal

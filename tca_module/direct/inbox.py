@@ -105,8 +105,6 @@ class Inbox:
         """Whether one waits to be handled."""
         return bool(self._waiting)
 
-    # --- what arrives ----------------------------------------------------------------------------------------------
-
     def listen(self) -> None:
         """Take in what has arrived."""
         for _ in range(PACKETS):
@@ -182,8 +180,6 @@ class Inbox:
         self._waiting.append(waiting)
         self._bytes += len(body)
 
-    # --- handling --------------------------------------------------------------------------------------------------
-
     def take(self) -> tuple[Deliver, bytes] | None:
         """The next message, to be handled now; None if there is none."""
         while self._waiting:
@@ -224,8 +220,6 @@ class Inbox:
         seconds = now - done.began
         note = Note(asked.message, sender.module, asked.origin, len(done.body), 0.0, seconds, outcome, failure)
         self._notes.handled(note, now)
-
-    # --- the end ---------------------------------------------------------------------------------------------------
 
     def close(self) -> None:
         """Begin with nothing more. Senders send their queries to somebody else; informs are lost and counted."""

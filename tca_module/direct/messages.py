@@ -45,8 +45,6 @@ class DirectMessages:
             self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, clock, log)
             transport.add(door.socket)
 
-    # --- sending ---------------------------------------------------------------------------------------------------
-
     def ask(self, header: ToCentral, body: bytes) -> Request | None:
         """Send a query directly; None if it must go through central, or is none."""
         return self._routes.ask(header, body, self._clock()) if isinstance(header, Send) else None
@@ -55,8 +53,6 @@ class DirectMessages:
         """Send an inform directly; False if it must go through central, or is none."""
         return isinstance(header, Send) and self._routes.tell(header, body, self._clock())
 
-    # --- taking ----------------------------------------------------------------------------------------------------
-
     def listen(self) -> None:
         """Take in what has arrived; nothing of it is handled yet."""
         self._routes.listen(self._clock)
@@ -64,9 +60,7 @@ class DirectMessages:
             self._inbox.listen()
 
     def next_delivery(self) -> tuple[Deliver, bytes] | None:
-        """The next delivery of central's to handle. Within a direct message only queries of the slot's own resource are
-        handled.
-        """
+        """Central's next delivery to handle; within a direct message only queries of the slot's own resource."""
         deliveries = self._session.deliveries
         if not deliveries or self._inbox is None or not self._inbox.is_busy:
             return deliveries.popleft() if deliveries else None
@@ -97,8 +91,6 @@ class DirectMessages:
         if self._inbox is not None:
             self._inbox.reply(header, body)
         return True
-
-    # --- notes, ends -----------------------------------------------------------------------------------------------
 
     def patience(self, seconds: float) -> float:
         """The seconds, at most so many, in which there is nothing to do."""

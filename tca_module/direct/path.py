@@ -71,8 +71,6 @@ class DirectPath:
         """Whether messages can be sent this way now."""
         return self._is_open and not self.is_over and self._gives_up is None
 
-    # --- sending ---------------------------------------------------------------------------------------------------
-
     def ask(self, request: Request, now: float) -> bool:
         """Send a query; False if it must go another way. Refused if too much is on its way."""
         if self._is_full(len(request.body)):
@@ -110,8 +108,6 @@ class DirectPath:
         self._under_way[self._newest] = inform, len(body)
         self._bytes += len(body)
         return True
-
-    # --- the line --------------------------------------------------------------------------------------------------
 
     def tend(self, now: float) -> None:
         """Greet when that is due; end the wait for a slot that is gone."""

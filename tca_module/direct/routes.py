@@ -40,8 +40,6 @@ class DirectRoutes:
         self._now = 0.0
         self._log = logging.getLogger(f"tca.{session.module}")
 
-    # --- sending ---------------------------------------------------------------------------------------------------
-
     def ask(self, header: Send, body: bytes, now: float) -> Request | None:
         """Send a query directly; None if it must go through central."""
         path = None if header.if_handled else self._path(header.message)
@@ -69,8 +67,6 @@ class DirectRoutes:
     def is_used(self) -> bool:
         """Whether there is a way to anywhere."""
         return bool(self._paths)
-
-    # --- what comes ------------------------------------------------------------------------------------------------
 
     def listen(self, clock: Callable[[], float]) -> None:
         """Take in direct answers and central's routes; send what is due."""
@@ -135,8 +131,6 @@ class DirectRoutes:
             self._log.warning("informs '%s' are lost: their handler is too slow, or could not be reached", message)
         self._session.dropped += 1
         self._notes.lost(message, self._now)
-
-    # --- ends ------------------------------------------------------------------------------------------------------
 
     def _close_unused(self) -> None:
         used = {path for paths in self._routes.values() for path in paths if not path.is_over}

@@ -16,9 +16,9 @@ from tca_module.checks import TIMEOUT, check, check_message, name_of
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
-from tca_module.session.epoch_numbers import first_foreign, numbers_in
+from tca_module.session.epoch_numbers import RESTARTED, check_epoch, first_foreign, numbers_in
 from tca_module.session.open_deliveries import KILLED, wake_error, working_on
-from tca_module.session.request import Request, check_addressee, waits_for_others
+from tca_module.session.request import Request, refers_to_tasks, waits_for_others
 from tca_module.session.session import Session
 from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
@@ -59,11 +59,6 @@ class Connection:
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
         self._log = logging.getLogger(f"tca.{session.module}")
 
-    @property
-    def address(self) -> str:
-        """Central's address."""
-        return self.transport.address
-
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
         session = self.session
@@ -71,7 +66,8 @@ class Connection:
         if session.refused is not None:
             raise Refused(f"module '{session.module}'", session.refused.refusal, session.refused.text)
         if not session.is_welcome:
-            raise Stopped(f"module '{session.module}' was told to end before central at {self.address} had answered")
+            where = f"central at {self.transport.address}"
+            raise Stopped(f"module '{session.module}' was told to end before {where} had answered")
 
     def leave(self) -> None:
         """Handle nothing any more. If central does not hear it, it will notice."""
@@ -119,7 +115,7 @@ class Connection:
             request = self.request(header, body, is_awaited=True)
             if not self.wait(request, within, what):
                 self.abandon(request)
-                where = f"though central at {self.address} is alive: it is overloaded"
+                where = f"though central at {self.transport.address} is alive: it is overloaded"
                 fate = f"{what} {self.session.fate_of(request)}"
                 raise Timeout(f"{what} was not acknowledged within {within:g} s, {where}; {fate}")
             return request.accepted or 0
@@ -127,9 +123,7 @@ class Connection:
     def request(
         self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
     ) -> Request:
-        """Ask central for something. This waits a little if central takes nothing now; not with *is_awaited*: ``wait``
-        follows, whose timeout counts.
-        """
+        """Ask central. Waits a little if it takes nothing now; not with *is_awaited*: then ``wait`` follows."""
         self.check_thread()
         with self._lock:
             self._catch_up_for(header)
@@ -147,7 +141,9 @@ class Connection:
         if first_foreign(numbers, session.epoch) is not None:
             with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
                 self.call(Register(0, []), "a word of central's")
-        check_addressee(header, numbers, epoch, session.epoch)
+        check_epoch(numbers, session.epoch)
+        if epoch != session.epoch and not numbers and refers_to_tasks(header):  # its numbers are of the central before
+            raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
 
     def wait(
         self, request: Request, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
@@ -177,9 +173,7 @@ class Connection:
     def _wait_for(
         self, is_over: Callable[[], bool], timeout: float | None, what: str, request: Request | None = None
     ) -> bool:
-        """Wait until *is_over*, or the waiting handler is to be woken. An answer that has come wins, unless the same
-        kill ended both.
-        """
+        """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
         open_deliveries, one = self.session.open_deliveries, self.session.open_deliveries.waiting_handler()
         wakes = request is None or waits_for_others(request)
         came = self._wait(lambda: is_over() or (wakes and bool(open_deliveries.wake_reason(one))), timeout)
@@ -273,7 +267,7 @@ class Connection:
             self.session.post(header, body)
             self.line.flush()
             if self.session.dropped > dropped == 0:
-                self._log.warning("central at %s is not there: informs and broadcasts are lost", self.address)
+                self._log.warning("central at %s is not there: informs and broadcasts are lost", self.transport.address)
 
     def reply(self, header: Any, body: bytes) -> None:
         """A handler ended."""

@@ -1,6 +1,4 @@
-"""The thread that keeps a module's first connection alive, while the module's own thread may be busy. It tells central
-when the module has stopped and its block goes on.
-"""
+"""The thread that keeps a module's first connection alive, and tells central when the module was stopped."""
 
 import logging
 import threading
@@ -60,8 +58,8 @@ class KeepAlive:
             self._stop.set()
         elif silence > self._patience and not self._warned:
             self._log.warning(
-                "central at %s does not answer, and is tried again: %s", link.address, link.line.what_to_do()
+                "central at %s does not answer, and is tried again: %s", link.transport.address, link.line.what_to_do()
             )
         elif silence <= self._patience and self._warned:
-            self._log.warning("central at %s is back", link.address)
+            self._log.warning("central at %s is back", link.transport.address)
         self._warned = silence > self._patience

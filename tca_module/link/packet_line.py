@@ -97,9 +97,7 @@ very long; or no central listens there, but another program"
         self._session.complaints.clear()
 
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> None:
-        """Send what the session has to say. If part of it can't leave, the connection counts as broken, unless the
-        caller *is_patient* and tries again.
-        """
+        """Send what the session says. What can't leave breaks the connection, unless the caller *is_patient*."""
         if self._session.outgoing:
             outgoing, self._session.outgoing = self._session.outgoing, []
             for before, packet in packets(outgoing):

@@ -2,26 +2,88 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Any, TypeVar, overload
+from typing import Any, Self, TypeVar, overload
 
 import msgspec
 
 from tca_module import checks
 from tca_module.checks import check, is_brief, name_of
-from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
+from tca_module.errors import LockLost, MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection, ask
-from tca_module.sending.claim import Claim
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
 from tca_wire.packets.headers import Ask, GetVariable, Lock, Remove, SetVariable, Unlock, WaitUntilHandled
 from tca_wire.text.plain_data import PlainFormat
+from tca_wire.vocabulary import Outcome
 
 X = TypeVar("X")
 
 _NO_DEFAULT: Any = object()
 _DECLARED_WITHIN = 0.2  # seconds that central may take to know a message, where the sender would wait for less
 _WHY_WITHIN = 0.2  # seconds that central may take to say who is missing, when the time is over
+
+
+class Claim:
+    """A lock or reservation. The end of a ``with`` block releases it, and raises LockLost if it had been taken away,
+    unless another error leaves the block.
+    """
+
+    def __init__(self, connection: Connection, header: Lock) -> None:
+        self._connection = connection
+        kind = "reservation" if header.reserve else "lock"
+        self._what = f"the {kind} of resource '{header.resource}'" + (f" of '{header.module}'" * bool(header.module))
+        self._request = connection.request(header, wants_answer=True, is_awaited=True)
+        self._is_over = False
+
+    def __repr__(self) -> str:
+        return self._what
+
+    def wait(self, timeout: float | None) -> None:
+        """Wait until it is granted. Central knows the timeout, and says when it is over."""
+        connection, request = self._connection, self._request
+        is_over = connection.wait(request, timeout, self._what)
+        if not is_over and not connection.silence:  # central, which knows when the time is over, is about to say so
+            is_over = connection.wait(request, ACKNOWLEDGED_WITHIN, self._what)
+        if not is_over:
+            self._connection.abandon(self._request)
+            advice = self._connection.silence or "central does not say so: it is overloaded"
+            raise Timeout(f"{self._what} was not granted within {timeout:g} s: {advice}")
+        answer, _ = self._request.answers[-1]
+        if answer.outcome is not Outcome.DONE:
+            self._is_over = True
+            raise Timeout(f"{self._what} was not granted within {timeout:g} s: {answer.text}")
+
+    @property
+    def held(self) -> bool:
+        """Whether it still holds, as far as is known here. Never waits."""
+        return not (self._is_over or self._connection.is_taken(self._request))
+
+    def release(self) -> None:
+        """Let others in again; twice does no harm. Raises LockLost if it had been taken away, CentralLost if central
+        does not answer; central is then told later.
+        """
+        if not self._end() and self._request.taken:
+            raise self._lost()
+
+    def _lost(self) -> LockLost:
+        how = self._request.taken or "central does not know it any more: the connection was broken"
+        return LockLost(f"{self._what} was lost before it was released: {how}; others may have been let in")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if not self._end(at_once=error is not None) and error is None:
+            raise self._lost()
+
+    def _end(self, *, at_once: bool = False) -> bool:
+        """Release it; whether it still held, or had been released."""
+        if self._is_over:
+            return True
+        self._connection.check_thread()  # refused in another thread, it can be released in its own
+        self._is_over = True
+        return self._connection.release(self._request, self._what, at_once=at_once)
 
 
 class CentralServices:
@@ -70,9 +132,7 @@ class CentralServices:
     @overload
     def get_variable(self, variable: Variable[D], default: X) -> D | X: ...
     def get_variable(self, variable: Variable[D], default: Any = _NO_DEFAULT) -> Any:
-        """The newest value of a variable (TCA 7.7: GetVar). One that was never set gives *default*, or raises
-        VariableNotSet.
-        """
+        """The newest value of a variable (TCA 7.7: GetVar); if never set *default*, or VariableNotSet is raised."""
         check("get_variable()", checks.VARIABLE, variable=variable)
         connection = self._declare(variable)
         body = ask(connection, GetVariable(0, variable.name), f"variable '{variable.name}'")
@@ -188,9 +248,7 @@ class CentralServices:
         return message
 
     def wait_until_handled(self, *messages: Message[Any, Any], timeout: float | None = None) -> None:
-        """Wait until somebody handles each of the messages, all at the same time. Raises Timeout, naming those that
-        nobody handles.
-        """
+        """Wait until each of the messages is handled. Raises Timeout, naming those that nobody handles."""
         check("wait_until_handled()", checks.TIMEOUT, timeout=timeout)
         try:
             left = self._declare_within(timeout, *messages)

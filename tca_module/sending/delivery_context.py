@@ -35,9 +35,7 @@ class Trouble:
         return f"failure '{self.failure}' of {self.failing}"
 
     def reissue(self) -> Exception:
-        """The error to raise if this handler can't deal with the failure: ``raise task.trouble.reissue()``. The search
-        goes on above it (TCA: ByPassException).
-        """
+        """The error to raise so that the search goes on above: ``raise task.trouble.reissue()`` (ByPassException)."""
         return Reissued(f"{self} is reissued")
 
 

@@ -50,9 +50,7 @@ class LaterReply(Generic[R]):
         self._take(Reply(self._delivery.delivery), self._message.encode_reply(value))
 
     def fail(self, error: BaseException) -> None:
-        """Complete the message with a failure: ``later.fail(COLLISION(contact))``. Other exceptions are handler errors.
-        Raises what ``reply`` does.
-        """
+        """Complete the message with a failure: ``later.fail(COLLISION(contact))``. Raises what ``reply`` does."""
         if not isinstance(error, BaseException):
             msg = f"{self} can't fail with {error!r:.60}: give it FAILURE(data) of a declared Failure, or an exception"
             raise MisuseError(msg)

@@ -104,9 +104,7 @@ class Sender(Watching):
         return self._task(message, data, options)
 
     def command(self, message: Command[D, R], data: D = NOTHING, **options: Unpack[TaskOptions]) -> SentTask[R]:
-        """Make a subtask that acts. Returns when central has taken it; ``result()`` waits for its end. Raises what
-        ``goal`` does.
-        """
+        """Make a subtask that acts; ``result()`` waits for its end. Otherwise like ``goal``."""
         check_class(message, Command)
         return self._task(message, data, options)
 
@@ -162,9 +160,7 @@ class Sender(Watching):
         return self._ordering.sequence(plan_ahead)
 
     def parallel(self) -> AbstractContextManager[None]:
-        """A block of subtasks in no order among themselves: each comes after what was sent before, and what follows
-        waits for all.
-        """
+        """A block of subtasks without order: each comes after what was sent before; what follows waits for all."""
         return self._ordering.parallel()
 
     def constrain(self, *constraints: Constraint) -> None:
@@ -301,9 +297,7 @@ class Sender(Watching):
     @overload
     def execute(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
     def execute(self, message: Any, data: Any = NOTHING) -> Any:
-        """Send a message of any class with the usual options; returns what the call for that class does (TCA 8.5:
-        tcaExecute).
-        """
+        """Send a message of any class as the call for that class does (TCA 8.5: tcaExecute)."""
         check_class(message, *EXECUTED, call="execute")
         return next(getattr(self, call) for kind, call in EXECUTED.items() if isinstance(message, kind))(message, data)
 

@@ -16,49 +16,29 @@ from tca_wire.points import THIS, TaskId
 class _Block:
     """A block, and the tasks that its next element comes after."""
 
-    def __init__(self, around: "_Block | None") -> None:
+    def __init__(self, around: "_Block | None", ahead: int | None = None, *, is_parallel: bool = False) -> None:
         self.after: list[TaskId] = around.after[:] if around else []  #: achieved before the next element is
-        self.planned_after: list[TaskId] = around.next_planned_after() if around else []
-        self.delays_planning: bool = around.delays_planning if around else False
         self.first: list[TaskId] = []
+        self.last: list[TaskId] = []
+        self.delays_planning: bool = ahead == 0 or bool(around and around.delays_planning)
+        self._planned_after = around.next_planned_after() if around else []
+        self._starts: deque[list[TaskId]] = deque(maxlen=ahead or 0)
+        self._is_parallel = is_parallel
 
     def next_planned_after(self) -> list[TaskId]:
         """The tasks that must be being achieved before the next element is planned."""
-        return self.planned_after
-
-
-class _Sequence(_Block):
-    """Each element after the one before."""
-
-    def __init__(self, around: "_Block | None", ahead: int | None = None) -> None:
-        super().__init__(around)
-        self._starts: deque[list[TaskId]] = deque(maxlen=ahead or 0)
-        self.delays_planning |= ahead == 0
-
-    def next_planned_after(self) -> list[TaskId]:
         is_full = self._starts and len(self._starts) == self._starts.maxlen
-        return self.planned_after + (self._starts[0] if is_full else [])
+        return self._planned_after + (self._starts[0] if is_full else [])
 
     def add(self, first: list[TaskId], last: list[TaskId], *, sequential: bool) -> None:
-        self.after = last if sequential else self.after + last
-        self.first = self.first or first
-        self._starts.append(first)
-
-    @property
-    def last(self) -> list[TaskId]:
-        return self.after
-
-
-class _Parallel(_Block):
-    """No order among the elements; each comes after what was before the block."""
-
-    def __init__(self, around: _Block) -> None:
-        super().__init__(around)
-        self.last: list[TaskId] = []
-
-    def add(self, first: list[TaskId], last: list[TaskId], *, sequential: bool) -> None:  # noqa: ARG002
-        self.first += first
-        self.last += last
+        """An element was made: a task, or a block."""
+        if self._is_parallel:
+            self.first += first
+            self.last += last
+        else:
+            self.after = self.last = last if sequential else self.after + last
+            self.first = self.first or first
+            self._starts.append(first)
 
 
 class SiblingOrder:
@@ -72,12 +52,10 @@ class SiblingOrder:
     def forget(self) -> None:
         """Central has forgotten all tasks."""
         self._newest: TaskId | None = None
-        self._blocks: list[_Sequence | _Parallel] = [_Sequence(None)]
+        self._blocks: list[_Block] = [_Block(None)]
 
     def place(self, epoch: str, *, is_goal: bool, sequential: bool) -> tuple[Flags, list[Constraint]]:
-        """The flags and constraints that put the next child in its place. A central of another *epoch* has forgotten
-        those before.
-        """
+        """The flags and constraints of the next child. A central of another *epoch* has forgotten those before."""
         if self._epoch and self._epoch != epoch:
             self.forget()
         self._epoch = epoch
@@ -109,17 +87,17 @@ class SiblingOrder:
     def sequence(self, ahead: int | None = None) -> Iterator[None]:
         """A block of children, each after the one before."""
         check("sequence()", PLAN_AHEAD, plan_ahead=ahead)
-        with self._inside(_Sequence(self._blocks[-1], ahead)):
+        with self._inside(_Block(self._blocks[-1], ahead)):
             yield
 
     @contextmanager
     def parallel(self) -> Iterator[None]:
         """A block of children without order among them."""
-        with self._inside(_Parallel(self._blocks[-1])):
+        with self._inside(_Block(self._blocks[-1], is_parallel=True)):
             yield
 
     @contextmanager
-    def _inside(self, block: _Sequence | _Parallel) -> Iterator[None]:
+    def _inside(self, block: _Block) -> Iterator[None]:
         self._blocks.append(block)
         try:
             yield

@@ -234,9 +234,7 @@ class TaskRef(TaskIntervals):
     # --- suspending ------------------------------------------------------------------------------------------------
 
     def suspend(self) -> bool:
-        """Start nothing more of the task and what is under it; running handlers are told. Returns False if the task had
-        ended.
-        """
+        """Start nothing more of the task and what is under it. Handlers are told. False if the task had ended."""
         return self._steer(headers.Suspend(0, self.id, origin=self._origin), f"suspending {self}")
 
     def resume(self) -> bool:
@@ -321,9 +319,7 @@ class SentTask(TaskRef, Generic[R]):
         self._message = message
 
     def result(self, timeout: float | None = None) -> R:
-        """The value that the handler returned; waits for the task's end, at most *timeout* seconds. Raises TaskFailed,
-        TaskKilled or Timeout.
-        """
+        """What the handler returned, at the task's end. Raises TaskFailed, TaskKilled, or Timeout after *timeout* s."""
         is_new = self._end is None
         answer, body = self._ended(timeout)
         if is_new and answer.outcome is not Outcome.DONE:

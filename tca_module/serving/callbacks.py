@@ -35,9 +35,7 @@ class _Timer:
 
 
 class Timers(Generic[T]):
-    """Things that are due at a time: once, or over and over at multiples of a period, without drift. Times are in
-    seconds, and passed in.
-    """
+    """Things that are due once, or over and over at multiples of a period. Times, in seconds, are passed in."""
 
     def __init__(self) -> None:
         self._timers: dict[T, _Timer] = {}
@@ -114,9 +112,7 @@ class Callback(Sender):
 
 
 class Callbacks:
-    """The callbacks of one thread, called one at a time in the order they came due. They outlast the thread: the next
-    one starts their times anew.
-    """
+    """The callbacks of one thread, called in the order they came due. The next thread starts their times anew."""
 
     def __init__(self, module: str, clock: Callable[[], float] = time.monotonic) -> None:
         self.connection: Connection | None = None  #: of the thread that calls them
@@ -133,8 +129,6 @@ class Callbacks:
 
     def __bool__(self) -> bool:
         return bool(self._starts)
-
-    # --- from any thread -------------------------------------------------------------------------------------------
 
     def every(self, period: float, function: Callable[..., object]) -> Callback:
         """Call a function periodically."""
@@ -172,8 +166,6 @@ class Callbacks:
             self._starts.pop(callback, None)
             self._timers.remove(callback)
             self._files = {file: one for file, one in self._files.items() if one is not callback}
-
-    # --- from the thread that calls them ---------------------------------------------------------------------------
 
     def begin(self, connection: Connection) -> None:
         """A thread calls them from now on."""

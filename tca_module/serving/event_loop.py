@@ -102,8 +102,6 @@ class EventLoop:
         self._runner.close()
         self._connection.await_news = None
 
-    # --- central ---------------------------------------------------------------------------------------------------
-
     def _has_news(self) -> bool:
         """Whether there is something to do that no file tells of: a blocking call may have read it."""
         connection = self._connection

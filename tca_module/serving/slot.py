@@ -107,8 +107,6 @@ class Slot:
                 connection.reply(*module_ended(delivery, error))
         connection.close()
 
-    # --- between messages ------------------------------------------------------------------------------------------
-
     def _idle(self, seconds: float) -> bool:
         """Call one callback, or wait for something to do; False if only central can bring that."""
         callbacks = self._callbacks
@@ -124,8 +122,6 @@ class Slot:
             ready = wait(self._connection.transport, patience, files)
         callbacks.found(ready)
         return True
-
-    # --- messages --------------------------------------------------------------------------------------------------
 
     def _attend(self, delivery: Deliver, body: bytes) -> None:
         """Handle a message, to the end of its handler."""

@@ -66,9 +66,7 @@ class LastingAttachments:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
     def unknown_to(self, epoch: str) -> list[LastingAttachment]:
-        """The attachments that the central of that epoch must be told, oldest first; to keep the order also newer ones
-        that it knows.
-        """
+        """Those that the central of that epoch must be told, oldest first; and newer ones, to keep the order."""
         with self._lock:
             wanted = list(self._wanted.values())
         first = next((i for i, one in enumerate(wanted) if one.number.epoch != epoch), len(wanted))
@@ -89,9 +87,7 @@ class LastingAttachments:
                 self._unwanted.append(standing)
 
     def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
-        """The attachments that the central of that epoch still has, though they were removed by a connection that did
-        not know it; each once.
-        """
+        """Those that the central of that epoch still has: they were removed without its knowledge. Each once."""
         if not self._unwanted:
             return []
         with self._lock:

@@ -120,12 +120,8 @@ class OpenDeliveries:
         one = self._of(delivery)
         return one is not None and one.is_told_of_end and not one.is_killed
 
-    # --- who is woken ----------------------------------------------------------------------------------------------
-
     def wake_reason(self, one: OpenDelivery | None) -> str:
-        """Why a handler is to be woken: KILLED, ENDS or "". A waiting callback (None) is woken whenever the module
-        ends.
-        """
+        """Why a handler is to be woken: KILLED, ENDS or "". A callback (None) is woken whenever the module ends."""
         if one is not None and one.is_killed and not one.is_told_of_kill:
             return KILLED
         return ENDS if self.is_ending() and not (one is not None and one.is_told_of_end) else ""

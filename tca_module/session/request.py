@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused
-from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, forgotten_text
+from tca_module.session.epoch_numbers import EpochNumber, forgotten_text
 from tca_module.session.lasting_attachments import is_lasting
 from tca_wire.packets import headers
 from tca_wire.packets.codec import misfit
@@ -108,15 +108,6 @@ def refers_to_tasks(header: Any) -> bool:
     if isinstance(header, headers.Inspect):
         return header.task != ROOT
     return not isinstance(header, _WITHOUT_TASKS) and not is_lasting(header)
-
-
-def check_addressee(header: Any, numbers: list[EpochNumber], before: str, now: str) -> None:
-    """Raise CentralLost if a header is for another central than that of epoch *now*. Plain numbers are for the central
-    known *before*, when the caller gave them.
-    """
-    check_epoch(numbers, now)
-    if before != now and not numbers and refers_to_tasks(header):
-        raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
 
 
 def check_fields(header: ToCentral) -> None:
