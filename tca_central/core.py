@@ -188,9 +188,7 @@ class Central(State):
             agenda.settle()
 
     def _start_all(self) -> None:
-        """Start what may start: first exception handlers without a module, which ends others, then monitors, then the
-        rest.
-        """
+        """Start what may start: first exception handlers that nobody handles (that ends others), then monitors."""
         waiting = self.agenda.startable
         startable = [task for task in waiting if task.requested and not task.killed]
         waiting.clear()

@@ -27,9 +27,7 @@ def default_journals() -> Path:
 
 
 def journal_link(address: str) -> Path:
-    """Where the central that listens at an address leaves a link to the journal that it keeps; there may be none. Of
-    the names that a port of this computer has all lead to the same.
-    """
+    """The link that the central at an address leaves to its journal, if any. All names of a local port are one."""
     host, _, port = address.rpartition(":")
     key = f"port {port}" if host in _HERE else address
     return default_journals().parent / "centrals" / sha256(key.encode()).hexdigest()[:16]

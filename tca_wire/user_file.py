@@ -21,8 +21,7 @@ _beside: dict[str, set[str]] = {}
 def names_of(path: Path) -> dict[str, Any]:
     """Run a file; the names at its top level. Raises CannotRun.
 
-    Its folder stays the first place from which modules are imported, also by functions of the file that are called
-    later; until a file in another folder is run, whose neighbours may have the same names.
+    Its folder stays the first place to import from until a file in another folder is run.
     """
     _look_beside(path)
     try:

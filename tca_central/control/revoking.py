@@ -25,9 +25,7 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
 
 
 def revoke_and_warn(central: State, claim: Claim[Connection], why: str, failure: str, text: str) -> None:
-    """Take a resource away. If its task's handler has returned, the task gets *failure* so that it does not go on
-    unwarned.
-    """
+    """Take a resource away. If the handler has returned, *failure* is raised on its task."""
     revoke(central, claim, why, text)
     if is_kept(claim):
         _warn(central, claim.holder, RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"))

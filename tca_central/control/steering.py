@@ -129,11 +129,6 @@ class PendingDeadline:
     def __init__(self, task: Task, moment: int, seconds: float) -> None:
         self.task, self.moment, self.seconds = task, moment, seconds
 
-    @property
-    def is_missed(self) -> bool:
-        """Whether the point has not been reached, and may still be."""
-        return not self.task.killed and not self.task.reached & self.moment
-
 
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
     """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
@@ -144,10 +139,11 @@ def set_deadline(central: State, task: Task, moment: int, seconds: float) -> Non
 
 def on_time_out(central: State, deadline: PendingDeadline) -> None:
     """A deadline is over."""
-    del deadline.task.more.pending[deadline]
-    if deadline.is_missed:
-        text = f"{describe_moments(deadline.moment)[0]} not reached within {deadline.seconds:g} s"
-        raise_failure(central, deadline.task, RaisedFailure(TIMEOUT, text))
+    task, moment = deadline.task, deadline.moment
+    del task.more.pending[deadline]
+    if not (task.killed or task.reached & moment):
+        text = f"{describe_moments(moment)[0]} not reached within {deadline.seconds:g} s"
+        raise_failure(central, task, RaisedFailure(TIMEOUT, text))
 
 
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:

@@ -1,16 +1,15 @@
 """Deadlocks: waits that can never end, found when they begin and ended with a failure that names the circle.
 
-Theory of operation. search.py says what in the graph of needs can never come about: what waits, in the end, for
-itself. The newest handler's wait in the circle is refused ("deadlock"), and its handler gets an error; where only
-tasks wait for each other the failure is raised on one that keeps a lock or reservation. That is taken from it where
-its exception handler does not help, or where an exception handler, or what leaves things safe, waits in the circle:
-those go first.
+Theory of operation. search.py says what in the graph of needs can never come about: what waits, in the end, for itself.
+Of such a circle the newest wait of a handler is refused ("deadlock"), and the handler gets an error. Where only tasks
+wait for each other, the failure is raised on one that keeps a lock or reservation, and that is taken away if no
+exception handler helps. It is taken away at once if an exception handler, or what leaves things safe, waits in the
+circle: those go first.
 
-Asked about is the wait that has just begun, or the message that was just queued. Whatever else may close a circle (a
-subtask, a constraint, a slot that is lost) is found shortly after, by a look at all that blocks. A search that has
-looked at enough for one event goes on in later looks, a slice in each, so that central is never held up, and all is
-found in the end. In each circle is the wait of a handler, or something that is locked: nobody waits for what a mere
-client waits for.
+Central searches from a wait that has just begun, and from a message that was just queued. Whatever else may close a
+circle (a subtask, a constraint, a lost slot) is found shortly after, by a look at all that blocks. A search that has
+looked at enough for one event goes on in later looks, so that central is never held up. Each circle has the wait of a
+handler in it, or something locked: nobody waits for what a mere client waits for.
 """
 
 from msgspec.structs import replace

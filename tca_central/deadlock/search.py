@@ -1,14 +1,13 @@
 """A search through the graph of needs for nodes that can never come about. It can be interrupted, and goes on later.
 
-Theory of operation. A node is *live* if of each group that it needs one node is live; the least fixpoint, found
-forwards from the node that is asked about. Each node that was met stands at one of its groups, the first of which no
-node is known to be live, and goes on to the next when one is. After the last group it is live itself. When nothing goes
-on any more, what is not live is *stuck*. What was found of one node is used for all that is asked later.
+Theory of operation. A node is *live* if each group that it needs holds a live node; all others are *stuck*. The search
+goes forwards from the node that is asked about. Each node that it meets stands at its first group without a known live
+node, and goes on to the next group when one becomes live; after the last group it is live itself. When nothing moves
+any more, what is not live is stuck. What was found is used for all that is asked later.
 
-A search that was interrupted has seen different parts at different times. It finds all the same what was stuck when it
-began: that stays stuck, so at any time one group of each such node is of such nodes alone, and none of them is ever
-taken for live. What it calls stuck is so: before it says that, it asks again, at once, for the groups where these nodes
-stand.
+A search that was interrupted has seen different parts at different times. What was stuck when it began is found all the
+same: it stays stuck, since one group of each such node holds such nodes alone, and none of them is ever taken for live.
+What it calls stuck is stuck: before it says so, it looks again, at once, at the groups where these nodes stand.
 """
 
 from collections.abc import Iterable

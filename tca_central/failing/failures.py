@@ -27,9 +27,7 @@ from tca_wire.rules import KILLED
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 
 LONGEST_TEXT = 16_384
-"""Characters of a failure's text that are kept: the first, where modules say what happened, and the last of a
-traceback.
-"""
+"""Characters of a failure's text that are kept: its beginning, and the end of a traceback."""
 
 LONGEST_REASON = 500
 """Characters of why an exception handler could not decide that the failure it was called for tells of."""
@@ -303,9 +301,7 @@ def handler_ended(central: State, handler: Task) -> None:
 
 
 def _asking_handler(central: State, task: Task) -> Task | None:
-    """The exception handler that asks for a retry, if one does. Raises RequestError unless it is above the failing
-    task.
-    """
+    """The exception handler that asks for a retry, if one does. Raises RequestError if it may not retry this task."""
     asking = central.dispatcher.running.get(central.origin)
     if not isinstance(asking, Task) or not isinstance(asking.context, FailureContext):
         return None

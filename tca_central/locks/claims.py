@@ -1,9 +1,9 @@
 """Locks and reservations: a module has a resource to itself for a while (TCA 8.5: LockResource, ReserveResource).
 
-A claim waits in the resource's queue like a message, until nobody is in; resources.py has the order. It ends when it is
-given up, when the task it was made for has ended (a message that is no task: when its handler has returned), when that
-fails, is killed or retried, with its connection, or when it is taken away: by an operator, or because of a deadlock. It
-is *kept* when the handler that made it has returned: others wait then for the end of its task, which may need them.
+A claim waits in the resource's queue like a message, until nobody is in the resource; resources.py has the order. It
+ends when it is given up; when what it was made for has ended, fails, is killed or retried; with its connection; or when
+an operator, or a deadlock, takes it away. Once the handler that made it has returned it is *kept*: others then wait for
+the end of the task, which may need them.
 """
 
 from tca_central.errors import RequestError

@@ -165,10 +165,8 @@ class AttachedHandler:
 
     __slots__ = ("by", "failure", "handler", "id", "maximum", "place")
 
-    def __init__(
-        self, attachment_id: int, failure: str, handler: MessageType, maximum: int, place: Any, by: str
-    ) -> None:
-        self.id = attachment_id  #: newer ones have higher ids
+    def __init__(self, number: int, failure: str, handler: MessageType, maximum: int, place: Any, by: str) -> None:
+        self.id = number  #: newer ones have higher ids
         self.failure = failure  #: "" for any
         self.handler = handler
         self.maximum = maximum  #: of its calls for one task; 0: any number

@@ -77,9 +77,8 @@ class Registry:
         if not declared.name.isprintable() or not 0 < len(declared.name) <= Limit.NAME:
             raise RequestError(Refusal.PROTOCOL, f"{declared.name!r:.40} is not a message name")
         if known is None and len(self.messages) >= MESSAGES:
-            raise RequestError(
-                Refusal.OVERLOAD, f"{MESSAGES} messages have been declared: '{declared.name}' is too many"
-            )
+            text = f"{MESSAGES} messages have been declared: '{declared.name}' is too many"
+            raise RequestError(Refusal.OVERLOAD, text)
         if declared.name.startswith(PREFIX):
             _check_notice(declared, module)
         if known is None or known.format == declared:

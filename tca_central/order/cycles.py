@@ -1,13 +1,13 @@
 """The search that refuses circular constraints: whether one point must already come before another.
 
-It looks from both ends at once, one point at a time, and stops when either side is exhausted, so that its cost is
-that of the smaller side; points already reached hold nothing back and are left out. Edges are the constraints, the
-order within a task, and the parent/child rules: a parent starts before, and ends after, each of its children.
+It looks from both ends at once, one point at a time, and stops when either side is exhausted: it costs as much as the
+smaller side. Points already reached hold nothing back and are left out. Edges are the constraints, the order within a
+task, and the parent/child rules: a parent starts before, and ends after, each of its children.
 
-A search that is not over soon finds out, while it goes on, below which tasks it need not look: what is below a task is
-left only by the ends of that task or along an edge that crosses this border. There are few such edges, for most
-constraints are between siblings; ``TaskTree.across`` knows where they begin. Once all are known the search begins anew
-and passes by what is below the other tasks. So it never costs more than some times what looking everywhere does.
+Large subtrees are passed by. A way leaves a subtree only by the ends of its top task, or along a constraint that leads
+out of it. There are few of those, for most constraints are between siblings; ``TaskTree.across`` knows where they
+begin. A search that is not over soon collects them while it goes on, a step at a time. Then it begins anew, and looks
+only into subtrees that such a constraint leaves or enters. So it never costs more than a few times a search everywhere.
 """
 
 from collections.abc import Callable, Container, Iterable, Iterator
@@ -40,7 +40,7 @@ class Place(NamedTuple):
 
 
 EASY = 16
-"""Rounds of a search, a point from each end, that are worth no thought about where it need not look."""
+"""Rounds of a search, a point from each end, before it asks which subtrees it may pass by."""
 
 
 def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
@@ -53,10 +53,10 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
         if search.step():
             return search.path
         if rounds == EASY:
-            if borders.leads_up:
+            if goal.moment == END_ACHIEVING and _is_below(start.task, goal.task):
                 return _way_up(start, goal)
-            if borders.leads_back:
-                return None
+            if start.moment == END_ACHIEVING and _is_below(goal.task, start.task):
+                return None  # all below leads there: a way back would be a circle already
             drawing = borders.draw(tree)
         if drawing is not None and next(drawing, _DRAWN) is _DRAWN:
             break
@@ -83,7 +83,7 @@ class PathSearch:
         """Look at one more point from each end; whether ``path`` is known."""
         ahead, behind = self._ahead, self._behind
         for side, other in ((ahead, behind), (behind, ahead)):
-            found = side.next_place()
+            found = next(side.walk, None)
             if found is None:
                 return True
             if found in other.came_from:
@@ -93,22 +93,12 @@ class PathSearch:
 
 
 class Borders:
-    """The tasks below which a search must look: an edge crosses the border there, or its other end is inside."""
+    """The tasks whose subtrees a search must look into: a constraint crosses the border, or the other end is inside."""
 
     def __init__(self, start: Place, goal: Place) -> None:
         self._start, self._goal = start, goal
-        self._ahead: set[Task] = set()  # tasks below which the search from the start has to look
-        self._behind: set[Task] = set()  # the same of the one from the goal
-
-    @property
-    def leads_up(self) -> bool:
-        """Whether the goal is the end of a task above: all below leads there."""
-        return self._goal.moment == END_ACHIEVING and _is_below(self._start.task, self._goal.task)
-
-    @property
-    def leads_back(self) -> bool:
-        """Whether the start is the end of a task above: all below leads there, a way back would be a circle already."""
-        return self._start.moment == END_ACHIEVING and _is_below(self._goal.task, self._start.task)
+        self._ahead: set[Task] = set()  # the subtrees for the search from the start
+        self._behind: set[Task] = set()  # those for the search from the goal
 
     def draw(self, tree: TaskTree) -> Iterator[None]:
         """Find them, step by step."""
@@ -124,7 +114,7 @@ class Borders:
                 yield from self._cross(task, asked)
 
     def _cross(self, task: Task, follower: Task) -> Iterator[None]:
-        """Note an edge: it leaves all that is above only *task*, and enters all that is above only *follower*."""
+        """Note a constraint: it leaves the subtrees that *task* alone is in, and enters those of *follower*."""
         left: dict[Task, None] = {}
         entered: dict[Task, None] = {}
         one, other = task.parent, follower.parent
@@ -146,7 +136,7 @@ class Borders:
                 borders.add(ancestor)
 
     def is_open_ahead(self, place: Place, met: Container[Place]) -> bool:
-        """Whether the search from the start must look below a task, of which it has *met* some points."""
+        """Whether the search from the start, which has *met* these points, must look below a task."""
         task, moment = place
         if task in self._ahead:
             return True
@@ -198,11 +188,7 @@ class _Side:
 
     def __init__(self, origin: Place, neighbours: _Neighbours) -> None:
         self.came_from: dict[Place, Place | None] = {origin: None}
-        self._walk = self._points(origin, neighbours)
-
-    def next_place(self) -> Place | None:
-        """One more point; None if there are no more."""
-        return next(self._walk, None)
+        self.walk = self._points(origin, neighbours)
 
     def _points(self, origin: Place, neighbours: _Neighbours) -> Iterator[Place]:
         frontier = [origin]

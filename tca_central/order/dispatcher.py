@@ -142,9 +142,7 @@ class Dispatcher:
             if resource.free or resource.called_back:
                 self.to_offer.append((resource, None))
         elif not resource.is_locked:
-            for delivery, sender in list(
-                resource.called_back.items()
-            ):  # no lock keeps its own questions out any longer
+            for delivery, sender in list(resource.called_back.items()):  # no lock keeps its own questions out
                 if sender in resource.slots:
                     self._leave_queues(delivery)
                     self._give_back(delivery, sender)

@@ -23,9 +23,8 @@ def check_entrance(entrance: Entrance) -> None:
     """Raises RequestError if modules can't be sent there."""
     is_address = entrance.endpoint.startswith(("ipc://", "tcp://")) and entrance.endpoint.isprintable()
     if not is_address or max(len(entrance.endpoint), len(entrance.key)) > 2 * Limit.NAME:
-        raise RequestError(
-            Refusal.PROTOCOL, f"{entrance.endpoint!r:.60} is not an entrance: give an ipc:// or tcp:// address"
-        )
+        text = f"{entrance.endpoint!r:.60} is not an entrance: give an ipc:// or tcp:// address"
+        raise RequestError(Refusal.PROTOCOL, text)
 
 
 def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:

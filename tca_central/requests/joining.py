@@ -71,9 +71,8 @@ def _check(header: headers.Hello) -> None:
     if header.version != PROTOCOL_VERSION:
         text = f"module '{header.module}' speaks protocol {header.version}, central {PROTOCOL_VERSION}: use one version"
         raise RequestError(Refusal.PROTOCOL, text)
-    if not all(
-        name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource, header.process)
-    ):
+    names = (header.module, header.resource, header.process)
+    if not all(name.isprintable() and len(name) <= Limit.NAME for name in names):
         raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is not a module name")
     if len(header.pulse) > Limit.NAME:
         raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
@@ -205,9 +204,8 @@ def on_register(central: State, connection: Connection, header: headers.Register
         if handled.pending < 0:
             text = f"pending={handled.pending} of '{handled.message}': give 1 or more, or 0 for no limit"
             raise RequestError(Refusal.PROTOCOL, text)
-        direct_routes.check_handler(
-            handled, new.get(handled.message) or registry.messages[handled.message].message_class
-        )
+        known = new.get(handled.message) or registry.messages[handled.message].message_class
+        direct_routes.check_handler(handled, known)
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
         if is_new:

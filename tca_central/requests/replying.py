@@ -31,9 +31,8 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
             central.facts.append(facts.Ignored(connection.module.name, late))
             central.tell(connection, headers.Refused(0, Refusal.TOO_LATE, late))
             return None
-        text = (
-            f"module '{connection.module.name}' answers delivery {delivery_id}, which it was not given or has answered"
-        )
+        who = connection.module.name
+        text = f"module '{who}' answers delivery {delivery_id}, which it was not given or has answered"
         raise RequestError(Refusal.UNKNOWN, text)
     return delivery
 
@@ -70,9 +69,8 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
         return
     is_exception = isinstance(delivery, Task) and delivery.role is Role.EXCEPTION
     if header.reissue and not is_exception:
-        raise RequestError(
-            Refusal.PROTOCOL, f"message {delivery.message_id} handles no failure, so there is none to be reissued"
-        )
+        text = f"message {delivery.message_id} handles no failure, so there is none to be reissued"
+        raise RequestError(Refusal.PROTOCOL, text)
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
     central.facts.append(facts.Returned(delivery.given_as, outcome, body))
     central.dispatcher.complete(delivery)

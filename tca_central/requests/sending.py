@@ -20,6 +20,7 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
 from tca_wire.packets import headers
+from tca_wire.packets.headers import Send
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import END_ACHIEVING, ROOT, Moment, TaskId
 from tca_wire.rules import SENT
@@ -29,7 +30,7 @@ MOST_CONSTRAINTS = 1000
 """In one request: so long must everybody else wait for it."""
 
 
-def on_send(central: State, connection: Connection, header: headers.Send, body: bytes) -> None:
+def on_send(central: State, connection: Connection, header: Send, body: bytes) -> None:
     """A message to be routed by its class."""
     message = central.registry.messages.get(header.message)
     if message is None:
@@ -52,9 +53,7 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
     ROUTES[message.message_class](central, connection, header, message, body)
 
 
-def _received(
-    connection: Connection, header: headers.Send, made: Delivery, constraints: list[Constraint]
-) -> facts.Received:
+def _received(connection: Connection, header: Send, made: Delivery, constraints: list[Constraint]) -> facts.Received:
     message = made.message
     parent = header.parent if message.message_class.is_task else ROOT
     sender, origin = connection.module.name, header.origin
@@ -63,7 +62,7 @@ def _received(
     )
 
 
-def _make(central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes) -> Delivery:
+def _make(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> Delivery:
     delivery = Delivery(central.new_id(), message, body, connection)
     delivery.priority, delivery.origin = header.priority, header.origin
     central.facts.append(_received(connection, header, delivery, []))
@@ -71,18 +70,14 @@ def _make(central: State, connection: Connection, header: headers.Send, message:
     return delivery
 
 
-def _route_statement(
-    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
-) -> None:
+def _route_statement(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
     delivery = _make(central, connection, header, message, body)
     route_statement(central, delivery)
     if header.number:
         central.accept(connection, header.number, delivery.id)
 
 
-def _route_query(
-    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
-) -> None:
+def _route_query(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
     if central.dispatcher.is_full(message):
         raise RequestError(Refusal.OVERLOAD, f"{why_full(central, message)}: try later")
     delivery = _make(central, connection, header, message, body)
@@ -93,9 +88,7 @@ def _route_query(
         central.block(connection, header.number, header.origin, brief=header.brief)
 
 
-def _route_multi_query(
-    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
-) -> None:
+def _route_multi_query(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
     original = _make(central, connection, header, message, body)
     for_each = copies(central, original)
     wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
@@ -114,9 +107,7 @@ def _route_multi_query(
     end_if_complete(central, collector)
 
 
-def _route_task(
-    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
-) -> None:
+def _route_task(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
     if header.constraints or header.attachments or header.deadline or header.keep:
         _check_extras(central, header)
     parent = central.tree.root if header.parent == ROOT else central.tree.task(header.parent)
@@ -146,7 +137,7 @@ def _route_task(
         central.accept(connection, header.number, task.id)
 
 
-def _check_extras(central: State, header: headers.Send) -> None:
+def _check_extras(central: State, header: Send) -> None:
     """Raises RequestError if what a task is sent with is too much, or can't be."""
     _check_number(header.constraints)
     check_attachments(central, header.attachments)
@@ -155,7 +146,7 @@ def _check_extras(central: State, header: headers.Send) -> None:
         check_room(central)
 
 
-def _make_monitor(central: State, task: Task, parent: Task, header: headers.Send) -> None:
+def _make_monitor(central: State, task: Task, parent: Task, header: Send) -> None:
     """A new task is a monitor."""
     options = header.watch or WatchOptions()
     check_options(central, task.message, options)
@@ -176,9 +167,7 @@ def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> Non
         raise RequestError(Refusal.CYCLE, f"{text}: without an end of its own it ends with what it watches over")
 
 
-def _route_exception(
-    _: State, _connection: Connection, _header: headers.Send, message: MessageType, _body: bytes
-) -> None:
+def _route_exception(_: State, _connection: Connection, _h: Send, message: MessageType, _body: bytes) -> None:
     text = f"exception handler '{message.name}' is not sent: attach it to a task, and raise the failure there"
     raise RequestError(Refusal.PROTOCOL, text)
 

@@ -81,6 +81,5 @@ def forget_unfit_value(central: State, message: MessageType) -> None:
     value = central.variables.values.get(message.name)
     if value is not None and first_difference(value.format, message.format.data):
         central.variables.forget(message.name)
-        central.facts.append(
-            facts.Dropped(value.message_id, message.name, "its variable was declared anew with another format")
-        )
+        why = "its variable was declared anew with another format"
+        central.facts.append(facts.Dropped(value.message_id, message.name, why))

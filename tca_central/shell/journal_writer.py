@@ -69,9 +69,7 @@ class JournalWriter:
         try:
             fcntl.flock(self._folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            msg = (
-                f"{self.folder}: another central that runs writes its journal there: name another folder with --journal"
-            )
+            msg = f"{self.folder}: another central writes its journal there: name another folder with --journal"
             raise CentralError(msg) from None
         except OSError:  # some file systems have no locks
             pass

@@ -125,9 +125,7 @@ class Server:
             self._flush()
 
     def _handle(self, event: Event) -> list[Effect]:
-        """The effects of an event. An error of central's own ends it (docs/decisions/0052-an-error-of-centrals-own-
-        ends-it.md).
-        """
+        """The effects of an event. An error of central's own ends it (decision 52)."""
         try:
             return self.central.handle(event)
         except Exception as error:

@@ -48,7 +48,7 @@ def load(central: State) -> dict[str, Any]:
         "messages": [_message(message) for message in registry.messages.values()],
         "waits": [make() for _, make in heapq.nsmallest(SHOWN_WAITS, waits, key=itemgetter(0))],
         "held": [_held_task(central, task, ends) for task in held[:SHOWN_WAITS]],
-        "suspended": [_suspended_task(central, task) for task in suspended[:SHOWN_WAITS]],
+        "suspended": suspended[:SHOWN_WAITS],
         "killed": _killed(central),
         "presence": _presence(central),
         "ends": [CommonEnd(number, end) for end, number in common.most_common(_ENDS)],
@@ -142,16 +142,14 @@ def _waiter(central: State, task: Task, since: float, waits: tuple[WaitFor, ...]
     return Waiter(task.id, task.message.name, seconds=seconds, killed=task.killed, waits=waits, end=end)
 
 
-def _suspended(central: State) -> list[Task]:
+def _suspended(central: State) -> list[Waiter]:
     """The topmost suspended tasks (what is under them is, too), the longest first."""
-    tasks = central.tree.tasks
-    noted = (tasks[number] for number in islice(central.tree.suspended, LOOKED_AT))
-    return [task for task in noted if task.parent is None or not task.parent.suspended]
-
-
-def _suspended_task(central: State, task: Task) -> Waiter:
-    since, by = central.tree.suspended[task.id]
-    return _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by),))
+    noted = ((central.tree.tasks[number], *how) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
+    return [
+        _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by),))
+        for task, since, by in noted
+        if task.parent is None or not task.parent.suspended
+    ]
 
 
 def _presence(central: State) -> list[Waiter]:

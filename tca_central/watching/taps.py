@@ -1,9 +1,9 @@
 """Wiretaps: a listener is sent when something happens to messages that others send (TCA 8.5: msgTap.c).
 
-Theory of operation. Every tap says what it is fired *before* (a moment that it holds back until its listener's
-interval of the same kind has ended) or *at* (something that has happened). What holds, or is a check of what the task
-did, is a child of the tapped task: its failure is looked after there, and it dies with it. What holds nothing hangs
-under the root, so that an observer's failure is not the observed one's. What is sent for a tap is itself not tapped.
+Theory of operation. A tap is fired *before* a moment, which it holds back until its listener's interval of the same
+kind has ended, or *at* something that has happened. A listener that holds the tapped task, or checks what it did, is
+its child: its failure is handled there, and it dies with it. A listener that holds nothing hangs under the root, so
+that an observer's failure is not the observed task's. What is sent for a tap is itself not tapped.
 """
 
 from collections.abc import Iterable
@@ -168,7 +168,7 @@ def forget_task(central: State, task: Task) -> None:
 
 
 def _ask_waiting(central: State, tap: Wiretap) -> None:
-    """A wiretap has come: what only waits to be given to a handler has to pass it first, as what comes later."""
+    """A wiretap was added: tasks that wait for a handler have to pass it, too."""
     for task in _waiting(central, tap):
         if tap not in to_be_fired(task, first_moments(task)):
             continue

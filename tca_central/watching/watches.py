@@ -63,9 +63,8 @@ def check_options(central: State, message: MessageType, options: WatchOptions) -
     if polls:
         checked_seconds(options.period, f"{what} with a period")
     if polls and options.period < SHORTEST_PERIOD:
-        raise RequestError(
-            Refusal.PROTOCOL, f"{what} with a period of {options.period:g} s: {SHORTEST_PERIOD:g} s is the shortest"
-        )
+        text = f"{what} with a period of {options.period:g} s: {SHORTEST_PERIOD:g} s is the shortest"
+        raise RequestError(Refusal.PROTOCOL, text)
     if options.fire_every < 1 or options.maximum < 0:
         text = f"{what} that fires every {options.fire_every} times, at most {options.maximum}: 1 and 0 are the lowest"
         raise RequestError(Refusal.PROTOCOL, text)
@@ -92,12 +91,12 @@ def enlist_monitor(central: State, task: Task) -> None:
 
 
 def is_foreign(central: State, parent: Task, origin: int) -> bool:
-    """Whether a monitor that the handler of delivery *origin* (0: none) puts under *parent* comes from elsewhere than
-    the handling of *parent*. A retry of *parent* spares it then, since nobody would put it there again.
+    """Whether a monitor under *parent* comes from elsewhere than the handling of *parent*: a retry then spares it,
+    since nobody would put it there again. *origin* is the delivery whose handler sends it (0: none).
 
-    Looks who sent what to that handler, back to *parent*. Who helps after a failure comes from elsewhere, and so does
-    what a monitor of others has sent, and what wiretaps have that are fired for *parent* once. Each
-    step leads to something older, so what is older than *parent* ends the search.
+    Follows what led to that handler back to *parent*. Exception handlers come from elsewhere, and so does what the
+    monitors of others send, and listeners that a retry does not send again. Each step leads to something older, so the
+    search ends at what is older than *parent*.
     """
     one = central.dispatcher.running.get(origin)
     is_own = origin == parent.given_as

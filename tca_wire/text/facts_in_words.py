@@ -243,9 +243,7 @@ def kill_reason(why: str, by: str) -> str:
 
 
 def raised_by(by: str) -> str:
-    """Who raised a failure beside the handler: " (raised by the command 'tca raise')"; of what central raises, its text
-    tells.
-    """
+    """Who raised a failure beside the handler: " (raised by the command 'tca raise')"; "" for central."""
     whom = by_whom(by)
     return f" (raised{whom})" if whom else ""
 

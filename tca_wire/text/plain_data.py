@@ -93,9 +93,7 @@ class PlainFormat(Format[Any]):
 
 
 def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
-    """Why the field at *path* (none: the whole) of data of a format can't be *value*; "" if it can, as far as formats
-    tell.
-    """
+    """Why the field at *path* (none: the whole) can't be *value*; "" if it can, as far as formats tell."""
     whole = PlainFormat(schema).shape
     fitting, problem = _Fitting(whole), ""
     try:
