@@ -5,7 +5,7 @@ import math
 
 import pytest
 from ambler.builders import ORIGIN, a_stance, an_arc
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robots.ambler_sim.errors import ArcFinished
@@ -33,6 +33,7 @@ def test_the_rear_most_leg_goes_first_and_sides_alternate() -> None:
 
 
 @given(curvatures)
+@settings(max_examples=20)
 def test_on_every_arc_each_leg_steps_once_in_six_and_the_order_in_the_stack_stays(curvature: float) -> None:
     steps = planned_steps(an_arc(curvature, 9.0), 18)
     for six in (steps[i : i + 6] for i in range(12)):
@@ -41,6 +42,7 @@ def test_on_every_arc_each_leg_steps_once_in_six_and_the_order_in_the_stack_stay
 
 
 @given(curvatures)
+@settings(max_examples=20)
 def test_planned_stances_are_in_reach_and_stable(curvature: float) -> None:
     for step in planned_steps(an_arc(curvature, 9.0), 14)[1:]:
         assert within_limits(stance_joints(step.before)).all()

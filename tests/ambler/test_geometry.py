@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from ambler.builders import ORIGIN, a_stance
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robots.ambler_sim.geometry import (
@@ -30,6 +30,7 @@ drops = st.floats(AMBLER.min_drop, AMBLER.max_drop)
 
 
 @given(poses, st.lists(st.tuples(angles, reaches, drops), min_size=6, max_size=6))
+@settings(max_examples=30)
 def test_all_legs_at_once_agree_with_one_at_a_time(pose: Pose, rows: list[tuple[float, float, float]]) -> None:
     joints = np.array(rows)
     feet = to_world(pose, feet_of(joints))

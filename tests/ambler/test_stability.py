@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from ambler.builders import a_stance
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robots.ambler_sim.geometry import feet_of, stance_joints, to_world
@@ -35,6 +35,7 @@ def test_the_centre_of_gravity_of_a_symmetric_robot_is_between_the_shafts() -> N
 
 
 @given(shifts, shifts)
+@settings(max_examples=30)
 def test_the_margin_is_that_of_a_brute_force_search(forward: float, left: float) -> None:
     """The nearest line through any two feet that has all other feet on one side."""
     stance = shifted(forward, left)

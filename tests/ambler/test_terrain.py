@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robots.ambler_sim.terrain import PATH_HALF_WIDTH, RESOLUTION, make_terrain, steepest
@@ -10,6 +10,7 @@ from robots.ambler_sim.vocabulary import TerrainSpec
 
 
 @given(st.integers(0, 10**6), st.floats(0.02, 0.4))
+@settings(max_examples=15)
 def test_the_steepest_gradient_on_the_path_is_the_one_asked_for(seed: int, slope: float) -> None:
     terrain = make_terrain(TerrainSpec(seed, slope, length=20.0))
     columns = terrain.y0 + RESOLUTION * np.arange(terrain.heights.shape[1])
