@@ -126,7 +126,7 @@ def _refused(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
         handling = wait.by if isinstance(wait.by, Handling) else None
         message, name = (handling.message_id, handling.name) if handling else (0, run.name(wait.awaited))
         of, why = run.describe(message) if handling else str(wait.by), f"it was to wait {awaited(run, wait)}"
-        case = Case(message, of, circle.words, wait.end, "raised by central", [], became, why, 0.0, 0.0)
+        case = Case(message, of, circle.words, wait.end, "by central", [], became, why, 0.0, 0.0)
         yield (circle.name, name), case
 
 
@@ -156,11 +156,12 @@ def _lost(one: Failed, became: Fate) -> float:
 
 def _raised_by(one: Failed) -> str:
     if one.handling:
-        return f"raised by its handler in {place(one.handling.module, one.handling.resource)}"
-    if not (whom := by_whom(one.by)):
-        return "raised by central"
+        return f"by its handler in {place(one.handling.module, one.handling.resource)}"
+    whom = by_whom(one.by).strip()
+    if not whom:
+        return "by central"
     beside = (f", beside its handler in {place(run.module, run.resource)}" for run in one.message.handlings[-1:])
-    return f"raised{whom}{''.join(beside)}"
+    return f"{whom}{''.join(beside)}"
 
 
 def _recovered(run: Run, task: Task, one: Failed) -> float:

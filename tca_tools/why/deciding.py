@@ -31,7 +31,7 @@ def calls(at: RunAt, task: Task) -> Iterator[Call]:
         if (handler := at.tasks.get(number)) is not None:
             record = run.tasks[number]
             runs = [handling for handling in record.handlings if handling.start <= at.moment]
-            by = f", handled by {runs[-1].module}" if runs else ""
+            by = f" in {runs[-1].module}" if runs else ""
             how = "" if handler.state in (State.HANDLING, State.ACHIEVED) else f": {handler.state}"
             yield Call(record.received, 2 * one, f"{handler} was called{by}{how}")
         if number in run.reissued:

@@ -55,14 +55,14 @@ def test_a_run_of_several_tasks_with_failures_on_the_way() -> None:
 
 
 JAM = "<script>alert(1)</script>\x1b[31m"
-CALLED = "recover {2} was called, handled by expert"
+CALLED = "recover {2} was called in expert"
 
 
 def test_failures_and_what_became_of_them() -> None:
     kinds = {kind.failure: kind.cases[0] for kind in failures(recovering().fold())}
     slip, fall, jam = kinds["slip"], kinds["fall"], kinds["jam"]
     assert (slip.fate, slip.of, slip.text, slip.time) == (Fate.RETRIED, "move {1}", "left foot", 2.0)
-    assert (slip.raised_by, slip.called) == ("raised by its handler in legs", [CALLED])
+    assert (slip.raised_by, slip.called) == ("by its handler in legs", [CALLED])
     assert near(slip.lost, slip.recovery) == (1.0, 0.2)
     assert near(fall.fate, fall.lost, fall.recovery) == (Fate.DEALT_WITH, 0.5, 0.3)
     assert near(jam.fate, jam.called, jam.cost) == (Fate.NOT_HANDLED, [], 0.4)
@@ -157,7 +157,7 @@ def test_a_failure_that_is_raised_from_outside_and_one_of_a_query() -> None:
     story.delivered(where, "eye").at(3.5)
     fail(story, where, "blind", "")
     timeout, blind = (kind.cases[0] for kind in failures(story.fold()))
-    assert (timeout.raised_by, timeout.fate) == ("raised by central", Fate.NOT_HANDLED)
+    assert (timeout.raised_by, timeout.fate) == ("by central", Fate.NOT_HANDLED)
     assert near(blind.fate, blind.lost) == (Fate.TOLD, 0.5)
     assert blind.why == "told to user"
 

@@ -78,7 +78,7 @@ def test_it_stays_so_though_the_run_fails_later_for_another_reason() -> None:
 def test_the_steps_of_the_failure_go_on_to_what_became_of_the_task_above() -> None:
     steps = [
         f"move {{3}} failed: {JAM}",
-        "exception handler redo {4} was called, handled by planner",
+        "exception handler redo {4} was called in planner",
         f"move {{3}} was killed: {WITH_JOB} (by planner)",
     ]
     assert told(begun_again().fold(), MOVE) == steps

@@ -69,7 +69,7 @@ def test_who_is_killed_by_an_exception_handler_is_told_for_which_failure(asked: 
     assert told(run, asked, 2.5) == []
     assert told(run, asked) == [
         (2.0, "  treat {2} failed: allergy: rash"),
-        (2.0, "  exception handler transfer {4} was called, handled by safety"),
+        (2.0, "  exception handler transfer {4} was called in safety"),
         (3.0, f"{name} {KILLED}"),
         (3.0, f"  treat {{2}} {KILLED}"),
     ]
@@ -83,9 +83,9 @@ def test_of_a_handler_that_was_called_for_another_one_that_failed_the_first_fail
     run = story.at(4.0).returned(give_up).fold()
     assert [text for _, text in told(run, PATIENT)][:4] == [
         "  treat {2} failed: allergy: rash",
-        "  exception handler transfer {4} was called, handled by safety: recovering",
+        "  exception handler transfer {4} was called in safety: recovering",
         "    transfer {4} failed: no bed: full",
-        "    exception handler give up {5} was called, handled by safety: achieving",
+        "    exception handler give up {5} was called in safety: achieving",
     ]
 
 
@@ -123,7 +123,7 @@ def retrying() -> Story:
 
 FIRST = [
     (2.0, "treat {2} failed: allergy: rash"),
-    (2.0, "exception handler transfer {4} was called, handled by safety"),
+    (2.0, "exception handler transfer {4} was called in safety"),
 ]
 AGAIN = (3.0, "treat {2} is to be handled again (retried by safety)")
 
@@ -227,8 +227,8 @@ def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
         "slip": Fate.DEALT_WITH, "handler error": Fate.REPLACED, "module lost": Fate.REPLACED,
     }  # fmt: skip
     assert cases["slip"].called == [
-        "recover {5} was called, handled by expert: failed",
-        "report {7} was called, handled by office",
+        "recover {5} was called in expert: failed",
+        "report {7} was called in office",
     ]
 
 

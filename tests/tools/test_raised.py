@@ -60,7 +60,7 @@ def test_the_story_tells_who_raised_it_and_with_which_data(tmp_path: Path) -> No
 
 def test_a_report_tells_who_raised_it() -> None:
     found = {kind.failure: case.raised_by for kind in failures(late().fold()) for case in kind.cases}
-    assert found == {"timeout": "raised by central", "slip": "raised by the command 'tca raise'"}
+    assert found == {"timeout": "by central", "slip": "by the command 'tca raise'"}
 
 
 STOP = 2

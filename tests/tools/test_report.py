@@ -158,14 +158,6 @@ def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: R
     assert "No advice would save" not in shown.text
 
 
-def test_what_took_time_is_not_called_work_if_nothing_ran(reported: Reported) -> None:
-    story = Story().module("legs", "move").at(1.0)
-    story.command("move", "user")
-    shown = reported(story.at(9.0))
-    assert "The longest part: move : not known" in shown.text
-    assert "itself" not in shown.text
-
-
 def test_the_page_is_one_file_that_fetches_nothing_and_runs_nothing(reported: Reported) -> None:
     shown = reported(stumbling())
     assert not {"script", "link", "img", "iframe", "object", "embed", "form", "base"} & set(shown.tags)

@@ -127,7 +127,7 @@ def test_a_failure_is_followed_to_where_it_began() -> None:
     assert [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]] == [
         "  where {2} failed: no map: it is dark",
         "step {1} failed: no map: 'where' failed: no map: it is dark",
-        "exception handler replan {3} was called, handled by expert: failed",
+        "exception handler replan {3} was called in expert: failed",
         "    where {4} failed: no map: it is dark",
         "  replan {3} failed: no map: 'where' failed: no map: it is dark",
         "  replan {3}: nobody dealt with its failure",
