@@ -1,9 +1,8 @@
 """What properties see of a run after an action: the messages under way, the locks in force, the modules.
 
-Theory of operation. States that differ in nothing but names (ids, orders) and absolute times are explored once. So
-nothing of that may be seen here, or a property would be judged for one of them and "good" be said of all: messages
-come in an order that the state gives, not their age; ids can be compared and nothing else. What can be seen and is
-no part of a state, the time, is made part of it as soon as it is looked at: see Looked.
+States that differ only in ids, orders and absolute times are explored once, so properties may see none of that:
+messages come in an order that the state gives, not by age, and ids can only be compared. A property that looks at the
+time makes it part of the state.
 """
 
 from collections.abc import Callable, Iterator

@@ -214,31 +214,34 @@ class Exchange:
 
     def _answer(self, line: Line, number: int, got: Got) -> bool:
         """Whether somebody wanted that answer."""
-        for actor in line.actors:
-            for request in actor.requests.values():
-                if request.number == number and not request.is_over:
-                    if isinstance(request.header, headers.Inspect) and got.body:
-                        got = replace(got, body=renamed_rows(got.body, actor.name))
-                    request.unread.append(got)
-                    request.is_over = got.is_over
-                    return True
+        for actor, request in _requests(line, number):
+            if not request.is_over:
+                if isinstance(request.header, headers.Inspect) and got.body:
+                    got = replace(got, body=renamed_rows(got.body, actor.name))
+                request.unread.append(got)
+                request.is_over = got.is_over
+                return True
         return False
 
     def _get_cancelled(self, line: Line, header: headers.Cancelled, _: bytes) -> None:
-        for actor in line.actors:
-            if actor.delivery == header.delivery:
-                actor.be_told()
+        for actor in _handlers(line, header.delivery):
+            actor.be_told()
 
     def _get_taken(self, line: Line, header: headers.Taken, _: bytes) -> None:
-        for actor in line.actors:
-            for request in actor.requests.values():
-                if request.number == header.number:
-                    request.taken = header.text
+        for _actor, request in _requests(line, header.number):
+            request.taken = header.text
 
     def _get_suspended(self, line: Line, header: headers.Suspended, _: bytes) -> None:
-        for actor in line.actors:
-            if actor.delivery == header.delivery:
-                actor.suspended = (*actor.suspended, header.is_suspended)
+        for actor in _handlers(line, header.delivery):
+            actor.suspended = (*actor.suspended, header.is_suspended)
+
+
+def _handlers(line: Line, delivery: int) -> list[Actor]:
+    return [actor for actor in line.actors if actor.delivery == delivery]
+
+
+def _requests(line: Line, number: int) -> list[tuple[Actor, OpenRequest]]:
+    return [(actor, one) for actor in line.actors for one in actor.requests.values() if one.number == number]
 
 
 def connection_of(name: str) -> ConnectionId:

@@ -1,10 +1,8 @@
 """One run of a scenario, at one moment: central, the modules and their scripts, and what may happen next.
 
-Theory of operation. An action is one thing that happens: a script takes its next step, a module joins, a connection
-breaks, time passes to what is due next. Each is at most a few events that central handles at once, and what central
-sends is received at once, too: all that modules can do to each other goes through central, so the order in which
-central receives things, and what is due between them, is all that interleavings can differ in. Equal actions on equal
-runs have equal results.
+An action is one thing that happens: a script takes its next step, a module joins, a connection breaks, time passes to
+what is due next. Central handles it at once, and what it sends is received at once: since all goes through central,
+interleavings differ only in the order in which it receives things. Equal actions on equal runs have equal results.
 """
 
 from collections.abc import Callable, Iterator, Sequence

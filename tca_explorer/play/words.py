@@ -9,9 +9,9 @@ from tca_explorer.play.identifiers import renamed
 from tca_explorer.play.play import Action, ActionKind, Play, Waiting
 from tca_explorer.scenario.requests import in_words, point_in_words
 from tca_explorer.scenario.script_connection import CHOOSE
-from tca_explorer.scenario.steps import Ask, Await, Fail, GiveUp, Hang, History, Know, Return, Step
+from tca_explorer.scenario.steps import Ask, Await, Fail, GiveUp, Hang, Know, Return, Step
 from tca_wire.packets import headers
-from tca_wire.points import Point, describe_moments
+from tca_wire.points import describe_moments
 
 
 def describe(play: Play, action: Action) -> str:
@@ -22,8 +22,8 @@ def describe(play: Play, action: Action) -> str:
 def unfinished(play: Play) -> tuple[str, ...]:
     """The tasks and scripts that have not ended, and what they wait for."""
     tasks = [_left(play, task) for task in play.fold.tasks if not task.is_over]
-    waiting = [(line, actor) for line in play.lines.values() for actor in line.actors if actor.step is not None]
-    return (*tasks, *(f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}" for line, actor in waiting))
+    return (*tasks, *(_stuck(play, line, actor) for line in play.lines.values() for actor in line.actors
+                      if actor.step is not None))  # fmt: skip
 
 
 def left_behind(play: Play, one: Waiting) -> str:
@@ -31,7 +31,10 @@ def left_behind(play: Play, one: Waiting) -> str:
     if isinstance(one[0], int):
         return _left(play, play.fold.seen[one[0]])
     actor = one[0]
-    line = next(line for line in play.lines.values() if actor in line.actors)
+    return _stuck(play, next(line for line in play.lines.values() if actor in line.actors), actor)
+
+
+def _stuck(play: Play, line: Line, actor: Actor) -> str:
     return f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}"
 
 
@@ -47,7 +50,8 @@ def _step(play: Play, action: Action) -> str:
     actor = line.actor
     assert actor is not None
     branch = actor.branches[action.index]
-    return f"{_who(line, actor, play)} {_decisions(branch.decisions)}{_doing(play, actor, branch.step)}"
+    found = [f"{'chooses' if got.kind == CHOOSE else 'finds itself'} {got.words}, " for got in branch.decisions]
+    return f"{_who(line, actor, play)} {''.join(found)}{_doing(play, actor, branch.step)}"
 
 
 def _join(play: Play, action: Action) -> str:
@@ -62,18 +66,6 @@ def _join(play: Play, action: Action) -> str:
 def _break(play: Play, action: Action) -> str:
     line = play.lines[action.name]
     return f"{line.run.name} dies: connection {line.name} breaks" if line.run.is_alive else f"{line.name} breaks, too"
-
-
-def _kill(play: Play, action: Action) -> str:
-    return f"somebody kills {play.killable(action.name)[action.index]}"
-
-
-def _suspend(play: Play, action: Action) -> str:
-    return f"somebody suspends {play.suspendable(action.name)[action.index]}"
-
-
-def _resume(play: Play, action: Action) -> str:
-    return f"somebody resumes {_name(play, play.suspended[action.name][action.index])}"
 
 
 def _time(play: Play, _: Action) -> str:
@@ -93,9 +85,11 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
     ActionKind.BREAK: _break,
     ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",
     ActionKind.BYE: lambda _, action: f"{action.name} says goodbye",
-    ActionKind.KILL: _kill,
-    ActionKind.SUSPEND: _suspend,
-    ActionKind.RESUME: _resume,
+    ActionKind.KILL: lambda play, action: f"somebody kills {play.killable(action.name)[action.index]}",
+    ActionKind.SUSPEND: lambda play, action: f"somebody suspends {play.suspendable(action.name)[action.index]}",
+    ActionKind.RESUME: lambda play, action: (
+        f"somebody resumes {_name(play, play.suspended[action.name][action.index])}"
+    ),
     ActionKind.TIME: _time,
     ActionKind.LATE: _late,
 }
@@ -106,13 +100,6 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
 
 def _who(line: Line, actor: Actor, play: Play) -> str:
     return f"{line.run.name} in {_name(play, actor.task or actor.delivery)}" if actor.delivery else line.run.name
-
-
-def _decisions(decisions: History) -> str:
-    return "".join(f"{_DECIDE.get(got.kind, 'finds itself')} {got.words}, " for got in decisions)
-
-
-_DECIDE = {CHOOSE: "chooses"}
 
 
 def _doing(play: Play, actor: Actor, step: Step | None) -> str:
@@ -158,7 +145,8 @@ _DO: dict[type, Callable[[Play, Actor, Any], str]] = {
 
 def _standing(play: Play, task: TrackedMessage) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
-    after = [_point(play, point) for _, point in task.after if not play.fold.is_past(point)]
+    after = [point_in_words(point, lambda task: _name(play, task))
+             for _, point in task.after if not play.fold.is_past(point)]  # fmt: skip
     parts = [
         reached,
         f"failed: {task.failure}" if task.failure else "",
@@ -169,10 +157,6 @@ def _standing(play: Play, task: TrackedMessage) -> str:
         f"waits for {', '.join(after)}" if after else "",
     ]
     return "; ".join(part for part in parts if part)
-
-
-def _point(play: Play, point: Point) -> str:
-    return point_in_words(point, lambda task: _name(play, task))
 
 
 def _name(play: Play, task: int) -> str:

@@ -112,7 +112,7 @@ class ScenarioModule:
 class Scenario:
     """A small robot, and what must be true of it whatever the order in which things happen.
 
-    *title* names it in results; *properties* are checked in every state (see properties.py).
+    *title* names it in results; *properties* are checked in every state (see tca_properties).
     """
 
     def __init__(self, title: str, *properties: Property) -> None:

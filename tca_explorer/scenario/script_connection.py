@@ -1,10 +1,9 @@
 """The connection of a script to central: what the module library's own code talks to when a script calls it.
 
-Theory of operation. A script is run anew from its start whenever it has got something back: the calls whose answers
-are known return them, and the first one whose answer is not there ends the run (``Pause``). So a script that is half
-through is nothing but its data and what it got, which can be copied and compared; and functions need not be
-generators. Everything that a task can do (the library's sending/) is the library's own
-code: only the connection under it is another one, and so a call means here what it means on the robot.
+A script is run anew from its start whenever it has got something back: the calls whose answers are known return them,
+and the first one whose answer is not there ends the run (``StepReached``). So a script that is half through is nothing
+but its data and what it got, which can be copied and compared. All that a task can do is the library's own code: only
+the connection under it is another one.
 """
 
 from collections import deque

@@ -1,13 +1,12 @@
 """Runs that go on for ever: what never happens in them, and who waits in them for ever.
 
-Theory of operation. There are finitely many states, so what goes on for ever goes round in a circle among some of them.
-A circle counts if it is *fair*: nothing that can happen all the time, and need happen some time, is left out of it for
-ever. So no script that can go on is left standing, and time passes. In a set of states that all lead to each other, a
-run can come through all of them again and again; such a set therefore has a fair circle unless something can happen in
-each of its states and does so on no way inside it, and then no part of it has one either.
+There are finitely many states, so a run that goes on for ever goes round in a circle among some of them. A circle
+counts if it is *fair*: nothing that can happen all the time, and must happen some time, is left out of it for ever. A
+set of states that all lead to each other has a fair circle unless something can happen in each of its states and does
+so on no way inside it; then no part of it has one either.
 
-What is *owed* by a property is looked for among the states in which it is owed. What *waits* is followed from state to
-state (Way.carried), so that the circles are those round which the same task, or script, waits for the same thing.
+A property is *owed* in some states: the circles are among those. What *waits* is followed from state to state
+(Transition.carried): the circles are those round which the same task, or script, waits for the same thing.
 """
 
 from collections import deque

@@ -1,8 +1,8 @@
 """A play as bytes, to go on from it more than once: faster than playing it again, however long the run.
 
-Theory of operation. Pickle copies what a play holds, but for what all plays share (the scenario, its programs and what
-scripts have lived), which is named by its number in memory; so snapshots are good for this process only. Central has
-functions inside it that know their central: they are made anew, over the same code, for the copy.
+Pickle copies what a play holds, except what all plays share (the scenario, its programs and what scripts have lived):
+that is named by its number in memory, so snapshots are good for this process only. Functions inside central that know
+their central are made anew for the copy.
 """
 
 import io

@@ -1,22 +1,342 @@
-"""What central has accepted it does, or says why not: whatever comes in between.
+"""What central has accepted it does, or says why not: whatever comes in between. Nobody may be left waiting, either.
 
-One scenario (accepting.py) for what can be asked of a task, and a table of what *kept* means of each. Whatever is asked
-once, at any moment; kills, losses, a suspension, a failure and a retry come before it, after it, or while it waits.
-Nobody may be left waiting, either. What is asked of other things is in
-test_what_else_is_accepted.py, what is asked for in test_what_is_given.py.
+A small scenario for each request; for those of a task one (accepting.py) and a table of what *kept* means. Not here is
+what central is never asked for: timers and later replies are a module's own, and direct messages go from module to
+module. What is asked for is in test_what_is_given.py.
 """
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import pytest
-from explorer.accepting import BETWEEN, EVER, HELP, at_once, good, robot, those
-from explorer.scenarios import LIFT, SLIPPED, STEP
+from explorer.accepting import BETWEEN, EVER, HELP, at_once, good, over, robot, those
+from explorer.recoveries import BATTERY, GAUGE, IS_LOW, RECHARGE
+from explorer.scenarios import LIFT, NOTE, REST, SLIPPED, STEP, WALK
 from sampling import one_in
 
-from tca_explorer import Scenario, Script, Seen, Task, World, accepted, before, begun, within
-from tca_module import Scope
+from tca_explorer import (
+    Scenario,
+    Script,
+    Seen,
+    Task,
+    World,
+    accepted,
+    achieved,
+    at_most_in_all,
+    before,
+    begun,
+    eventually,
+    failed,
+    fired,
+    killed,
+    never,
+    sent,
+    within,
+)
+from tca_module import Condition, Scope, this
 from tca_module.sending.task_ref import TaskRef
+from tca_wire.messages.controls import DemonMonitor, PointMonitor
+from tca_wire.points import Moment
+
+ROCKS = DemonMonitor("rocks", set_up=REST, action=NOTE)
+GROUND = PointMonitor("ground", condition=IS_LOW, action=RECHARGE)
+
+LOST: dict[str, Any] = {"may_be_lost": 1, "comes_back": True}
+SOAKED_LOSS = pytest.param(LOST, marks=pytest.mark.soak)
+
+
+def nothing(*_: object) -> None:
+    """What a handler does whose work does not matter."""
+
+
+def later(task: Task) -> Any:
+    """After the handler of a task has returned."""
+    return task.handling.end <= this.achieving.start
+
+
+def slips_or_not(task: Task) -> None:
+    if task.choose("holds", "slips") == "slips":
+        raise SLIPPED(text="ice")
+
+
+# --- wiretaps and exception handlers ---------------------------------------------------------------------------------
+
+
+def has(moment: Moment) -> Callable[[World], list[Seen]]:
+    """Rests that have come to that moment, and were not killed."""
+    return lambda world: [rest for rest in those(world, REST) if rest.has(moment) and not rest.is_killed]
+
+
+COMES_TRUE: dict[Condition, Callable[[World], object]] = {
+    Condition.WHEN_SENT: sent(REST),
+    Condition.BEFORE_HANDLING: begun(REST),
+    Condition.WHILE_HANDLING: begun(REST),
+    Condition.AFTER_HANDLED: has(Moment.END_HANDLING),
+    Condition.AFTER_SUCCESS: has(Moment.END_HANDLING),
+    Condition.WHEN_SUCCESS: has(Moment.END_HANDLING),
+    Condition.AFTER_FAILURE: failed(REST),
+    Condition.WHEN_FAILURE: failed(REST),
+    Condition.BEFORE_PLANNING: has(Moment.START_PLANNING),
+    Condition.WHILE_PLANNING: has(Moment.START_PLANNING),
+    Condition.AFTER_PLANNED: has(Moment.END_PLANNING),
+    Condition.WHEN_PLANNED: has(Moment.END_PLANNING),
+    Condition.BEFORE_ACHIEVING: has(Moment.START_ACHIEVING),
+    Condition.WHILE_ACHIEVING: has(Moment.START_ACHIEVING),
+    Condition.AFTER_ACHIEVED: achieved(REST),
+    Condition.WHEN_ACHIEVED: achieved(REST),
+    Condition.WHEN_KILLED: killed(REST),
+}
+
+
+def tapped(title: str, tap: Callable[[Script], object]) -> Scenario:
+    """A rest that may fail, be killed, or be lost with its couch; somebody listens."""
+    scenario = Scenario(title)
+    scenario.module("couch", may_be_lost=1, comes_back=True).handles(REST)(slips_or_not)
+    ear = scenario.module("ear")
+    for listener in (LIFT, WALK):
+        ear.handles(listener)(nothing)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        tap(me)
+        me.goal(REST)
+
+    scenario.may_kill(REST)
+    return scenario
+
+
+@pytest.mark.parametrize(
+    "condition", [pytest.param(one, marks=[pytest.mark.soak] * (at % 3 > 0)) for at, one in enumerate(COMES_TRUE)]
+)
+def test_a_wiretap_is_fired_when_its_condition_comes_true(condition: Condition) -> None:
+    listener = (
+        WALK if condition in (Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED) else LIFT
+    )  # a goal has planning to hold
+    scenario = tapped(condition, lambda me: me.tap(condition, REST, listener))
+    good(scenario, before(fired(listener), COMES_TRUE[condition]), eventually(accepted("tap")))
+
+
+def test_a_wiretap_that_was_removed_is_not_fired() -> None:
+    scenario = tapped("removed", lambda me: me.tap(Condition.WHEN_SENT, REST, LIFT).remove())
+    good(scenario, never(sent(LIFT)), eventually(accepted("remove")))
+
+
+def helped(task: Task) -> None:
+    if task.trouble.attempts > 1:
+        raise task.trouble.reissue()
+    task.trouble.failing.retry()
+
+
+def helps_who_is_alone(world: World) -> list[Seen]:
+    return [one for one in those(world, HELP) if (step := world.parent(one)) is not None and step.data == "alone"]
+
+
+def test_an_exception_handler_is_called_until_it_is_removed() -> None:
+    """Of a failure of its own, and of a module that is lost; once only."""
+    scenario = Scenario("help")
+    scenario.module("legs", **LOST).handles(STEP)(slips_or_not)
+    scenario.module("others").handles(HELP)(helped)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        attached = me.on_failure(None, HELP, of=STEP)
+        if me.choose("keeps it", "removes it") == "keeps it":
+            me.command(STEP, "helped")
+        else:
+            attached.remove()
+            me.command(STEP, "alone")
+
+    good(
+        scenario,
+        before(begun(HELP), failed(STEP, "helped")),
+        never(helps_who_is_alone),
+        within(EVER, accepted("remove"), over(STEP, "alone")),
+    )
+
+
+# --- monitors --------------------------------------------------------------------------------------------------------
+
+
+def low(task: Task) -> bool:
+    return bool(task.choose(True, False))
+
+
+def watched(watch: Callable[[Script], object], **battery: Any) -> Scenario:
+    """Somebody watches a battery, which is asked and charged by others."""
+    scenario = Scenario("watched")
+    scenario.module("battery", **battery).handles(IS_LOW)(low)
+    dock = scenario.module("dock")
+    for message in (RECHARGE, NOTE, REST):
+        dock.handles(message)(nothing)
+    scenario.module("user").does(lambda me: [watch(me)])
+    return scenario
+
+
+def watching(world: World) -> list[Seen]:
+    """Monitors that are to act some time: none was killed, or has ended."""
+    return [one for one in world.tasks if one.message_class.is_monitor and not (one.is_killed or one.is_over)]
+
+
+MONITORS: dict[str, tuple[Any, Callable[[Script], Any], list[Any]]] = {
+    "once": (GROUND, lambda me: me.monitor(GROUND), [at_most_in_all(1, sent(IS_LOW))]),
+    "for 2.5 s": (
+        BATTERY,
+        lambda me: me.monitor(BATTERY, period=1.0, duration=2.5, maximum=1),
+        [within(2.5, sent(BATTERY), lambda world: not watching(world) or over(BATTERY)(world))],
+    ),
+    "until the end of a rest": (
+        GAUGE,
+        lambda me: me.monitor(GAUGE, period=1.0, until=me.goal(REST).achieving.end),
+        [within(EVER, achieved(REST), lambda world: not watching(world))],
+    ),
+}
+
+
+@pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["", "and a loss"])
+@pytest.mark.parametrize("name", MONITORS)
+def test_a_monitor_watches_as_long_as_was_said(name: str, battery: dict[str, Any]) -> None:
+    """Or it is killed: by somebody, or because what answers its condition is lost, which is a failure of its own."""
+    monitor, watch, properties = MONITORS[name]
+    scenario = watched(watch, **battery)
+    scenario.may_kill(monitor)
+    good(scenario, eventually(over(monitor)), *properties)
+
+
+def sends_a_step(me: Script) -> None:
+    me.command(STEP)
+
+
+def test_a_monitor_that_is_ended_acts_no_more() -> None:
+    """Also one that somebody else has put under a task that runs."""
+    scenario = watched(sends_a_step)
+    scenario.module("legs").handles(STEP)(nothing)
+
+    @scenario.module("watcher").does
+    def watch(me: Script) -> None:
+        for step in me.tasks(STEP):
+            me.under(step).monitor(BATTERY, period=1.0, maximum=1).end()
+
+    scenario.may_kill(STEP)
+    good(
+        scenario,
+        within(EVER, accepted("end"), over(BATTERY)),
+        eventually(over(STEP)),
+    )
+
+
+def test_a_monitor_that_is_ended_before_it_began_never_asks() -> None:
+    scenario = watched(lambda me: [me.goal(WALK)])
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        task.monitor(BATTERY, period=1.0, maximum=1, constraints=[later(task)]).end()
+
+    scenario.may_kill(WALK)
+    scenario.may_suspend(WALK)
+    good(scenario, never(sent(IS_LOW)), within(EVER, accepted("end"), over(BATTERY)))
+
+
+def test_a_fire_that_is_accepted_sends_the_action() -> None:
+    def watch(me: Script) -> None:
+        rocks = me.monitor(ROCKS, maximum=2)
+        assert rocks.fire(NOTE, "a rock") in (True, False)
+        rocks.fire(NOTE, "another")
+
+    scenario = watched(watch)
+    scenario.may_kill(ROCKS)
+    good(scenario, at_once("fire", fired(NOTE)), within(EVER, fired(NOTE), over(NOTE)))
+
+
+# --- order and time --------------------------------------------------------------------------------------------------
+
+
+def two_steps(plan: Callable[[Task], None], **legs: Any) -> Scenario:
+    """A walk of two steps that might be done at the same time. One of them is killed, or lost."""
+    scenario = Scenario("two steps")
+    scenario.module("planner").handles(WALK)(plan)
+    scenario.module("legs", **legs).handles(STEP)(nothing)
+    scenario.module("ear").handles(NOTE)(nothing)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.goal(WALK)
+
+    if "may_be_lost" not in legs:
+        scenario.may_kill(STEP)
+    return scenario
+
+
+def constrained(task: Task) -> None:
+    first = task.command(STEP, 1)
+    second = task.command(STEP, 2, sequential=False, constraints=[later(task)])
+    task.constrain(first.achieving.end <= second.achieving.start)
+
+
+def with_delay(task: Task) -> None:
+    first = task.command(STEP, 1)
+    task.command(STEP, 2, sequential=False, constraints=[first.handling.end + 1.0 <= this.achieving.start])
+
+
+def with_priority(task: Task) -> None:
+    for number in (1, 2):
+        task.command(STEP, number, sequential=False, priority=number, constraints=[later(task)])
+
+
+def second_is_ahead(world: World) -> bool:
+    """The second was begun, or it never will be."""
+    return any(step.is_begun or step.is_killed for step in those(world, STEP, data=2))
+
+
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
+def test_a_constraint_added_later_holds(legs: dict[str, Any]) -> None:
+    good(two_steps(constrained, **legs), before(over(STEP, 1), begun(STEP, 2)))
+
+
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
+def test_what_is_delayed_comes_in_the_end(legs: dict[str, Any]) -> None:
+    good(
+        two_steps(with_delay, **legs),
+        within(1.0, over(STEP, 1), lambda world: second_is_ahead(world) or not those(world, STEP, data=2)),
+        eventually(over(WALK)),
+    )
+
+
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
+def test_who_has_priority_is_first(legs: dict[str, Any]) -> None:
+    good(two_steps(with_priority, **legs), before(second_is_ahead, begun(STEP, 1)))
+
+
+@pytest.mark.parametrize(
+    ("legs", "ends", "word"), [({}, killed(STEP), "killed"), (LOST, failed(STEP), "failed")], ids=["a kill", "a loss"]
+)
+def test_who_waits_for_a_moment_is_told_how_the_task_stands(legs: dict[str, Any], ends: Any, word: str) -> None:
+    def plan(task: Task) -> None:
+        step = task.command(STEP, 1)
+        task.inform(NOTE, str(step.wait_for(step.handling.end)))
+
+    good(
+        two_steps(plan, **legs),
+        before(achieved(STEP), sent(NOTE, "done")),
+        before(ends, sent(NOTE, word)),
+        within(EVER, accepted("wait_for"), sent(NOTE)),
+    )
+
+
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
+def test_what_is_kept_is_remembered_until_it_is_let_go(legs: dict[str, Any]) -> None:
+    def plan(task: Task) -> None:
+        step = task.command(STEP, 1)
+        step.keep()
+        step.wait()
+        task.inform(NOTE, step.info() is not None)
+        step.release()
+        task.inform(NOTE, step.info() is None)
+
+    known = lambda world: sent(NOTE, True)(world) or over(WALK)(world)  # noqa: E731
+    good(two_steps(plan, **legs), never(sent(NOTE, False)), within(EVER, accepted("keep"), known))
+
+
+# --- of a task: a table of what *kept* means of each -----------------------------------------------------------------
 
 
 class Request(NamedTuple):
@@ -48,11 +368,11 @@ def handled_again(world: World) -> bool:
     return gone(world) or bool(those(world, STEP, "is_handled", data="again"))
 
 
-def held(world: World) -> bool:
+def is_held(world: World) -> bool:
     return gone(world) or bool(those(world, STEP, "is_suspended"))
 
 
-def failed(world: World) -> bool:
+def has_failed(world: World) -> bool:
     return gone(world) or bool(those(world, HELP) or those(world, STEP, "failure"))
 
 
@@ -77,9 +397,9 @@ REQUESTS = {
     "on termination": Request("on_termination", lambda _, step: step.on_termination(LIFT), parted, EVER),
     "deadline": Request("deadline", lambda _, step: step.deadline(5.0), timed_out, 5.0),
     "retry": Request("retry", lambda _, step: step.retry(STEP, "again"), handled_again, EVER),
-    "suspend": Request("suspend", suspend_and_resume, held),
+    "suspend": Request("suspend", suspend_and_resume, is_held),
     "resume": Request("resume", suspend_and_resume, gone, EVER),
-    "failure": Request("fail", lambda _, step: step.fail(SLIPPED(text="seen from afar")), failed),
+    "failure": Request("fail", lambda _, step: step.fail(SLIPPED(text="seen from afar")), has_failed),
 }
 
 
