@@ -83,7 +83,6 @@ _OF_POINTS = (
     WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.RECOVERY, WaitKind.LOCK,
     WaitKind.RESUME,
 )  # fmt: skip
-_TO_LOOK_UP = (WaitKind.RESOURCE, WaitKind.REPLY, WaitKind.TASK)
 _LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING)
 
 _START, _SINCE = attrgetter("start"), itemgetter(0)
@@ -325,9 +324,14 @@ def _kept(at: RunAt, message: Message, node: Node) -> _Kept:
     kept = turn.kept.get(node)
     if kept is None:
         waits = _look(at.run, message, node, turn.waits, at.moment)
-        nodes = dict.fromkeys(wait.on for wait in waits if wait.kind in _OF_POINTS and not _is_leaf(wait))
-        leaves = dict.fromkeys(wait.kind for wait in waits if _is_leaf(wait))
-        others = [wait for wait in waits if wait.kind in _TO_LOOK_UP]
+        nodes, leaves, others = dict[Node, None](), dict[WaitKind, None](), list[Wait]()
+        for wait in waits:
+            if _is_leaf(wait):
+                leaves[wait.kind] = None
+            elif wait.kind in _OF_POINTS:
+                nodes[wait.on] = None
+            else:
+                others.append(wait)
         kept = turn.kept[node] = _Kept(waits, list(nodes), list(leaves), others)
     return kept
 

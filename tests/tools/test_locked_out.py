@@ -33,7 +33,6 @@ def all_texts(found: Contents) -> str:
     return "\n".join(texts)
 
 
-@pytest.fixture(scope="module")
 def two_arms() -> Contents:
     """An arm grips, its copy is idle. Who asks the map has to wait, for the map is to lock both; and so has the lift
     that is sent after it.
@@ -57,20 +56,14 @@ def two_arms() -> Contents:
     return contents(History.until(player.entries))
 
 
-def test_a_lock_of_all_copies_is_no_bottleneck_of_one(two_arms: Contents) -> None:
-    told = advised(two_arms)
+def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
+    found = two_arms()
+    told = advised(found)
     assert (told[Topic.LOCK].title, Topic.CAPACITY in told) == ("legs is locked while others wait", False)
     assert "map had it" in told[Topic.LOCK].example
     assert told[Topic.LOCK].saving > 30
-
-
-def test_behind_a_lock_nothing_is_planned(two_arms: Contents) -> None:
-    assert Topic.OVERLAP not in advised(two_arms)
-
-
-def test_both_copies_are_locked(two_arms: Contents) -> None:
-    (move, *_) = (use for use in two_arms.uses if use.name.startswith("legs"))
-    assert move.locked > 10
+    assert Topic.OVERLAP not in told, "behind a lock nothing is planned"
+    assert next(use for use in found.uses if use.name.startswith("legs")).locked > 10
 
 
 def locking(*, is_reserved: bool = False) -> Story:
