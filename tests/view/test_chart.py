@@ -57,6 +57,15 @@ def bakery() -> Story:
     return story.say(*(facts.SuspendedOrResumed(task, False) for task in tasks)).at(60.0)
 
 
+NUMBERS = """async (counts) => {
+  const { drawCurve } = await import("/page/rows.js"), texts = [];
+  const context = { fillRect: () => {}, fillText: (words, x) => texts.push([words, x]), strokeText: () => {},
+    measureText: () => ({ width: 60 }) };
+  drawCurve(context, counts, { left: 0, y: 0, tall: 16, ink: "", paper: "", how: "suspended" });
+  return texts;
+}"""
+
+
 def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_room(look: Look, tmp_path: Path) -> None:
     page = look(bakery().write(tmp_path / "bakery"))
     labels = "tca.chart.layout.map(({ row }) => row.label)"
@@ -71,20 +80,7 @@ def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_roo
     page.set_viewport_size({"width": 700, "height": 500})
     until(page, "() => tca.chart.width < 700")
     assert page.evaluate("tca.chart.layout.filter(({ bottom }) => bottom <= tca.chart.height)[0].row.module") == "oven"
-
-
-NUMBERS = """async (counts) => {
-  const { drawCurve } = await import("/page/rows.js"), texts = [];
-  const context = { fillRect: () => {}, fillText: (words, x) => texts.push([words, x]), strokeText: () => {},
-    measureText: () => ({ width: 60 }) };
-  drawCurve(context, counts, { left: 0, y: 0, tall: 16, ink: "", paper: "", how: "suspended" });
-  return texts;
-}"""
-
-
-def test_the_number_of_a_curve_stands_beside_its_highest_place_and_in_the_row(look: Look, tmp_path: Path) -> None:
-    page = look(bakery().write(tmp_path / "bakery"))
-    places = {
+    places = {  # of the number of a curve: beside its highest place, and in the row
         "left": ([0] * 100 + [9] * 100, 34),
         "right": ([9] * 100 + [0] * 100, 106),
         "behind the slope": ([9] * 50 + [5] * 50 + [1] * 100, 106),
@@ -185,9 +181,8 @@ def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, t
     assert any(text.startswith("hold") and text.endswith("…") for text, _ in written(page))
 
 
-@pytest.mark.parametrize("joined", [0.0, 5.399])
-def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path, joined: float) -> None:
-    page = look(Story().at(joined).module("legs", "move").module("eyes", "look").write(tmp_path / "new"))
+def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path) -> None:
+    page = look(Story().at(5.399).module("legs", "move").module("eyes", "look").write(tmp_path / "new"))
     expect(page.locator("#counts")).to_be_attached()
     until(page, "tca.chart.layout.length === 2")
     start, end = page.evaluate("[tca.store.start, tca.store.end]")

@@ -68,7 +68,7 @@ class FedPlayer(Player):
 
 
 @given(st.lists(operation, max_size=60))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple[str, int, int, int, int]]) -> None:
     player = FedPlayer()
     life = Life(player)

@@ -2,13 +2,11 @@
 
 from pathlib import Path
 
-import msgspec
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story
 
 from tca_wire.journal import facts
-from tca_wire.vocabulary import Role
 from view.conftest import Look, until, written
 
 pytestmark = pytest.mark.slow
@@ -56,31 +54,6 @@ def test_columns_of_messages_stand_still(look: Look, tmp_path: Path) -> None:
     told = page.locator("#messages .time").all_inner_texts()
     assert {len(one.strip()) for one in told} == {7, 8}  # 9.000 s, 10.000 s
     assert len(set(page.evaluate(places))) == 1
-
-
-def called(story: Story, name: str, parent: int) -> int:
-    """An exception handler."""
-    task = story.goal(name, "central", parent)
-    received = next(fact for fact in story.entries[-1].facts if isinstance(fact, facts.Received) and fact.id == task)
-    place = story.entries[-1].facts.index(received)
-    story.entries[-1].facts[place] = msgspec.structs.replace(received, role=Role.EXCEPTION)
-    return task
-
-
-def test_what_role_a_task_has_is_told_where_there_is_room(look: Look, tmp_path: Path) -> None:
-    story = Story().module("planner", "visit").at(1.0)
-    visit = story.goal("visit", "user")
-    mend = called(story, "mend the thing that is broken", visit)
-    page = look(story.write(tmp_path / "roles"))
-    role = page.locator(f".row[data-task='{mend}'] .role")
-    expect(role).to_have_text("for a failure")
-    uncut = (
-        "(role) => [role, role.parentElement].every((one) => one.scrollWidth <= one.clientWidth || !one.clientWidth)"
-    )
-    for width, cell in ((1400, "why"), (2600, "task")):
-        page.set_viewport_size({"width": width, "height": 860})
-        expect(page.locator(f".row[data-task='{mend}'] .{cell} .role")).to_have_count(1)
-        assert role.evaluate(uncut)
 
 
 def test_the_name_of_what_is_to_come_is_dark_on_its_pale_bar(look: Look, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_why_a_task_waits_is_seen_without_a_click(look: Look, tmp_path: Path) ->
     expect(page.locator("#status")).to_have_text("not closed")  # nobody writes to it, and it has no end
 
 
-def test_why_a_task_failed_is_seen_without_a_click_and_its_story_with_one(look: Look, tmp_path: Path) -> None:
+def test_a_run_with_a_failure_is_looked_through(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"))
     expect(page.locator("#status")).to_have_text("ended")
     expect(line(page, 7)).to_contain_text("failed: terrain collision: leg 4 met")
@@ -44,6 +44,32 @@ def test_why_a_task_failed_is_seen_without_a_click_and_its_story_with_one(look: 
     expect(page.locator("#task h2")).to_have_text("move body {7}")
     expect(page.locator("#task")).to_contain_text("handled by controller: failed")
     expect(page.locator("#task")).to_contain_text("held, until move leg {6} is achieved")
+    page.locator(".row[data-task='2'] .twist").click()
+    expect(line(page, 6)).to_have_count(0)
+    expect(line(page, 2)).to_contain_text("+ 2")
+    page.locator(".row[data-task='2'] .twist").click()
+    expect(line(page, 6)).to_have_count(1)
+    x, y = page.evaluate("""() => {
+      const { chart } = tca, place = chart.layout.find((one) => one.row.label === "controller");
+      const span = place.row.handled.lists[0].find((one) => one.name === "move leg"), box = chart.canvas.getBoundingClientRect();
+      const [from, to] = chart.window, middle = (span.start + span.end) / 2;
+      const x = chart.labels + (middle - from) / (to - from) * (chart.width - chart.labels);
+      return [box.left + x, box.top + place.top + 6];
+    }""")
+    page.mouse.move(x, y)
+    expect(page.locator("#hint")).to_contain_text("move leg {6} handled by controller: 1.400 s – 3.400 s (2 s)")
+    page.mouse.click(x, y)
+    expect(page.locator("#task h2")).to_have_text("move leg {6}")
+    page.locator("#tree").focus()
+    page.keyboard.press("/")
+    page.keyboard.type("move controller")
+    expect(page.locator("#found")).to_have_text("2 found")
+    page.keyboard.press("Enter")
+    expect(page.locator("#task h2")).to_have_text("move leg {6}")
+    page.locator("#search").fill("killed steps")
+    expect(page.locator("#found")).to_have_text("3 found")
+    page.locator("#search").fill("nothing of the kind")
+    expect(page.locator("#found")).to_have_text("0 found")
 
 
 def test_what_else_lies_in_the_folder_is_said(look: Look, tmp_path: Path) -> None:
@@ -77,6 +103,13 @@ def test_the_past_is_shown_step_by_step(look: Look, tmp_path: Path) -> None:
     expect(page.locator("#rows")).to_contain_text("no task was sent yet")
     page.keyboard.press("End")
     expect(page.locator("#clock")).to_have_text("5.000 s")
+    page.evaluate("tca.slider.setTime(3.4)")
+    page.locator("#tab-messages").click()
+    expect(page.locator("#messages .now").first).to_contain_text("move leg {6}")
+    later = page.locator("#messages .later").filter(has_text="terrain collision").first
+    expect(later).to_be_visible()
+    later.click()
+    expect(page.locator("#task h2")).to_have_text("move body {7}")
 
 
 def test_the_slider_is_dragged_and_the_run_played(look: Look, tmp_path: Path) -> None:
@@ -95,48 +128,6 @@ def test_the_slider_is_dragged_and_the_run_played(look: Look, tmp_path: Path) ->
     page.locator("#play").click()
     expect(page.locator("#clock")).to_have_text("5.000 s")
     expect(page.locator("#play")).to_have_text("▶")
-
-
-def test_messages_at_the_cursor(look: Look, tmp_path: Path) -> None:
-    page = look(stumbling().write(tmp_path / "walk"), "#t=3.4")
-    page.locator("#tab-messages").click()
-    expect(page.locator("#messages .now").first).to_contain_text("move leg {6}")
-    expect(page.locator("#messages .later").filter(has_text="terrain collision").first).to_be_visible()
-    page.locator("#messages .later").filter(has_text="terrain collision").first.click()
-    expect(page.locator("#task h2")).to_have_text("move body {7}")
-
-
-def test_tasks_are_found_by_name_state_and_module(look: Look, tmp_path: Path) -> None:
-    page = look(stumbling().write(tmp_path / "walk"))
-    page.keyboard.press("/")
-    page.keyboard.type("move controller")
-    expect(page.locator("#found")).to_have_text("2 found")
-    page.keyboard.press("Enter")
-    expect(page.locator("#task h2")).to_have_text("move leg {6}")
-    page.locator("#search").fill("killed steps")
-    expect(page.locator("#found")).to_have_text("3 found")
-    page.locator("#search").fill("nothing of the kind")
-    expect(page.locator("#found")).to_have_text("0 found")
-
-
-def test_subtrees_are_closed_and_a_bar_chooses_its_task(look: Look, tmp_path: Path) -> None:
-    page = look(stumbling().write(tmp_path / "walk"))
-    page.locator(".row[data-task='2'] .twist").click()
-    expect(line(page, 6)).to_have_count(0)
-    expect(line(page, 2)).to_contain_text("+ 2")
-    page.locator(".row[data-task='2'] .twist").click()
-    expect(line(page, 6)).to_have_count(1)
-    x, y = page.evaluate("""() => {
-      const { chart } = tca, place = chart.layout.find((one) => one.row.label === "controller");
-      const span = place.row.handled.lists[0].find((one) => one.name === "move leg"), box = chart.canvas.getBoundingClientRect();
-      const [from, to] = chart.window, middle = (span.start + span.end) / 2;
-      const x = chart.labels + (middle - from) / (to - from) * (chart.width - chart.labels);
-      return [box.left + x, box.top + place.top + 6];
-    }""")
-    page.mouse.move(x, y)
-    expect(page.locator("#hint")).to_contain_text("move leg {6} handled by controller: 1.400 s – 3.400 s (2 s)")
-    page.mouse.click(x, y)
-    expect(page.locator("#task h2")).to_have_text("move leg {6}")
 
 
 def test_the_chart_begins_with_the_first_message_and_has_modules_that_handled_nothing(

@@ -142,7 +142,7 @@ def test_numbers_of_the_whole_run_are_those_of_tca_gantt_and_of_a_part_those_of_
     expect(page.locator("#status")).to_have_text("ended")
     picture = re.findall(r"up to \d+ queued", svg_text(chart(story.fold()), "bursts"))
     assert picture == ["up to 298 queued", "up to 14 queued", "up to 4 queued"]
-    for width in (1400, 1391, 1000, 700):
+    for width in (1391, 700):
         assert numbers_on(page, width) == picture
     page.evaluate("Object.assign(tca.chart, { from: 350, to: 800 })")
     assert numbers(page) == ["up to 149 queued", "up to 14 queued"]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from playwright.sync_api import Browser, Page
-from tools.story import Story, walking
+from tools.story import Story
 
 from tca_tools.report.__main__ import report
 
@@ -36,7 +36,7 @@ def pool() -> Story:
     return story.acted(story.command("pick", "user"), "arm#2", 1.0)
 
 
-@pytest.fixture(params=[walking, long_walk, pool])
+@pytest.fixture(params=[long_walk, pool])
 def paged(request: pytest.FixtureRequest, browser: Browser, tmp_path: Path) -> Iterator[Page]:
     """The page of a report."""
     out = tmp_path / "run.html"

@@ -57,40 +57,12 @@ def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew(
     expect(page.locator("#newer")).to_be_hidden()
     expect(page.locator("#over")).to_contain_text("A new run has begun, and is shown now: ")
     expect(page.locator("#over")).to_contain_text(", begun ")
-    page.reload()
-    task(page, "rest")
-    expect(page.locator("#over")).to_be_hidden()
-
-
-def test_who_was_taken_over_finds_the_way_back(look: Look, serve: Callable[..., str], start: Start) -> None:
-    first = start("first", WALK)
-    page = look(serve())
-    task(page, "walk")
-    first.stop()
-    start("second", REST)
-    task(page, "rest")
-    page.locator("#over button").first.click()
+    page.locator("#over button").first.click()  # the way back
     task(page, "walk")
     expect(page.locator("#over")).to_be_hidden()
-
-
-def test_who_looks_at_a_task_is_told_and_goes_there_when_he_likes(
-    look: Look, serve: Callable[..., str], start: Start
-) -> None:
-    first = start("first", WALK)
-    page = look(serve())
-    page.locator(".row").click()
-    expect(page.locator("#task h2")).to_have_text("walk {1}")
-    first.stop()
-    start("second", REST)
-    expect(page.locator("#newer")).to_contain_text("a newer run has begun: ")
-    task(page, "walk")
-    page.reload()  # the address says of which run the task is
-    expect(page.locator("#task h2")).to_have_text("walk {1}")
-    page.evaluate("location.hash = ''")
-    page.locator("#runs").select_option(index=0)
+    page.go_back()
     task(page, "rest")
-    expect(page).to_have_url(re.compile(r"/$"))
+    expect(page.locator("#over")).to_be_hidden()
 
 
 @pytest.mark.soak
@@ -142,9 +114,11 @@ def test_the_chooser_names_the_run_that_is_shown_when_another_has_begun_in_its_f
     page.reload()
     expect(page.locator("#task h2")).to_have_text("walk {1}")
     expect(chosen).to_have_text("arm/journal#1")
+    page.evaluate("location.hash = ''")
     page.locator("#runs").select_option(label="arm/journal#2 (newest)")
     task(page, "rest")
     expect(chosen).to_have_text("arm/journal#2 (newest)")
+    expect(page).to_have_url(re.compile(r"/$"))
 
 
 @pytest.mark.soak
@@ -199,11 +173,10 @@ def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
     page = look(address)
     expect(page.locator("#counts")).to_contain_text("1 handling")
     begin_another_in(folder)
-    expect(page.locator("#newer")).to_be_visible()  # the server knows of it
-    for opened in (page, look(address), look(address, "#t=1.4&task=7")):
-        expect(opened.locator("#newer")).to_be_visible()
-        expect(opened.locator("#newer")).to_contain_text("a newer run has begun: walk#2")
-        expect(opened.locator("#runs option:checked")).to_have_text("walk#1")
+    for where in ("", "#t=1.4&task=7"):
+        expect(page.locator("#newer")).to_contain_text("a newer run has begun: walk#2")
+        expect(page.locator("#runs option:checked")).to_have_text("walk#1")
+        page = look(address, where)
     page.locator("#newer button").click()
     expect(page.locator("#status")).to_have_text("ended")
     expect(page.locator("#newer")).to_be_hidden()

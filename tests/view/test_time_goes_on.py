@@ -1,7 +1,6 @@
 """Between two messages of a run that goes on, only the time does: seen in a real browser, beside a real central."""
 
 import signal
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,7 +11,7 @@ from integration.programs import Central, central
 from playwright.sync_api import Page, expect
 
 from tca_module import Client, Command, Goal, Module, Task, connect
-from view.conftest import SOON, Look
+from view.conftest import Look, until
 
 pytestmark = pytest.mark.slow
 
@@ -50,14 +49,6 @@ def entries(page: Page) -> int:
     return int(page.evaluate("tca.store.times.length"))
 
 
-def comes_true(page: Page, condition: str) -> None:
-    """The page's security policy lets nobody wait inside of it."""
-    end = time.monotonic() + SOON / 1000
-    while not page.evaluate(condition):
-        assert time.monotonic() < end, condition
-        page.wait_for_timeout(20)
-
-
 def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, user: Client) -> None:
     page = look(daemon.journal)
     expect(page.locator(".row .why")).to_contain_text("for a module that handles walk, for ")
@@ -68,30 +59,23 @@ def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, 
     expect(page.locator("#clock")).not_to_have_text(clock)
     expect(page.locator(".row .age")).not_to_have_text(waited)
     expect(page.locator("#task .lead .age")).not_to_have_text(inside)
-    assert page.evaluate("tca.chart.window[1]") > end
+    until(page, "(end) => tca.chart.window[1] > end", end)
     assert seconds(page, "#clock") > page.evaluate("tca.store.last")
     assert entries(page) == known  # and yet nothing happened
     user.goal(WALK, 2)
     expect(page.locator(".row")).to_have_count(2)
     assert page.evaluate("tca.store.times.at(-1)") > float(clock.split()[0])  # the page's clock is central's
 
-
-def test_who_looks_at_the_past_is_not_disturbed(look: Look, daemon: Central, user: Client) -> None:
-    page = look(daemon.journal)
-    expect(page.locator(".row .age")).to_have_count(1)
-    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowLeft")  # who looks at the past is not disturbed
     expect(page.locator("#follow")).not_to_have_class("on")
-    expect(page.locator(".row .age")).to_have_count(0)
-    there = page.locator("#clock").inner_text()
-    known = entries(page)
-    user.goal(WALK, 2)
-    comes_true(page, f"tca.store.times.length > {known}")
-    comes_true(page, "tca.chart.time < tca.store.last")
+    expect(page.locator(".row")).to_have_count(1)
+    there, known = page.locator("#clock").inner_text(), entries(page)
+    user.goal(WALK, 3)
+    until(page, f"tca.store.times.length > {known} && tca.chart.time < tca.store.last")
     assert page.locator("#clock").inner_text() == there
-    for _ in range(2):
+    for _ in range(3):  # beyond the last message
         page.keyboard.press("ArrowRight")
-    expect(page.locator(".row")).to_have_count(2)
-    page.keyboard.press("ArrowRight")  # beyond the last message
+    expect(page.locator(".row")).to_have_count(3)
     expect(page.locator("#follow")).to_have_class("on")
     expect(page.locator("#clock")).not_to_have_text(there)
 
@@ -102,7 +86,7 @@ def test_a_run_that_is_over_stands_still(look: Look, daemon: Central, user: Clie
     expect(page.locator("#status")).to_have_text("live")
     daemon.signal(signal.Signals(how))
     expect(page.locator("#status")).to_have_text(state)
-    comes_true(page, "tca.chart.time === tca.store.last")
+    until(page, "tca.chart.time === tca.store.last")
     assert seconds(page, "#clock") == pytest.approx(page.evaluate("tca.store.last"), abs=0.001)
     assert not page.evaluate("tca.store.isLive")
 
@@ -124,27 +108,22 @@ def test_nothing_moves_in_a_tab_that_nobody_sees(look: Look, daemon: Central, us
 
 def test_a_server_that_is_gone_is_no_run_that_goes_on(look: Look, daemon: Central, user: Client) -> None:
     page = look(daemon.journal)
-    expect(page.locator("#status")).to_have_text("live")
-    page.route("**/api/frame*", lambda route: route.fulfill(json={}))  # no answer that makes sense
-    user.goal(WALK, 2)  # the answer that the page waits for is the last
-    expect(page.locator("#status")).to_have_text("away")
-    assert not page.evaluate("tca.store.isLive")
-    page.unroute("**/api/frame*")
-    expect(page.locator("#status")).to_have_text("live")
-    assert page.evaluate("tca.store.isLive")
-
-
-def test_reasons_stay_while_others_send_and_when_the_server_goes_away(
-    look: Look, daemon: Central, user: Client
-) -> None:
-    page = look(daemon.journal)
     reason = page.locator(".row[data-task='1'] .why")
     expect(reason).to_contain_text("for a module that handles walk, for ")
     page.route("**/api/notes*", lambda _route: None)  # no note comes from now on
     with page.expect_request("**/api/notes*"):
         user.goal(WALK, 2)
         expect(page.locator(".row")).to_have_count(2)
+    expect(reason).to_contain_text("for a module that handles walk, for ")  # it stays
+    expect(page.locator("#status")).to_have_text("live")
+    page.route("**/api/frame*", lambda route: route.fulfill(json={}))  # no answer that makes sense
+    user.goal(WALK, 3)  # the answer that the page waits for is the last
+    expect(page.locator("#status")).to_have_text("away")
+    assert not page.evaluate("tca.store.isLive")
     expect(reason).to_contain_text("for a module that handles walk, for ")
+    page.unroute("**/api/frame*")
+    expect(page.locator("#status")).to_have_text("live")
+    assert page.evaluate("tca.store.isLive")
 
 
 def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(look: Look, daemon: Central, user: Client) -> None:
@@ -161,18 +140,18 @@ def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(look: Look, d
         at_last.callback(go_on.release, 20)  # the handler ends, whatever comes of this test
         page = look(daemon.journal, f"#task={moves[12].id}")
         expect(page.locator(".row.chosen")).to_be_visible()
-        comes_true(page, has_rows(23))
+        until(page, has_rows(23))
         page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 48; }")
         before = top_of(page, ".row.chosen")
         go_on.release(10)
-        comes_true(page, has_rows(33))
+        until(page, has_rows(33))
         assert top_of(page, ".row.chosen") == before
         page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 16 * 24; }")  # he looks elsewhere
         seen = f".row[data-task='{moves[6].id}']"
-        comes_true(page, f'!!document.querySelector("{seen}")')
+        until(page, f'!!document.querySelector("{seen}")')
         before = top_of(page, seen)
         go_on.release(10)
-        comes_true(page, has_rows(43))
+        until(page, has_rows(43))
         assert top_of(page, seen) == before
 
 

@@ -8,8 +8,6 @@ import { numbered, seconds } from "./words.js";
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
 const BESIDE_KIND = 10;
-const BESIDE_ROLE = 110; // the same beside a name with a role, without its number and what the row is indented by
-const INDENT = 15; // as in style.css
 const LEAST = 100; // pixels of what keeps a task, before what it comes to in the end
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const ROLE_MARKS = {
@@ -249,16 +247,9 @@ export class Tree {
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
     const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4;
     this.#tellWhy(why, this.notes.of(task, this.time), name, room);
-    if (mark) this.#placeRole(mark, row, cell, why, room - this.widthOf(why.textContent));
+    if (mark) cell.append(element("span", { class: "role", text: mark, title: mark }));
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${numbered(task.name, task.id)}: ${name}`;
-  }
-
-  // Beside the name or, if that has no room there, behind what is told at the end of the row.
-  #placeRole(mark, { task, depth }, cell, why, left) {
-    const indent = Math.min(depth, DEEPEST) * Math.min(INDENT, 130 / this.deepest), wide = this.widthOf(mark);
-    const isCut = indent + BESIDE_ROLE + this.widthOf(`${task.name}${task.id}`) + wide > this.head.clientWidth;
-    (isCut && wide + BESIDE_KIND < left ? why : cell).append(element("span", { class: "role", text: mark, title: mark }));
   }
 
   #hiddenFailure(task) {
