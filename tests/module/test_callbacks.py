@@ -308,7 +308,7 @@ def test_what_was_missed_is_left_out(timers: Timers[str]) -> None:
 
 def test_a_call_that_ends_when_the_next_is_due_does_not_come_twice(timers: Timers[str]) -> None:
     timers.every("beat", 0.1, 0.0)
-    times = []
+    times: list[float] = []
     for _ in range(1000):
         times.append(timers.next())
         timers.take_due(times[-1])

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import zmq
-from module.real_central import SOON, RealCentral, until
+from module.real_central import SOON, Gate, RealCentral, until
 from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_module import (
@@ -181,15 +181,11 @@ def test_a_newer_handler_takes_over_and_gives_back(central: RealCentral, user: C
 
 def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: Client) -> None:
     """Queries that wait at the entrance of a module which ends are answered by the next one, each once."""
-    begun, go_on = threading.Event(), threading.Event()
-    handled: list[float] = []
+    gate, handled = Gate(), list[float]()
 
     def slow(x: float) -> float:
         handled.append(x)
-        if x == 1.0:
-            begun.set()
-            go_on.wait(SOON)
-        return x
+        return gate() or x if x == 1.0 else x
 
     def quick(x: float) -> float:
         handled.append(x)
@@ -202,11 +198,11 @@ def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: C
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0), module="first")
         handled.clear()
         pending = [user.query_send(HEIGHT, float(x)) for x in range(1, 6)]
-        assert begun.wait(SOON)
+        assert gate.begun.wait(SOON)
         leaving.stop()
         until(lambda: (user.status(), central.facts(HandlerRemoved))[1], "the first is withdrawn")
         assert user.query(HEIGHT, 50.0) == 150.0
-        go_on.set()
+        gate.go_on.set()
         answers = [one.receive(SOON) for one in pending]
         thread.join(SOON)
     assert answers == [1.0, 102.0, 103.0, 104.0, 105.0]
@@ -278,13 +274,9 @@ def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Clien
 
 
 def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(central: RealCentral, user: Client) -> None:
-    go_on, seen = threading.Event(), list[float]()
-
-    def slow(x: float) -> float:
-        go_on.wait(SOON)
-        return x
-
-    module = a_map(central, height=slow)
+    gate, seen = Gate(), list[float]()
+    go_on = gate.go_on
+    module = a_map(central, height=lambda x: gate() or x)
     module.handles(POSE, direct=True)(lambda _, x: seen.append(x) if x >= 0 else None)
     with module.running():
         go_on.set()
@@ -359,27 +351,20 @@ def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(central:
 def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
     """What is under way when another central comes is lost, as through central; then all is learnt anew."""
     address = f"ipc://{tmp_path}/central.sock"
-    begun, go_on = threading.Event(), threading.Event()
-
-    def slow(x: float) -> float:
-        if x < 0:
-            begun.set()
-            go_on.wait(SOON)
-        return x
-
+    gate = Gate()
     central = RealCentral(address)
-    module = a_map(address, height=slow)
+    module = a_map(address, height=lambda x: gate() or x if x < 0 else x)
     with module.running(), connect("user", address) as user:
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         central.close()
         for x in range(100):
             assert user.query(HEIGHT, float(x)) == x
         pending = user.query_send(HEIGHT, -1.0)
-        assert begun.wait(SOON)
+        assert gate.begun.wait(SOON)
         with RealCentral(address, "another run") as central:
             with pytest.raises(CentralLost, match="central was restarted meanwhile and has forgotten it"):
                 pending.receive(SOON)
-            go_on.set()
+            gate.go_on.set()
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
 

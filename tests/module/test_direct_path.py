@@ -398,7 +398,7 @@ STEPS: dict[str, Callable[[Life, bytes], object]] = {
 }
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(st.lists(st.sampled_from(sorted(STEPS)), max_size=60))
 def test_whatever_breaks_nothing_is_handled_twice_or_forgotten(steps: list[str]) -> None:
     life = Life()

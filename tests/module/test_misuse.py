@@ -444,9 +444,3 @@ def test_what_users_write_names_itself_and_the_argument(kind: Any) -> None:
     if kind is not LocalCentral:
         with pytest.raises(TypeError, match=rf"^{itself(kind)}\.__init__\(\) missing \d required .*: '"):
             kind()
-
-
-@pytest.mark.parametrize("kind", [tca_module.PointMonitor, tca_module.PollingMonitor])
-def test_a_monitor_without_its_condition(kind: Any) -> None:
-    with pytest.raises(TypeError, match=rf"^{itself(kind)}\.__init__\(\) missing .* argument: 'condition'$"):
-        kind("q", action=tca_module.Command("no"))

@@ -25,17 +25,11 @@ from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Dropped, Received
 
 
-def test_a_query_waits_for_a_module_that_comes_later(legs: Module, user: Client) -> None:
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    pending = user.query_send(TEMPERATURE)
-    with legs.running():
-        assert pending.receive(SOON) == 36.6
-
-
 def test_split_queries_are_answered_in_any_order(legs: Module, user: Client) -> None:
+    """Also by a module that comes later."""
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
+    pending = [user.query_send(STANCE, float(number)) for number in range(3)]
     with legs.running():
-        pending = [user.query_send(STANCE, float(number)) for number in range(3)]
         assert [one.receive(SOON) for one in reversed(pending)] == [[2], [1], [0]]
         assert pending[0].receive(0) == [0]
 

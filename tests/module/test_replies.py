@@ -105,7 +105,7 @@ def test_an_error_in_a_function_is_logged(legs: Module, user: Client, caplog: py
 
 def test_functions_are_called_one_after_the_other_however_many(legs: Module, user: Client) -> None:
     """They would nest if one that waits let others be called meanwhile."""
-    depth, deepest, count = 0, 0, 300
+    depth, deepest, count = 0, 0, 100
 
     def ask(sender: Sender, degrees: float) -> None:
         nonlocal depth, deepest

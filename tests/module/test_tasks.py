@@ -70,6 +70,8 @@ def test_a_handler_that_waits_for_a_result_blocks_for_its_own_task(robot: Robot,
 def test_what_a_querys_handler_sends_hangs_under_the_root(robot: Robot, user: Client) -> None:
     @robot.planner.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
+        with pytest.raises(MisuseError, match="'stance' is no task of the tree and has no points"):
+            _ = task.achieving
         return [task.command(MOVE_LEG, 1).result(SOON).leg]
 
     with robot.running():
@@ -154,17 +156,6 @@ def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
             stop.wait_for("end")  # type: ignore[arg-type]
         with pytest.raises(Refused, match="there is no task 99"):
             stop.wait_for(Point(99, Moment.END_ACHIEVING))  # type: ignore[arg-type]
-
-
-def test_only_tasks_have_points(robot: Robot, user: Client) -> None:
-    @robot.planner.handles(STANCE)
-    def stance(task: Task, radius: float) -> list[int]:
-        with pytest.raises(MisuseError, match="'stance' is no task of the tree and has no points"):
-            _ = task.achieving
-        return []
-
-    with robot.running():
-        assert user.query(STANCE, 1.0) == []
 
 
 # --- Tasks that fail or are killed, and what is left of them when central is gone ------------------------------------
