@@ -1,5 +1,6 @@
 """A central behind a real socket, in a thread of the tests, with what it recorded."""
 
+import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,8 +21,10 @@ class Gate:
     def __init__(self, result: Any = None) -> None:
         self.result = result
         self.begun, self.go_on = threading.Event(), threading.Event()
+        self.threads = queue.SimpleQueue[str]()  #: in which it was called
 
     def __call__(self, *_: Any) -> Any:
+        self.threads.put(threading.current_thread().name)
         self.begun.set()
         assert self.go_on.wait(SOON)
         return self.result
