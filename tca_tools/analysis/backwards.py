@@ -12,6 +12,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import nextafter
+from operator import itemgetter
 
 from tca_tools.analysis.standing import going_on, last_change
 from tca_tools.analysis.steps import Doing, Step, delay_of
@@ -33,6 +34,9 @@ class _At:
     """The wait that was over then, if the walk came by one."""
 
 
+_Over = tuple[float, float, HandlerWait]
+"""When a wait was over, and what had come last by then: when, and the wait for that."""
+_END = itemgetter(0)
 _Back = tuple[Step | None, _At | None]
 """A step back, if it took time, and where the walk stands before it; None where it begins."""
 
@@ -45,9 +49,9 @@ class Causes:
         self._released = {
             claim.end: claim for claim in run.claims.values() if claim.end is not None and claim.granted is not None
         }
-        self._outside = {name: _Outside(run, module.waits) for name, module in run.modules.items()}
-        self._waits: dict[int, list[HandlerWait]] = {}
-        """Of runs of handlers that were walked through, their waits as they ended."""
+        self._outside = {name: self._as_ended(one.waits, is_outside=True) for name, one in run.modules.items()}
+        self._over: dict[int, list[_Over]] = {}
+        """The same of runs of handlers that were walked through."""
 
     def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[Step]:
         """The steps that led to what happened at *time* to a message, or that a handler did then; the newest first."""
@@ -73,25 +77,30 @@ class Causes:
 
     def _in_handler(self, at: _At, handling: Handling) -> _Back:
         """Back to where the handler last resumed, or else began."""
-        wait = self._last_over(handling, at.time)
-        if wait is None:
-            start, before = handling.start, _At(handling.start, handling.message_id)
-        else:
-            start = _end_of(wait)
-            before = _At(start, wait.awaited, wait=wait)
+        over = self._over.get(id(handling)) or self._over.setdefault(id(handling), self._as_ended(handling.waits))
+        place = bisect_right(over, at.time, key=_END)
+        start, wait = over[place - 1][1:] if place else (handling.start, None)
+        before = _At(start, wait.awaited, wait=wait) if wait else _At(start, handling.message_id)
         message = handling.message_id
         step = Step(start, at.time, Doing.WORK, message, handling.module, handling.resource, handling, wait)
         return step, before
 
-    def _last_over(self, handling: Handling, time: float) -> HandlerWait | None:
-        """The one of a handler's waits that was over last by then."""
-        if not handling.waits:
-            return None
-        if (waits := self._waits.get(id(handling))) is None:
-            over = (wait for wait in handling.waits if wait.end is not None and wait.end > wait.start)
-            waits = self._waits[id(handling)] = sorted(over, key=_end_of)  # what takes no time is over as it begins
-        place = bisect_right(waits, time, key=_end_of)
-        return waits[place - 1] if place else None
+    def _as_ended(self, waits: list[HandlerWait], *, is_outside: bool = False) -> list[_Over]:
+        """Waits that are over, as they ended. What takes no time is over with the event that begins it; but a program
+        outside of handlers that looks so at the end of a task had to wait until that came.
+        """
+        found: list[_Over] = []
+        ended = [(wait.end, wait) for wait in waits if wait.end is not None]
+        for end, wait in sorted(ended, key=_END):
+            since = end
+            if wait.start == end:
+                task = self._run.tasks.get(wait.awaited) if is_outside and wait.moment else None
+                since = task.time_of(wait.moment) if task is not None and wait.moment else end
+                if since >= end:
+                    continue
+            is_last = not found or since >= found[-1][1]
+            found.append((end, since, wait) if is_last else (end, *found[-1][1:]))
+        return found
 
     # --- what an event was, and who brought it about -------------------------------------------------------------
 
@@ -125,10 +134,10 @@ class Causes:
             return None, _At(time, number, by)
         if by is not None and by.end is not None and by.end < time:
             return Step(by.end, time, Doing.OUTSIDE, number, module), _At(by.end, by.message_id, by)  # beside it
-        outside = self._outside.get(module) if by is None else None
-        if outside is None or (found := outside.last_over(time)) is None:
+        outside = self._outside.get(module, []) if by is None else []
+        if not (place := bisect_left(outside, time, key=_END)):
             return None, None
-        start, wait = found
+        _, start, wait = outside[place - 1]
         return Step(start, time, Doing.OUTSIDE, number, module, resumed=wait), _At(start, wait.awaited, wait=wait)
 
     def _at_claim(self, at: _At) -> _Back | None:
@@ -211,33 +220,3 @@ def _resumed(task: Task, time: float) -> Step | None:
 def _before(step: Step, since: float) -> _At:
     """Where a walk goes on that leaves out the wait before a step: in its handler, or where it was put into a queue."""
     return _At(since, step.message_id, step.handling if step.resumed else None)
-
-
-def _end_of(wait: HandlerWait) -> float:
-    return wait.start if wait.end is None else wait.end
-
-
-class _Outside:
-    """What a program waited for outside of any handler. Where it looks at what had come so far before, it has waited
-    until then.
-    """
-
-    def __init__(self, run: Run, waits: list[HandlerWait]) -> None:
-        self._ends: list[float] = []
-        self._last: list[tuple[float, HandlerWait]] = []
-        """What was over last until then, and since when."""
-        for wait in sorted((wait for wait in waits if wait.end is not None), key=_end_of):
-            end = since = _end_of(wait)
-            if wait.start == end:
-                task = run.tasks.get(wait.awaited)
-                since = task.reached.get(wait.moment, end) if task is not None and wait.moment else end
-                if since == end:
-                    continue
-            self._ends.append(end)
-            is_last = not self._last or since >= self._last[-1][0]
-            self._last.append((since, wait) if is_last else self._last[-1])
-
-    def last_over(self, time: float) -> tuple[float, HandlerWait] | None:
-        """What was over last when it did something at a time, and since when."""
-        place = bisect_left(self._ends, time)
-        return self._last[place - 1] if place else None

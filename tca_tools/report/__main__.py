@@ -45,12 +45,9 @@ def _page(journal: Log) -> str:
     except DamagedLog as error:
         damage = error.message
     found = contents(history)
-    return page(_name(journal), damage, found, tree(history), gantt(history, found), strips(history, found))
-
-
-def _name(journal: Log) -> str:
-    """What the report is called: a journal that is called so is known by the directory that it is in."""
-    return f"{journal.path.resolve().parent.name}/{journal.name}" if journal.name == "journal" else journal.name
+    is_plain = journal.name == "journal"  # it is known by the directory that it is in
+    name = f"{journal.path.resolve().parent.name}/journal" if is_plain else journal.name
+    return page(name, damage, found, tree(history), gantt(history, found), strips(history, found))
 
 
 if __name__ == "__main__":
