@@ -82,6 +82,16 @@ def test_with_the_last_copy_it_is_lost(robot: Player) -> None:
     assert [fact.why for fact in robot.facts(facts.ClaimEnded)] == ["module 'legs#2' has gone: its connection closed"]
 
 
+def test_a_lock_gets_in_when_the_message_before_it_is_given_up(robot: Player) -> None:
+    robot.module("map", "query where", capacity=0)
+    robot.send("user", "where")
+    number = robot.number("other")
+    robot.receive("other", headers.Lock(number, "map"))
+    assert not is_granted(robot, "other", number)
+    robot.receive("user", headers.GiveUp(robot.numbers["user"]))
+    assert is_granted(robot, "other", number)
+
+
 CLIENTS = ("one", "two", "three")
 OPERATIONS = ("join", "pool", "lose", "move", "reply", "lock", "reserve", "release")
 
