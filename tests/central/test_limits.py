@@ -270,6 +270,25 @@ def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyP
     assert last.text == "3 wait to lock or reserve resource 'legs'"
 
 
+def test_of_locks_that_were_taken_away_only_so_many_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
+    player = Player.of("legs: command move", "user", "operator")
+    for _ in range(5):
+        player.receive("user", headers.Lock(player.number("user"), "legs"))
+        player.receive("operator", headers.Unlock(player.number("operator"), "legs"))
+    (user,) = [one for one in player.central.registry.connections.values() if one.module.name == "user"]
+    assert len(user.lost_claims) == 3
+
+
+def test_a_lock_of_no_handler_is_no_loss_of_the_one_that_runs_beside_it() -> None:
+    player = Player.of("legs: command move", "map: query where", "user")
+    assert player.task("user", "move") == 1
+    player.receive("legs/1", headers.Lock(player.number("legs/1"), "map"))
+    player.receive("user", headers.Unlock(player.number("user"), "map"))
+    player.reply("legs/1")
+    assert not player.facts_of("failed")
+
+
 FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
     "wiretaps": (taps, "MOST_TAPS", lambda request, task: headers.Tap(
         request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)), "has 1 wiretaps already"),

@@ -54,7 +54,9 @@ BACK = headers.Hello(1, PROTOCOL_VERSION, "legs", "run of legs", 1, "legs", "her
 def test_a_handler_is_told_again_that_it_is_to_end(steer: type, why: str) -> None:
     robot = Player.of("legs: command step", "user")
     step = robot.task("user", "step")
-    assert headers.Cancelled(step, why) not in robot.receive("new line", BACK)
+    said = robot.receive("new line", BACK)
+    assert headers.Deliver(step, "step", TaskId(step)) in said
+    assert headers.Cancelled(step, why) not in said
     robot.receive("user", steer(robot.number("user"), TaskId(step)))
     assert headers.Cancelled(step, why) in robot.receive("newer line", BACK)
 
