@@ -270,6 +270,15 @@ def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyP
     assert last.text == "3 wait to lock or reserve resource 'legs'"
 
 
+@pytest.mark.parametrize("moment", [0, 3, 64])
+def test_a_point_is_one_moment(moment: int) -> None:
+    player = Player.of("legs: command move", "user")
+    where = point(player.task("user", "move"), Moment(moment))
+    for header in (headers.AwaitPoint(player.number("user"), where), headers.Deadline(player.number("user"), where, 1)):
+        (refused,) = player.receive("user", header)
+        assert refused.text == f"{moment} is not a moment: give one bit of 1 to 32"
+
+
 def test_of_locks_that_were_taken_away_only_so_many_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
     player = Player.of("legs: command move", "user", "operator")
