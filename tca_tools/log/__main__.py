@@ -18,6 +18,7 @@ from tca_tools.terminal import columns_of, cut, line_width, padded
 from tca_wire.journal.facts import Delivered, Entry, Fact, Queued, Received, kind_of
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording
+from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
 
 KINDS: tuple[str, ...] = tuple(map(kind_of, get_args(Fact)))
@@ -89,12 +90,11 @@ def runs(folder: Path | None) -> None:
     if not folders:
         newest_journal()
     found = [run for one in folders if one.is_dir() for run in runs_in(one)]
-    width = max((columns_of(run.name) for run in found), default=0)
-    for run in found:
-        began = "" if run.began is None else f"{datetime.fromtimestamp(run.began):%Y-%m-%d %H:%M:%S}"  # noqa: DTZ006
-        segments = f"{run.segments} segment{'s' * (run.segments != 1)}"
-        live = ", goes on" if run.is_live else ""
-        click.echo(f"{padded(printable(run.name), width)}  began {began}, {segments}{live}")
+    width = max((columns_of(name) for name, _, _ in found), default=0)
+    for name, opened, log in found:
+        began = f"{datetime.fromtimestamp(opened.began):%Y-%m-%d %H:%M:%S}"  # noqa: DTZ006
+        live = ", goes on" if log.is_being_written else ""
+        click.echo(f"{padded(printable(name), width)}  began {began}, {counted(len(log.segments()), 'segment')}{live}")
 
 
 def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:

@@ -68,30 +68,19 @@ def _run_in(path: Path) -> tuple[Path, str] | None:
     return folder, found
 
 
-class Kept(NamedTuple):
-    """A run that can be read: how it is named as LOG, and what is known of it."""
-
-    name: str
-    segments: int
-    began: float | None
-    """Wall-clock time, if its journal tells."""
-    epoch: str
-    is_live: bool
-
-
 def called(journal: Path) -> str:
     """What titles call a folder of journals, or a file of one."""
     path = journal.resolve()
     return f"{path.parent.name}/{path.name}" if path.name == "journal" else path.name
 
 
-def runs_in(folder: Path) -> Iterator[Kept]:
-    """The runs that lie in a folder, oldest first. Raises UnusableLog if it can't be read."""
+def runs_in(folder: Path) -> Iterator[tuple[str, Opened, "Log"]]:
+    """The runs that lie in a folder, oldest first, each with how it is named as LOG, and how it begins. Raises
+    UnusableLog if it can't be read.
+    """
     epochs = Folder(folder).epochs()
     for number, opened in enumerate(epochs, 1):
-        log = Log(folder, opened.epoch)
-        name = f"{folder}#{number}" if len(epochs) > 1 else str(folder)
-        yield Kept(name, len(log.segments()), opened.began, opened.epoch, log.is_being_written)
+        yield f"{folder}#{number}" if len(epochs) > 1 else str(folder), opened, Log(folder, opened.epoch)
 
 
 def run_folders() -> Iterator[Path]:
