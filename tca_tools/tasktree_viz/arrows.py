@@ -1,13 +1,13 @@
 """The constraint arrows of a picture: one between two tasks, however many constraints, labelled by their kinds."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
 from tca_tools.run.at_time import RunAt
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, describe_moments
-from tca_wire.text.measures import duration
+from tca_wire.text.measures import duration, listed
 
 SEQ = "SEQ"
 DELAYED = "DP"
@@ -66,23 +66,37 @@ def arrows(at: RunAt, shown: set[int]) -> Arrows:
     """The arrows between the tasks shown."""
     found, delayed = Arrows(), ArrowKind(DELAYED)
     for task_id in sorted(shown):
-        task = at.tasks[task_id]
         incoming: dict[int, list[ArrowKind]] = {}
-        for constraint in task.constraints:
+        for constraint in at.tasks[task_id].constraints:
             if constraint.before.task in at.tasks:
                 _add(incoming.setdefault(constraint.before.task, []), kind_of_arrow(constraint))
         own = incoming.pop(task_id, [])
-        if DELAYED in own and (sequence := _sequence(incoming)):
+        sequence = next((kinds for kinds in incoming.values() if _is_sequence(kinds)), None)
+        if DELAYED in own and sequence is not None:
             own.remove(delayed)  # "after it, and not even planned before": one arrow, as the literature draws it
             _add(sequence, delayed)
         unseen = {before: kinds for before, kinds in incoming.items() if before not in shown}
         found.between |= {(before, task_id): kinds for before, kinds in incoming.items() if before in shown}
         known = _befores(at, incoming) if unseen else set()
         found.unseen |= {(one, task_id): kinds for one, kinds in unseen.items() if kinds != [SEQ] or one not in known}
-        if own:
-            found.own[task_id] = own
+        found.own |= {task_id: own} if own else {}
     _leave_out_detours(found.between)
     return found
+
+
+def in_words(at: RunAt, found: Arrows, drawn: Mapping[tuple[int, int], Collection[ArrowKind]]) -> dict[int, list[str]]:
+    """For each task its constraints in words, but for the kinds that are *drawn* between two: ``plan first``,
+    ``after walk {3} and look {4}``, ``plan ahead: after walk {3}``.
+    """
+    names: dict[tuple[int, str], list[str]] = {}
+    for pair, kinds in (found.between | found.unseen).items():
+        if rest := [kind for kind in kinds if kind not in drawn.get(pair, ())]:
+            what = "" if rest == [SEQ] else f"{', '.join(rest)}: "
+            names.setdefault((pair[1], what), []).append(at.describe(pair[0]))
+    said = {task: [", ".join(kinds)] for task, kinds in found.own.items()}
+    for (task, what), some in names.items():
+        said.setdefault(task, []).append(f"{what}after {listed(some)}")
+    return said
 
 
 def _befores(at: RunAt, tasks: Iterable[int]) -> set[int]:
@@ -95,7 +109,7 @@ def _leave_out_detours(between: dict[tuple[int, int], list[ArrowKind]]) -> None:
     """What stands in a row needs no arrow from the first to the third: whoever waited for a killed task waits for what
     that one waited for.
     """
-    rows = {pair for pair, kinds in between.items() if any(kind.name == SEQ for kind in kinds)}
+    rows = {pair for pair, kinds in between.items() if _is_sequence(kinds)}
     following: dict[int, list[int]] = {}
     for before, after in rows:
         following.setdefault(before, []).append(after)
@@ -113,9 +127,8 @@ def kind_of_arrow(constraint: Constraint) -> ArrowKind:
     return ArrowKind(name, constraint.delay)
 
 
-def _sequence(incoming: dict[int, list[ArrowKind]]) -> list[ArrowKind] | None:
-    """The kinds of an arrow that says SEQ, if there is one."""
-    return next((kinds for kinds in incoming.values() if any(kind.name == SEQ for kind in kinds)), None)
+def _is_sequence(kinds: list[ArrowKind]) -> bool:
+    return any(kind.name == SEQ for kind in kinds)
 
 
 def _add(kinds: list[ArrowKind], kind: ArrowKind) -> None:

@@ -13,11 +13,10 @@ from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fates import HANDLED, STANDINGS, WATCHING
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
+from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows, in_words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut
 from tca_wire.points import Interval
-from tca_wire.text.measures import listed
 from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Role
 
@@ -71,7 +70,10 @@ def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> I
     for row in rows:
         families.setdefault(row.parent, []).append(_id(row))
     beside = {pair for brothers in families.values() for pair in pairwise(brothers)}
-    said = _said(at, found, beside)
+    # words on an arrow over other boxes would lie on those
+    said = in_words(
+        at, found, {one: found.between[one] for one in found.between if tuple(f"t{i}" for i in one) in beside}
+    )
     for row in rows:
         yield _node(at, row, said.get(row.task.id, []) if row.task else [], with_data)
     yield from (f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];" for row in rows if row.parent >= 0)
@@ -88,20 +90,6 @@ def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> I
         order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(brothers) if (a, b) not in joined)
         if len(brothers) > 1:
             yield f"{{ rank=same; {'; '.join(brothers)}; {order} }}"
-
-
-def _said(at: RunAt, found: Arrows, beside: set[tuple[str, str]]) -> dict[int, list[str]]:
-    """What stands in the boxes of tasks: their own constraints, and those that are no arrows between neighbours; words
-    on an arrow over other boxes would lie on those.
-    """
-    names: dict[tuple[int, str], list[str]] = {}
-    for (before, after), kinds in (found.between | found.unseen).items():
-        if (f"t{before}", f"t{after}") not in beside:
-            names.setdefault((after, " · ".join(kinds)), []).append(at.describe(before))
-    said = {task: [", ".join(kinds)] for task, kinds in found.own.items()}
-    for (after, what), some in names.items():
-        said.setdefault(after, []).append(f"{what}: after {listed(some)}")
-    return said
 
 
 def _id(row: Row) -> str:

@@ -13,7 +13,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, arrows
 from tca_tools.tasktree_viz.dot import FILLS, borders, looks_of
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.tasktree_viz.plan import AFTER, BOX, CHARACTER, LANE, LINE, Place, Plan, plan
+from tca_tools.tasktree_viz.plan import BOX, CHARACTER, LANE, LINE, Place, Plan, plan
 
 _MARGIN, _GAP = 24.0, 18.0
 _TIMES = 460.0
@@ -169,9 +169,8 @@ def _head(rows: list[Row], title: str, laid: Plan, kinds: set[str], right: float
         x += needed
     y += 32
     joined = _JOINED if any(len(line.sources) > 1 for line in laid.lines) else ""
-    says = [f'"{AFTER}"'] * any(place.says_after for place in laid.places)
-    after = " and ".join(["heavy lines"] * bool(laid.lines) + says)
-    meanings = [(after, MEANINGS[SEQ] + joined)] * bool(after)
+    after = " and ".join(["heavy lines"] * bool(laid.lines) + ['"after"'])
+    meanings = [(after, MEANINGS[SEQ] + joined)] * (SEQ in kinds)
     meanings += [("dashed, with +", _FOLDED)] * any(row.folded for row in rows)
     meanings += [(kind, meaning) for kind, meaning in MEANINGS.items() if kind in kinds and kind != SEQ]
     for what, meaning in meanings:

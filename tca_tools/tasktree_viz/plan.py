@@ -3,27 +3,23 @@
 For trees that are too wide to be drawn as a figure: this one grows downwards only.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from textwrap import wrap
 
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.arrows import SEQ, Arrows
+from tca_tools.tasktree_viz.arrows import SEQ, ArrowKind, Arrows, in_words
 from tca_tools.tasktree_viz.lanes import Line, lines
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name
 from tca_wire.points import Interval
-from tca_wire.text.measures import listed
 from tca_wire.text.printable import printable
 
 INDENT, DEEPEST = 22.0, 420.0
 """Pixels: of a level and, as many levels as there are, of all together."""
 LANE = 6.0
 """Between two lanes; the nearest is half an indentation away from the boxes."""
-AFTER = "after"
-"""Said of a task that is achieved after another, where no line shows it."""
 _LEAST_INDENT = INDENT / 2
 """Where a level has less room, lines of one would run into those of the next: all is said in words."""
 CHARACTER, LINE, BOX = 6.7, 15.0, 19.0
@@ -48,8 +44,6 @@ class Place:
     """What stands beside it, line by line: its state, what it waits for, how it failed, its data."""
     after: str = ""
     """Its constraints that no line to it shows."""
-    says_after: bool = False
-    """Whether it says in words that it comes after others."""
     planning: tuple[float, float | None] | None = None
     achieving: tuple[float, float | None] | None = None
 
@@ -87,7 +81,12 @@ def plan(at: RunAt, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan:
             _tell(place, at, row.task, with_data)
         places.append(place)
         top += max(_ROW, len(place.notes) * LINE + 8)
-    _say_the_rest(at, places, found, drawn)
+    lines_of = {(rows[one].task, rows[to].task) for line in drawn for to in line.to for one in line.sources}
+    has_line = {(int(one.id), int(to.id)): [ArrowKind(SEQ)] for one, to in lines_of if one and to}
+    said = in_words(at, found, has_line)
+    for place in places:
+        if place.row.task:
+            place.after = cut(printable("; ".join(said.get(place.row.task.id, []))), _LONGEST_AFTER)
     width = max((place.left + place.width + columns_of(place.after) * 5.5 + 12 for place in places), default=0.0)
     notes = max((columns_of(note) for place in places for note in place.notes), default=0)
     return Plan(places, width, top, notes * _NOTE_CHARACTER, indent, drawn)
@@ -106,42 +105,10 @@ def _tell(place: Place, at: RunAt, task: TaskAt, with_data: bool) -> None:
 
 def _lines(rows: list[Row], found: Arrows) -> list[Line]:
     """The lines between brothers, family by family."""
-    numbers = _numbers(rows)
+    numbers = {int(row.task.id): row.number for row in rows if row.task}
     families: dict[int, list[tuple[int, int]]] = {}
     for (first, second), kinds in found.between.items():
         one, other = numbers[first], numbers[second]
         if SEQ in kinds and one < other and rows[one].parent == rows[other].parent:
             families.setdefault(rows[one].parent, []).append((one, other))
     return [line for pairs in families.values() for line in lines(pairs)]
-
-
-def _numbers(rows: list[Row]) -> dict[int, int]:
-    return {int(row.task.id): row.number for row in rows if row.task}
-
-
-def _say_the_rest(at: RunAt, places: list[Place], found: Arrows, drawn: list[Line]) -> None:
-    """In words, at the task that waits, all constraints that the lines don't show."""
-    numbers = _numbers([place.row for place in places])
-    has_line = {(source, to) for line in drawn for to in line.to for source in line.sources}
-    said: dict[int, dict[tuple[str, str], list[str]]] = {}  # for each row: what is said before and behind which names
-    for (first, second), kinds in (found.between | found.unseen).items():
-        to = numbers[second]
-        is_drawn = (numbers.get(first), to) in has_line
-        if around := _words_around(kinds, is_drawn=is_drawn):
-            places[to].says_after |= not is_drawn and kinds == [SEQ]
-            said.setdefault(to, {}).setdefault(around, []).append(at.describe(first))
-    for task, kinds in found.own.items():
-        places[numbers[task]].after = ", ".join(kinds)
-    for number, names_by in said.items():
-        parts = [f"{before}{listed(names)}{behind}" for (before, behind), names in names_by.items()]
-        places[number].after = "; ".join([*filter(None, [places[number].after]), *parts])
-    for place in places:
-        place.after = cut(printable(place.after), _LONGEST_AFTER)
-
-
-def _words_around(kinds: Sequence[str], *, is_drawn: bool) -> tuple[str, str] | None:
-    """``after ...``, ``plan ahead (after ...)``, or with a line that says the rest: ``plan ahead (...)``."""
-    if not is_drawn and kinds == [SEQ]:
-        return f"{AFTER} ", ""
-    told = ", ".join(kind for kind in kinds if not (is_drawn and kind == SEQ))
-    return (f"{told} ({'' if is_drawn else f'{AFTER} '}", ")") if told else None

@@ -95,7 +95,7 @@ def test_a_line_from_some_says_in_words_who_else_is_waited_for() -> None:
     picture = Picture(at, rows)
     assert {one for one, _ in picture.pairs} == shown - {1, 42}
     assert f"after work {{4}}, work {{5}}, work {{6}} and {40 - len(picture.pairs) - 3} more" in picture.words
-    assert "SEQ: after work {2}, work {3}, work" in dot_source(at, rows, "")
+    assert "after work {2}, work {3}, work" in dot_source(at, rows, "")
 
 
 def test_a_sequence_that_is_folded_up_goes_on_in_words() -> None:
@@ -115,7 +115,7 @@ def test_only_what_is_achieved_one_after_the_other_has_a_line() -> None:
     story.goal("take steps", "user", 1, plan_ahead(TaskId(2), THIS))
     picture = drawn(story)
     assert picture.pairs == []
-    assert "plan ahead (after work {2})" in picture.words
+    assert "plan ahead: after work {2}" in picture.words
 
 
 def test_deep_down_lines_would_run_into_each_other() -> None:

@@ -356,7 +356,7 @@ def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_wa
     near, far = (next(line for line in source.splitlines() if line.startswith(f"  t2 -> t{one}")) for one in (3, 4))
     assert 'label="SEQ"' in near
     assert 'label=""' in far
-    assert "SEQ: after approach {2}" in next(line for line in source.splitlines() if line.startswith("  t4 ["))
+    assert "after approach {2}" in next(line for line in source.splitlines() if line.startswith("  t4 ["))
 
 
 def test_what_waits_for_an_unusual_moment_says_of_whom() -> None:

@@ -242,7 +242,7 @@ def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
     heavy = [path for path in picture.iter(f"{SVG}path") if path.get("class") == "heavy"]
     assert len(heavy) == 4
     words = [text.text or "" for text in picture.iter(f"{SVG}text")]
-    assert "plan ahead (take steps {3})" in words
+    assert "plan ahead: after take steps {3}" in words
     assert any(word.startswith("held, waits until") for word in words)
 
 
