@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from click.testing import Result
 from tools.story import THIS, Story
 from tools.waits import delayed, stuck
@@ -99,25 +100,39 @@ def test_the_text_of_a_story_says_it_too(tca: Tca, tmp_path: Path) -> None:
     assert told.splitlines()[2] == "waits in the end for calibrate {3}, which no module handles"
 
 
-def test_what_is_told_of_waits_gives_way_before_their_end() -> None:
-    last = Last("calibrate {3}", 3, "no module handles", "no module handles that", 0)
-    note = words.Note("waits until a very long name of a step {7} is achieved", SINCE_1, last)
-    cause, end = "waits until a very long name of a step {7} is achieved", "in the end for calibrate {3}"
-    assert note.within(None, 4.0) == f"{cause}, for 3 s; {end}, which no module handles"
-    assert note.within(95, 4.0) == f"{cause}, for 3 s; {end}"
-    assert note.within(84, 4.0) == f"{cause}; {end}"
-    assert note.within(80, 4.0) == f"waits until a very long name of a step {{7}} is ach…; {end}"
-    assert note.within(63, 4.0) == f"waits until a very long name of …; {end}"
-    assert note.within(56, 4.0) == cause
-    assert note.within(20, 4.0) == "waits until a very …"
+STANDS = Last("calibrate {3}", 3, "no module handles", "no module handles that", 0)
+LATE = Last("ring bell {12}", 12, "waits until 500.250 s", "that waits until 500.250 s", 2)
+CAUSE = "waits until a very long name of a step {7} is achieved"
+END = "in the end for calibrate {3}"
+WAITS = words.Note(CAUSE, SINCE_1, STANDS)
+IS_NAMED = words.Note("waits until calibrate {3} is achieved", SINCE_1, STANDS, is_named=True)
+IN_ALL = words.Note("waits until walk {7} is achieved", Age(3.0, 1.0))
+ONLY_END = words.Note("", None, LATE)
 
 
-def test_of_the_whole_wait_is_told_where_there_is_room() -> None:
-    note = words.Note("waits until walk {7} is achieved", Age(3.0, 1.0))
-    assert note.within(None, 4.0) == "waits until walk {7} is achieved, for 1 s (3 s in all)"
-    assert note.within(50, 4.0) == "waits until walk {7} is achieved, for 3 s in all"
-    assert note.within(45, 4.0) == "waits until walk {7} is achieved"  # not for one second: that would mislead
-    assert words.Note("waits", Age(4.0, 1.0)).within(None, 4.0) == "waits (3 s in all)"
+@pytest.mark.parametrize(
+    ("note", "room", "told"),
+    [
+        (WAITS, None, f"{CAUSE}, for 3 s; {END}, which no module handles"),
+        (WAITS, 95, f"{CAUSE}, for 3 s; {END}"),
+        (WAITS, 84, f"{CAUSE}; {END}"),
+        (WAITS, 63, f"waits until a very long name of …; {END}"),
+        (WAITS, 56, CAUSE),
+        (WAITS, 20, "waits until a very …"),
+        (IN_ALL, None, "waits until walk {7} is achieved, for 1 s (3 s in all)"),
+        (IN_ALL, 50, "waits until walk {7} is achieved, for 3 s in all"),
+        (IN_ALL, 45, "waits until walk {7} is achieved"),  # not for one second: that would mislead
+        (ONLY_END, 49, "in the end for ring bell {12}, and for 2 others"),  # no duration alone: of what is it?
+        (ONLY_END, 20, "for ring bell {12}"),
+        (ONLY_END, 14, "for ring… {12}"),
+        (IS_NAMED, 80, "waits until calibrate {3} is achieved, for 3 s; no module handles that"),
+        (IS_NAMED, 61, "waits until calibrate {3} is achieved; no module handles that"),
+    ],
+)
+def test_what_is_told_of_waits_gives_way_before_their_end_and_the_cause_last(
+    note: words.Note, room: int | None, told: str
+) -> None:
+    assert note.within(room, 4.0) == told
 
 
 def test_how_long_stands_behind_what_it_is_said_of() -> None:
@@ -129,29 +144,6 @@ def test_how_long_stands_behind_what_it_is_said_of() -> None:
         "waits for a module that handles calibrate, for 3 s",
         "waits until drill {5} is achieved, for 3 s; in the end for calibrate {3}, which no module handles",
     ]
-
-
-def test_no_name_is_said_twice() -> None:
-    at = RunAt(stuck().fold())
-    assert words.note(at, at.tasks[2]) == ("waits until calibrate {3} is achieved, for 3 s; no module handles that")
-    assert _end(at, at.tasks[2]) == "for calibrate {3}, which no module handles"
-
-
-def test_the_cause_is_the_last_to_give_way() -> None:
-    """And no duration stands alone: nobody could tell what it is of."""
-    last = Last("ring bell {12}", 12, "waits until 500.250 s", "that waits until 500.250 s", 2)
-    note = words.Note("waits until its parent package {7} is being achieved", SINCE_1, last)
-    assert all(note.within(room, 2.0).startswith("waits until its") for room in range(20, 120))
-    assert words.Note("", None, last).within(49, 2.0) == "in the end for ring bell {12}, and for 2 others"
-    assert words.Note("", None, last).within(20, 2.0) == "for ring bell {12}"
-    assert words.Note("", None, last).within(14, 2.0) == "for ring… {12}"
-
-
-def test_an_end_that_the_cause_names_is_not_named_again() -> None:
-    last = Last("calibrate {3}", 3, "no module handles", "no module handles that", 0)
-    note = words.Note("waits until calibrate {3} is achieved", SINCE_1, last, is_named=True)
-    assert note.within(80, 4.0) == "waits until calibrate {3} is achieved, for 3 s; no module handles that"
-    assert note.within(61, 4.0) == "waits until calibrate {3} is achieved; no module handles that"
 
 
 def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:

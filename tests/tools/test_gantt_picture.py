@@ -138,6 +138,20 @@ def test_hostile_names_are_escaped() -> None:
     assert "</svg>\\x07" in [text.text for text in ET.fromstring(picture).iter(f"{SVG}text")]
 
 
+@pytest.mark.parametrize(
+    ("words", "pixels"),
+    [  # as a browser measures them in the letters of our pictures
+        ("waiting for a reply, task or lock", 160),
+        ("failed, and handled", 101),
+        ("traverse path", 70),
+        ("MOVE WHEELS", 89),
+        ("plan body move", 85),
+    ],
+)
+def test_the_width_of_a_text(words: str, pixels: float) -> None:
+    assert pixels <= width_of(words) <= 1.25 * pixels + 4
+
+
 # --- queues -------------------------------------------------------------------------------------------------------------
 
 SCALE = Scale(1000.0, 0.0, 1000.0)
@@ -203,7 +217,7 @@ def test_what_is_held_is_said_and_does_not_grow_without_end(steps: int) -> None:
 
 
 def test_a_long_run_is_a_picture_of_bounded_size() -> None:
-    picture = drawn(shop(steps=12_000, rows=10))
+    picture = drawn(shop(steps=7_000, rows=10))
     assert float(ET.fromstring(picture).get("width", 0)) <= 2_000
     assert picture.count("<rect") < 6_000
     assert re.search(r"\d+ messages from [\d.]+ s to [\d.]+ s, [\d.]+% of the time: \d+ step", picture)

@@ -1,6 +1,7 @@
 import re
 import shutil
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -11,19 +12,22 @@ from tools.story import THIS, Story, arcs, silent_for, stumbling, walking
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import State
+from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import KINDS, arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
-from tca_tools.tasktree_viz.outline import outline, whole_outline
+from tca_tools.tasktree_viz.outline import Row, cut_off, outline, whole_outline
+from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.picture import drawn
 from tca_tools.tasktree_viz.text import tree_lines
+from tca_tools.terminal import columns_of, cut_name
 from tca_wire.constraints import Constraint, delay_planning, plan_first, sequential_achievement
 from tca_wire.journal import facts
-from tca_wire.journal.facts import Failed
+from tca_wire.journal.facts import Failed, Killed
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 
 Tca = Callable[..., Result]
-needs_dot = pytest.mark.skipif(not shutil.which("dot"), reason="Graphviz is not installed")
+needs_dot = pytest.mark.skipif(not (shutil.which("dot") or find_spec("pygraphviz")), reason="Graphviz is not installed")
 
 
 @pytest.fixture
@@ -368,3 +372,106 @@ def test_what_waits_for_an_unusual_moment_says_of_whom() -> None:
     box = next(line for line in dot_source(at, whole_outline(at), "").splitlines() if line.startswith("  t2 ["))
     assert "end handling before start handling:" in box
     assert "after walk {1}" in box
+
+
+# --- large trees and long names ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("width", "told"),
+    [
+        (40, "pour concrete {24} (exception handler)"),
+        (30, "pour concrete {24}"),
+        (18, "pour concrete {24}"),
+        (17, "pour concre… {24}"),
+        (10, "pour conc…"),
+    ],
+)
+def test_the_number_stays_as_long_as_something_of_the_name_does(width: int, told: str) -> None:
+    found = cut_name("pour concrete {24} (exception handler)", 24, width)
+    assert (found, columns_of(found) <= width) == (told, True)
+
+
+def test_numbers_of_long_names_are_seen_in_trees() -> None:
+    story = Story().at(1.0)
+    tasks = [
+        story.command("pour concrete with a really very long name that has no end in sight at all", "user")
+        for _ in range(2)
+    ]
+    at = RunAt(story.fold(), 9.0)
+    rows = whole_outline(at)
+    assert all(
+        f"… {{{task}}}" in line for task, line in zip(tasks, list(tree_lines(at, rows, width=100))[1:], strict=True)
+    )
+    assert all(f"… {{{task}}}" in outline_svg(at, rows, "long") for task in tasks)
+
+
+WHY = "failure 'bad part' was not handled"
+
+
+def jobs(good: int, bad: int, parts: int = 30) -> Story:
+    """Jobs of parts of two steps each: first those that went well; of each other one a step of part 10 failed, and all
+    that was to come of it was killed, but for a step that was done.
+    """
+    story = Story()
+    for number in range(good + bad):
+        job = story.goal("job", "x")
+        above = [story.goal("part", "boss", job) for _ in range(parts)]
+        steps = [story.command("step", "boss", part) for part in above for _ in range(2)]
+        if number < good:
+            story.reached(job, *Moment)
+            for task in (*above, *steps):
+                story.reached(task, *Moment)
+            continue
+        for task in (*above[:10], *steps[:20], steps[-1]):
+            story.reached(task, *Moment)
+        story.say(Failed(TaskId(steps[20]), "bad part", "burr"))
+        for task in (*steps[21:-1], *above[10:], job):
+            story.say(Killed(TaskId(task), WHY)).reached(task, *Moment)
+    return story
+
+
+def rows_told(rows: list[Row]) -> list[str]:
+    return [f"{row.task.name} {row.task.state}" if row.task else words.folded(row) for row in rows]
+
+
+def test_what_was_killed_with_what_it_was_under_is_folded_around_what_failed() -> None:
+    rows = outline(RunAt(jobs(0, 10).fold()), budget=20)
+    assert len(rows) == 10 * 6
+    assert rows_told(rows[:6]) == [
+        "job killed",
+        "+ 30 tasks achieved",
+        "part killed",
+        "step failed",
+        "+ 1 task killed",
+        "+ 57 tasks: 1 achieved, 56 killed",
+    ]
+
+
+def test_whole_jobs_stay_and_of_many_the_first_and_last() -> None:
+    few, many = (rows_told(outline(RunAt(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
+    assert few == ["job achieved", "+ 90 tasks achieved"] * 10
+    assert many[:5] == ["job achieved", "+ 90 tasks achieved"] * 2 + [f"+ {36 * 91:,} tasks achieved"]
+    assert many[5:] == ["job achieved", "+ 90 tasks achieved"] * 2
+
+
+def test_who_was_killed_for_a_reason_of_his_own_is_shown() -> None:
+    story = jobs(0, 4)
+    story.say(Killed(TaskId(20), "not needed any more"))
+    rows = outline(RunAt(story.fold()), budget=1)
+    assert 20 in [row.task.id for row in rows if row.task]
+
+
+def test_rows_beyond_what_a_picture_has_are_counted() -> None:
+    rows = outline(RunAt(jobs(0, 10).fold()), budget=20)
+    assert cut_off(rows, 60) == rows
+    assert rows_told(cut_off(rows, 54)[-1:]) == ["+ 91 tasks further down"]
+
+
+def test_a_picture_of_very_many_rows_ends_and_says_so(tca: Tca, tmp_path: Path) -> None:
+    run = jobs(0, 100, parts=11).write(tmp_path / "run")
+    assert tca("tree", run, "-o", tmp_path / "tree.svg").exit_code == 0
+    picture = (tmp_path / "tree.svg").read_text()
+    assert picture.count('class="name"') < 320
+    assert "tasks further down<" in picture
+    assert "folded up; a part of the tree" in picture
