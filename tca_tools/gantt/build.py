@@ -134,15 +134,16 @@ class _Filler:
             bar.ending = Ending.COPED if has_coped(self.run, one) else Ending.FAILED
         elif one.outcome is Outcome.KILLED:
             bar.ending = Ending.KILLED
+        who = titles.described(self.run, one)
         for wait in _lasting(one.waits):
-            part = self._bar(Kind.WAITING, one.name, wait.start, wait.end, titles.handler_waits, one, wait)
+            part = self._bar(Kind.WAITING, one.name, wait.start, wait.end, titles.waits, who, wait)
             part.end = min(part.end, bar.end)
             bar.waits.append(part)
         bar.raised = self._raised(one.message_id, bar)
         return bar
 
     def _awaited(self, module: str, wait: HandlerWait) -> Bar:
-        what = (titles.awaited_name(self.run, wait), wait.start, wait.end, titles.module_waits, module, wait)
+        what = (titles.awaited_name(self.run, wait), wait.start, wait.end, titles.waits, module, wait)
         bar = self._bar(Kind.AWAITED, *what)
         bar.waits = [self._bar(Kind.WAITING, *what)]
         return bar
@@ -188,7 +189,7 @@ class _Filler:
             some = [wait for wait in waits if wait.start <= since < wait.end]
             span = (since, None if until == inf else until)
             bar = self._bar(Kind.HELD, task.name, *span, titles.held, task, *span, some, of=task.id)
-            bar.why = partial(titles.why_held, self.run, task, since, some, is_named=not bars)
+            bar.why = partial(titles.why_held, self.run, "" if bars else f"{task}: ", since, some)
             bar.follows = bars[0] if bars else None
             bars.append(bar)
         return bars

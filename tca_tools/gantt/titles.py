@@ -18,7 +18,7 @@ from tca_wire.vocabulary import Outcome
 def handled(run: Run, handling: Handling) -> str:
     """``take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s``."""
     where = place(handling.module, handling.resource)
-    title = f"{_described(run, handling)} handled by {where} {_span(run, handling.start, handling.end)}"
+    title = f"{described(run, handling)} handled by {where} {_span(run, handling.start, handling.end)}"
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
     if handling.outcome is Outcome.FAILED:
@@ -34,14 +34,10 @@ def raised(run: Run, task: Task, failure: Raised) -> str:
     return title + (f", {told}" if told else "")
 
 
-def handler_waits(run: Run, handling: Handling, wait: HandlerWait) -> str:
-    """``take steps {2} waits for the reply to elevation map {5}, from ...``."""
-    return f"{_described(run, handling)} {_waits_for(run, wait)}"
-
-
-def module_waits(run: Run, module: str, wait: HandlerWait) -> str:
-    """``user interface waits until traverse arc {1} is achieved, from ...``."""
-    return f"{module} {_waits_for(run, wait)}"
+def waits(run: Run, who: str, wait: HandlerWait) -> str:
+    """``take steps {2} waits for the reply to elevation map {5}, ...``; *who*: a handler's message, or a module."""
+    told_so = several_in_words(told(RunAt(run, wait.start), [of_handler_wait(run, wait)]))
+    return f"{who} waits {told_so}, {_span(run, wait.start, wait.end)}"
 
 
 def queued(run: Run, queueing: Queueing) -> str:
@@ -59,19 +55,13 @@ def suspended(run: Run, task: Task, start: float, end: float | None) -> str:
 
 def held(run: Run, task: Task, start: float, end: float | None, waits: list[Wait]) -> str:
     """``take steps {3} held until take steps {2} is achieved, from ...``."""
-    why = _why(run, start, waits)
+    why = several_in_words(told(RunAt(run, start), waits))
     return f"{task} held{why and f' {why},'} {_span(run, start, end)}"
 
 
-def why_held(run: Run, task: Task, start: float, waits: list[Wait], *, is_named: bool) -> str:
-    """``take steps {3}: until take steps {2} is achieved``; or without the name."""
-    why = _why(run, start, waits) or "held"
-    return f"{task}: {why}" if is_named else why
-
-
-def _why(run: Run, start: float, waits: list[Wait]) -> str:
-    at = RunAt(run, start)
-    return several_in_words(told(at, waits))
+def why_held(run: Run, who: str, start: float, waits: list[Wait]) -> str:
+    """``take steps {3}: until take steps {2} is achieved``."""
+    return who + (several_in_words(told(RunAt(run, start), waits)) or "held")
 
 
 def claimed(run: Run, claim: Claim) -> str:
@@ -91,15 +81,11 @@ def awaited_name(run: Run, wait: HandlerWait) -> str:
     return "reservation" if claim.is_reserved else "lock"
 
 
-def _described(run: Run, handling: Handling) -> str:
+def described(run: Run, handling: Handling) -> str:
+    """The message that was handled; of one that was sent directly from whom."""
     if handling.direct_from:
         return f"{handling.name}, directly from {handling.direct_from},"
     return run.describe(handling.message_id)
-
-
-def _waits_for(run: Run, wait: HandlerWait) -> str:
-    at, found = RunAt(run, wait.start), of_handler_wait(run, wait)
-    return f"waits {several_in_words(told(at, [found]))}, {_span(run, wait.start, wait.end)}"
 
 
 def _span(run: Run, start: float, end: float | None) -> str:

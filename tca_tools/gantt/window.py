@@ -1,7 +1,8 @@
 """Which bars of a run are asked for, and from when until when their chart goes. Pure."""
 
-from collections.abc import Container, Iterator
+from collections.abc import Container
 from dataclasses import dataclass
+from functools import partial
 
 from tca_tools.gantt.chart import Row
 from tca_tools.run.fates import watches
@@ -47,33 +48,23 @@ def span_of(rows: list[Row], run: Run, pick: Pick, start: float | None, end: flo
     """
     now = run.time
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
-    times = [*_moments(rows, with_locks=pick.messages is None)] or [0.0, now]
-    first, last = min(times), max(times)
+    bars = [bar for row in rows for bar in row.bars]
+    claims = [one for row in rows for one in row.claims] if pick.messages is None else []
+    times = [time for bar in bars for time in (bar.start, bar.end, *(mark.time for mark in bar.raised))]
+    times += [time for one in claims for time in (one.start, *([] if one.is_open else [one.end]))]
+    first, last = min(times, default=0.0), max(times, default=now)
     room = (last - first) * ROOM
     start = max(first - room, 0.0) if start is None else start
     if end is None:
-        end = now if run.is_live and _goes_on(rows, run, pick) else min(last + room, now)
+        goes_on = any(bar.is_open for bar in bars) or any(map(partial(_is_at_it, run, pick), run.tasks.values()))
+        end = now if run.is_live and goes_on else min(last + room, now)
     return start, max(end, start)
 
 
-def _moments(rows: list[Row], *, with_locks: bool) -> Iterator[float]:
-    """When something began or ended that has a bar."""
-    for row in rows:
-        for bar in row.bars:
-            yield from (bar.start, bar.end, *(mark.time for mark in bar.raised))
-        for one in row.claims if with_locks else ():
-            yield one.start
-            if not one.is_open:
-                yield one.end
-
-
-def _goes_on(rows: list[Row], run: Run, pick: Pick) -> bool:
-    """Whether something has not ended: a bar, or a task that has none, since it is held."""
-    if any(bar.is_open for row in rows for bar in row.bars):
-        return True
-    return any(task.state not in OVER and pick.message(task.id) and _is_at_it(run, task) for task in run.tasks.values())
-
-
-def _is_at_it(run: Run, task: Task) -> bool:
-    """Whether a task that has not ended does more than to watch, or to wait for what is under it."""
-    return not watches(task, task.state) and all(run.tasks[child].state in OVER for child in task.children)
+def _is_at_it(run: Run, pick: Pick, task: Task) -> bool:
+    """Whether a task, which may be held and have no bar, goes on and does more than to watch, or to wait for what is
+    under it.
+    """
+    if task.state in OVER or not pick.message(task.id) or watches(task, task.state):
+        return False
+    return all(run.tasks[child].state in OVER for child in task.children)

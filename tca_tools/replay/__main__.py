@@ -37,16 +37,12 @@ def replay(log_path: Path | None, speed: float, at: float | None, text: bool) ->
         for line in growth_lines(recording, start, line_width()):
             click.echo(line)
     else:
-        _run(recording, journal.name, speed, at)
+        try:
+            from tca_tools.replay.app import Replay  # noqa: PLC0415 - textual is an extra
+        except ImportError as error:
+            raise ToolError(f"'{error.name}' is missing: pip install 'tca-central[replay]', or use --text") from None
+        Replay(recording, journal.name, speed=speed, at=at).run()
     journal.check()
-
-
-def _run(recording: Recording, name: str, speed: float, at: float | None) -> None:
-    try:
-        from tca_tools.replay.app import Replay  # noqa: PLC0415 - textual is an extra
-    except ImportError as error:
-        raise ToolError(f"'{error.name}' is missing: pip install 'tca-central[replay]', or use --text") from None
-    Replay(recording, name, speed=speed, at=at).run()
 
 
 if __name__ == "__main__":

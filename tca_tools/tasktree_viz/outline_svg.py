@@ -6,7 +6,7 @@ from operator import attrgetter
 
 from tca_tools.drawing.svg import document, rectangle, text
 from tca_tools.gantt.axis import ticks
-from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import STANDINGS
 from tca_tools.run.records import OVER, State
 from tca_tools.tasktree_viz import words
@@ -56,7 +56,8 @@ class _Columns:
     def __init__(self, laid: Plan, at: RunAt) -> None:
         tasks = [place.row.task for place in laid.places if place.row.task]
         self.start = min((min(task.reached.values(), default=at.time) for task in tasks), default=0.0)
-        self.end = max((_last(task, at.time) for task in tasks), default=at.time)
+        ends = (max(task.reached.values(), default=0.0) if task.state in OVER else at.time for task in tasks)
+        self.end = max(ends, default=at.time)
         self.notes = _MARGIN + laid.width + _GAP
         self.times = self.notes + laid.notes_width + _GAP
         self.right = self.times + _TIMES
@@ -90,10 +91,6 @@ class _Columns:
                 left, right = self.x(start), self.x(self.end if end is None else end)
                 title = f"{task}: {kind} from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s")
                 yield rectangle(look, left, y + below, max(right, left + 1.5), height, title)
-
-
-def _last(task: TaskAt, now: float) -> float:
-    return max(task.reached.values(), default=0.0) if task.state in OVER else now
 
 
 def _guides(laid: Plan, top: float) -> Iterator[str]:

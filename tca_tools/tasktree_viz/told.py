@@ -7,7 +7,7 @@ import click
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import standing
-from tca_tools.run.records import Message, Task
+from tca_tools.run.records import Task
 from tca_tools.run.selection import lineage
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
@@ -31,7 +31,11 @@ def story_lines(run: Run, number: int, width: int | None = None) -> Iterator[str
     """The story as far as the past goes, line by line, wrapped to *width*."""
     width = max(width or _WIDTH_OF_FILE, _NARROWEST)
     message = run.messages[number]
-    yield from _task_lines(run, message, width) if isinstance(message, Task) else _message_lines(message, width)
+    if isinstance(message, Task):
+        yield from _task_lines(run, message, width)
+    else:  # it has no place in the tree
+        kind = str(message.message_class)
+        yield f"{cut(printable(str(message)), width - len(kind) - 2)}: {kind}"
     yield ""
     for sentence in story(run, number, run.time):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"
@@ -47,12 +51,6 @@ def story_lines(run: Run, number: int, width: int | None = None) -> Iterator[str
         yield from _wrapped("", "its failure, step by step:", width)
     for link in chain:
         yield from _wrapped(f"{link.time:9.3f}  {'  ' * link.depth}", failure_line(link.text), width)
-
-
-def _message_lines(message: Message, width: int) -> Iterator[str]:
-    """What is no task has no place in the tree."""
-    kind = str(message.message_class)
-    yield f"{cut(printable(str(message)), width - len(kind) - 2)}: {kind}"
 
 
 def _task_lines(run: Run, task: Task, width: int) -> Iterator[str]:

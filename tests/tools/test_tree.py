@@ -15,9 +15,9 @@ from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import KINDS, arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
+from tca_tools.tasktree_viz.files import drawn
 from tca_tools.tasktree_viz.outline import Row, cut_off, outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
-from tca_tools.tasktree_viz.picture import drawn
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.terminal import columns_of, cut_name
 from tca_wire.constraints import Constraint, delay_planning, plan_first, sequential_achievement
