@@ -4,13 +4,13 @@ The page comes from this machine only, and the server answers only to its own ad
 shows can't read a run through it (DNS rebinding).
 """
 
-import json
 import math
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
@@ -45,13 +45,10 @@ def application(runs: Runs, hosts: list[str]) -> Starlette:
     """The server of one page, which answers to these host names."""
     return Starlette(
         routes=[
-            Route("/", _page),
+            Route("/", lambda _request: FileResponse(PAGE / "index.html")),
             Route("/api/runs", partial(_runs, runs)),
             Route("/api/frame", partial(_frame, runs)),
-            Route("/api/message/{id:int}", _asked(runs, _message)),
-            Route("/api/notes", _asked(runs, _notes)),
-            Route("/api/causes", _asked(runs, _causes)),
-            Route("/api/messages", _asked(runs, _messages)),
+            *(Route(f"/api/{path}", _asked(runs, answer)) for path, answer in _ANSWERS.items()),
             Mount("/page", StaticFiles(directory=PAGE)),
         ],
         middleware=[
@@ -66,10 +63,6 @@ async def _with_looks(request: Request, go_on: Callable[[Request], Awaitable[Res
     response = await go_on(request)
     response.headers.update(_LOOKS)
     return response
-
-
-async def _page(_request: Request) -> Response:
-    return FileResponse(PAGE / "index.html")
 
 
 async def _runs(runs: Runs, _request: Request) -> Response:
@@ -155,24 +148,6 @@ def _asked(runs: Runs, answer: Callable[[Reading, Request], Any]) -> Callable[[R
     return endpoint
 
 
-def _message(reading: Reading, request: Request) -> Any:
-    return message_answer(reading, request.path_params["id"], _moment(request))
-
-
-def _notes(reading: Reading, request: Request) -> Any:
-    return notes_answer(reading, numbers(request.query_params.get("ids", "")), _moment(request))
-
-
-def _causes(reading: Reading, request: Request) -> Any:
-    return causes_answer(reading, _moment(request))
-
-
-def _messages(reading: Reading, request: Request) -> Any:
-    around = [numbers(request.query_params.get(name, "")) for name in ("place", "before", "after")]
-    place, before, after = (given[0] if given else 0 for given in around)
-    return messages_answer(reading, place, before, after)
-
-
 def _moment(request: Request) -> float:
     try:
         moment = float(request.query_params.get("at", "inf"))
@@ -181,12 +156,24 @@ def _moment(request: Request) -> float:
     return math.inf if math.isnan(moment) else moment
 
 
+def _number(request: Request, name: str) -> int:
+    return next(iter(numbers(request.query_params.get(name, ""))), 0)
+
+
+_ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
+    "message/{id:int}": lambda reading, asked: message_answer(reading, asked.path_params["id"], _moment(asked)),
+    "notes": lambda reading, asked: notes_answer(reading, numbers(asked.query_params.get("ids", "")), _moment(asked)),
+    "causes": lambda reading, asked: causes_answer(reading, _moment(asked)),
+    "messages": lambda reading, asked: messages_answer(
+        reading, *(_number(asked, name) for name in ("place", "before", "after"))
+    ),
+}
+"""What is answered about the run that the page shows."""
+
+
 def _lengths(text: str) -> dict[str, int]:
     """How much of each table the page has; nothing, if it does not say so properly."""
     try:
-        given = json.loads(text)
-    except (ValueError, RecursionError):
+        return msgspec.json.decode(text, type=dict[str, Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]])
+    except (msgspec.MsgspecError, RecursionError):
         return {}
-    if not isinstance(given, dict):
-        return {}
-    return {name: length for name, length in given.items() if isinstance(length, int) and 0 <= length < 1 << 53}

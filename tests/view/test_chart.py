@@ -57,15 +57,6 @@ def bakery() -> Story:
     return story.say(*(facts.SuspendedOrResumed(task, False) for task in tasks)).at(60.0)
 
 
-NUMBERS = """async (counts) => {
-  const { drawCurve } = await import("/page/rows.js"), texts = [];
-  const context = { fillRect: () => {}, fillText: (words, x) => texts.push([words, x]), strokeText: () => {},
-    measureText: () => ({ width: 60 }) };
-  drawCurve(context, counts, { left: 0, y: 0, tall: 16, ink: "", paper: "", how: "suspended" });
-  return texts;
-}"""
-
-
 def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_room(look: Look, tmp_path: Path) -> None:
     page = look(bakery().write(tmp_path / "bakery"))
     labels = "tca.chart.layout.map(({ row }) => row.label)"
@@ -80,15 +71,6 @@ def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_roo
     page.set_viewport_size({"width": 700, "height": 500})
     until(page, "() => tca.chart.width < 700")
     assert page.evaluate("tca.chart.layout.filter(({ bottom }) => bottom <= tca.chart.height)[0].row.module") == "oven"
-    places = {  # of the number of a curve: beside its highest place, and in the row
-        "left": ([0] * 100 + [9] * 100, 34),
-        "right": ([9] * 100 + [0] * 100, 106),
-        "behind the slope": ([9] * 50 + [5] * 50 + [1] * 100, 106),
-        "before the slope": ([1] * 100 + [5] * 50 + [9] * 50, 34),
-        "over it": ([9] * 200, 4),
-    }
-    for counts, x in places.values():
-        assert page.evaluate(NUMBERS, counts) == [["up to 9 suspended", x]]
 
 
 LOOKS = """([time, before]) => {

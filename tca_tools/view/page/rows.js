@@ -112,8 +112,7 @@ export function drawCurve(context, counts, { left, y, tall, ink, paper, how }) {
   context.globalAlpha = 0.35;
   counts.forEach((count, x) => context.fillRect(left + x, y + tall * (1 - count / most), 1, tall * count / most));
   context.globalAlpha = 1;
-  const text = `up to ${most.toLocaleString("en")} ${how}`, wide = context.measureText(text).width;
-  const begin = left + beside(counts, most, wide);
+  const text = `up to ${most.toLocaleString("en")} ${how}`, begin = left + 4;
   context.textAlign = "left";
   context.lineJoin = "round";
   context.lineWidth = 3;
@@ -121,21 +120,4 @@ export function drawCurve(context, counts, { left, y, tall, ink, paper, how }) {
   context.strokeText(text, begin, y + tall / 2 + 0.5);
   context.lineWidth = 1;
   context.fillText(text, begin, y + tall / 2 + 0.5);
-}
-
-// Where the number of a curve stands: left of the first highest place, or right of it the nearest place where the curve
-// is low, within the row, or left of it; over the curve only where there is none.
-function beside(counts, most, wide) {
-  const peak = counts.indexOf(most), needed = wide + 12, last = counts.length - wide - 4;
-  const isHigh = (count) => count > most / 4, left = peak - wide - 6;
-  if (left >= 4 && !counts.slice(left, peak - 1).some(isHigh)) return left;
-  for (let x = peak, free = 0; x < counts.length; x++) {
-    free = isHigh(counts[x]) ? 0 : free + 1;
-    if (free >= needed) return x - needed + 7;
-  }
-  for (let x = peak - 1, free = 0; x >= 0; x--) {
-    free = isHigh(counts[x]) ? 0 : free + 1;
-    if (free >= needed) return x + 6;
-  }
-  return Math.max(Math.min(left, last), 4);
 }
