@@ -2,7 +2,7 @@
 
 import pytest
 from tools.made_robots import caught, commanding, fail, near, recovering, stepping
-from tools.story import Story, mopping, stumbling, walking
+from tools.story import Story, mopping, walking
 
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advice_words import Topic
@@ -29,14 +29,6 @@ def test_a_good_run() -> None:
     assert run.tasks == {State.ACHIEVED: 7}
 
 
-def test_a_bad_run_says_why() -> None:
-    run = summary(stumbling().fold())
-    why = "failure 'terrain collision' of move body {7} was not handled"
-    assert run.outcome == f"The top-level task was not achieved: traverse arc {{1}} was killed: {why}."
-    assert (run.is_good, run.failures, run.end) == (False, 1, 4.5)
-    assert run.reasons == [(f"traverse arc {{1}} was killed: {why}", 1)]
-
-
 def test_a_run_that_is_not_over_and_one_of_nothing() -> None:
     run = summary(walking().fold())
     assert (run.outcome, run.is_good, run.end) == (
@@ -48,13 +40,6 @@ def test_a_run_that_is_not_over_and_one_of_nothing() -> None:
     assert summary(Run()).seconds == 0.0
 
 
-def test_a_run_of_several_tasks_with_failures_on_the_way() -> None:
-    run = summary(recovering().fold())
-    assert run.outcome == "1 of 3 top-level tasks was not achieved: move {5} failed: jam: " + JAM + "."
-    assert run.failures == 3
-
-
-JAM = "<script>alert(1)</script>\x1b[31m"
 CALLED = "recover {2} was called in expert"
 
 

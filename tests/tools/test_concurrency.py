@@ -47,13 +47,6 @@ def test_no_more_is_saved_than_the_planner_has_time_for() -> None:
     assert overlap.saving == pytest.approx(2 * 0.5)
 
 
-def test_what_holds_the_planning_back_is_named() -> None:
-    run = stepping().fold()
-    (overlap,) = found_in(run)
-    assert why_held(run, overlap.chances[0].held) == "step {3} was held until step {2} is achieved"
-    assert overlap.remedy.startswith("let 'step' be planned ahead: plan_ahead=1")
-
-
 def test_who_looks_ahead_already_is_told_nothing() -> None:
     assert found_in(looking_ahead().fold()) == []
     assert found_in(walking().fold()) == []

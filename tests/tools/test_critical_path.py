@@ -4,7 +4,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from tools.made_robots import commanding, looking_ahead, near, recovering, stepping
+from tools.made_robots import commanding, near, recovering, stepping
 from tools.story import QUERY, Story, mopping, walking
 
 from tca_tools.analysis.backwards import Causes
@@ -62,16 +62,6 @@ def test_planning_and_acting_in_turn() -> None:
         "", "100 ms in the queue for planner", "", "it waited until step {2} is achieved", "",
         "it waited until step {3} is achieved", "",
     ]  # fmt: skip
-
-
-def test_planning_ahead_is_on_the_path_only_where_it_was_waited_for() -> None:
-    assert path_of(looking_ahead().fold()) == [
-        ("walk", "planner", 1.0, 1.3),
-        ("step", "planner", 1.3, 2.3),
-        ("move", "legs", 2.3, 4.3),
-        ("move", "legs", 4.3, 6.3),
-        ("move", "legs", 6.3, 8.3),
-    ]
 
 
 def test_a_handler_that_asks_and_commands_and_waits() -> None:

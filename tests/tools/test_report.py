@@ -187,22 +187,6 @@ def test_a_run_of_nothing(reported: Reported) -> None:
         assert words in shown.text
 
 
-def test_the_tree_nests_as_the_tasks_do_and_opens_where_something_failed() -> None:
-    found = tree(stumbling().fold())
-    told = [(str(node.task), node.level, node.is_open, node.closes) for node in found.nodes]
-    assert told == [
-        ("traverse arc {1}", 0, True, 0),
-        ("take steps {2}", 1, True, 0),
-        ("move leg {6}", 2, True, 0),
-        ("move body {7}", 2, True, 0),
-        ("take steps {3}", 1, True, 1),
-        ("move leg {9}", 2, True, 0),
-        ("move body {10}", 2, True, 0),
-        ("take steps {4}", 1, True, 1),
-    ]
-    assert found.closes == 1
-
-
 def many(tops: int, below: int, bad: int) -> History:
     """So many walks of so many moves each; one move of walk *bad* failed."""
     story = Story().module("legs", "move")
