@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from tools.story import THIS, Story
-from tools.waits import delayed, stuck
+from tools.story import THIS, Story, delayed, stuck
 
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.tasktree_viz import words

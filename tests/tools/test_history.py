@@ -125,16 +125,6 @@ def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
     assert history.modules["legs"].left == "killed"
 
 
-def test_a_delivery_that_goes_to_another_module() -> None:
-    story = Story().module("one", "walk").module("two", "walk")
-    goal = story.goal("walk", "x")
-    story.delivered(goal, "one").at(2.0).queued(goal, "two").at(3.0).delivered(goal, "two")
-    history = story.fold()
-    assert [(run.module, run.start, run.end) for run in history.handlings] == [("one", 0.0, 2.0), ("two", 3.0, None)]
-    assert [(queue.start, queue.end) for queue in history.queueings] == [(2.0, 3.0)]
-    assert [run.module for run in RunAt(history).running("two", "two")] == ["two"]
-
-
 def test_a_broadcast_has_a_handling_for_each_receiver() -> None:
     story = Story()
     pose = story.received("pose", MessageClass.BROADCAST, "legs")

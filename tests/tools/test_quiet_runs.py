@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 from click.testing import Result
 from mcap.reader import make_reader
-from tools.story import QUERY, Story, silent_for, stumbling, walking
+from tools.story import QUERY, Story, silent_for, stuck, stumbling, walking
 from tools.trace_reader import read_trace
-from tools.waits import stuck
 
 from tca_wire.journal import facts
 from tca_wire.points import TaskId

@@ -315,24 +315,6 @@ def test_what_central_made_is_named_once() -> None:
     assert told(tale.fold(), recover)[0] == "0.0 exception handler made by central for move {1}, under move {1}"
 
 
-def test_of_many_that_held_a_lock_the_first_and_the_last_are_told() -> None:
-    tale = Story().module("legs", "move").module("eyes", "look").at(1.0)
-    look, move = tale.command("look", "user"), tale.command("move", "user")
-    tale.delivered(look, "eyes")
-    for time in range(1, 10):
-        tale.at(float(time)).say(facts.Claimed(90 + time, "legs", "legs", False, f"user{time}", 0))
-    tale.say(facts.Claimed(100, "legs", "legs", False, "eyes", look)).queued(move, "legs").say(facts.Granted(91))
-    for time in range(10, 18):
-        tale.at(float(time)).say(facts.ClaimEnded(81 + time, "released"), facts.Granted(82 + time))
-    run = tale.at(18.0).fold()
-    waits = [one for one in told(run, look) if "its handler waits" in one]
-    others = "kept busy by 3 others, one after the other"
-    keepers = [f"which user{number} has locked" for number in range(1, 10)]
-    expected = [*keepers[:3], others, *keepers[-3:]]
-    assert all(one.endswith(by) for one, by in zip(waits, expected, strict=True)), waits
-    assert f"12.0 (3.0 s) queued for legs, {others}" in told(run, move)
-
-
 def test_what_a_handler_asks_at_once_is_told_at_once() -> None:
     tale = Story().module("chef", "cook").module("cellar", "salt").at(1.0)
     cook = tale.goal("cook", "user")

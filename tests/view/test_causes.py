@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import THIS, Story
-from tools.waits import delayed, stuck
+from tools.story import THIS, Story, delayed, stuck
 
 from tca_wire.constraints import sequential_achievement
 from tca_wire.points import Moment, TaskId

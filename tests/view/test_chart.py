@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import Story
-from tools.waits import stuck
+from tools.story import Story, stuck
 from wire.test_waits_in_words import test_durations as of_durations
 
 from tca_tools.gantt.build import chart
