@@ -163,7 +163,7 @@ CLAIMS = {
     "reserve": reserved,
     "reserve as long as it takes": reserved_as_long_as_it_takes,
 }
-LOSES = ("nothing", "legs", "planner", "its claim")
+LOSES = ("nothing", "its claim", "planner", "legs")
 
 
 def given(world: World) -> bool:
