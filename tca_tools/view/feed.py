@@ -153,7 +153,9 @@ class Feed:
         news = {id(record): record for record in history.news}.values()
         for task in sorted((record for record in news if isinstance(record, Task)), key=attrgetter("id")):
             self._tell_task(task)  # a parent before what is under it
-        for record in sorted(news, key=self._is_new):  # what ends leaves its lane to what begins
+        for record in sorted(
+            news, key=lambda record: id(record) not in self._open
+        ):  # what ends leaves its lane to what begins
             if not isinstance(record, Task):
                 _TELL[type(record)](self, record)
         self._tell_messages([fact for fact in entry.facts if isinstance(fact, Received)])
@@ -161,9 +163,6 @@ class Feed:
         self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
         for row, is_good in self._verdicts.changed(news):
             columns.add("verdict", row, is_good, history.time)
-
-    def _is_new(self, record: object) -> bool:
-        return id(record) not in self._open
 
     def _tell_messages(self, received: list[Received]) -> None:
         """What a search finds beside tasks."""
@@ -209,14 +208,11 @@ class Feed:
         if failed is not None:
             self._verdicts.follow(row, failed, time)
 
-    def _tell_birth(self, task: Task) -> None:
-        self._names.setdefault(task.name)
-        form = "monitor" if task.message_class.is_monitor else "goal" if task.message_class.is_goal else ""
-        self.columns.add("task", task.id, task.parent, task.name, task.sender, task.role, form, task.received)
-
     def _tell_task(self, task: Task) -> None:
         if (told := self._states.get(task.id, 0)) == 0:
-            self._tell_birth(task)
+            self._names.setdefault(task.name)
+            form = "monitor" if task.message_class.is_monitor else "goal" if task.message_class.is_goal else ""
+            self.columns.add("task", task.id, task.parent, task.name, task.sender, task.role, form, task.received)
         if task.message_class.is_monitor:
             self._tell_watching(task, has_changed=told < len(task.states))
         else:

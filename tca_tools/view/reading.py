@@ -120,9 +120,7 @@ class Reading:
             return False
 
     def wait_for_more(self, entries: int, seconds: float) -> None:
-        """Wait, inside of ``with``, until there are more than so many entries, the run stands otherwise, or the time is
-        over.
-
+        """Wait, inside of ``with``, for more than so many entries, another state of the run, or the end of the time.
         While a long journal is being read, news are told together.
         """
         state, cut = self.state, self.cut
@@ -134,9 +132,7 @@ class Reading:
             )
 
     def at(self, moment: float) -> RunAt:
-        """The run as it was at a moment, with what was worked out of it since the entry before. Only inside of
-        ``with``.
-        """
+        """The run as it was at a moment, with what was worked out of it already. Only inside of ``with``."""
         history = self.feed.history
         place = bisect_right(history.times, moment)
         if self._worked_out is None or self._worked_out[0] != place:

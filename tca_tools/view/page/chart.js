@@ -29,7 +29,9 @@ export class Chart {
     this.labels = 120;
     this.layout = [];
     this.bar = new ScrollBar(this.canvas, (scroll) => {
-      if (Math.abs(scroll - this.scroll) > 1) this.#scrollTo(scroll);
+      if (Math.abs(scroll - this.scroll) <= 1) return;
+      this.scroll = scroll;
+      this.draw();
     });
     this.#listen();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
@@ -101,8 +103,6 @@ export class Chart {
     const [from, to] = this.window;
     return from + (x - this.labels) / (this.width - this.labels) * (to - from);
   }
-
-  #scrollTo(scroll) { this.scroll = scroll; this.draw(); }
 
   // --- drawing -----------------------------------------------------------------------------------------------------
 

@@ -3,8 +3,6 @@
 // module, and what failed so; each in the order in which they were sent. Other messages are found in the same way, if one
 // of the words is of their name: they come behind the tasks. What is sent only later is found by its name alone.
 
-import { wasHandled } from "./store.js";
-
 const SHORTEST = 3; // letters: of fewer a state must be all
 const NOWHERE = 4;
 
@@ -40,7 +38,7 @@ export class Search {
     this.later = words.length ? this.#named([store.tasks, store.messages].flatMap((all) => all.slice(store.sentBy(all, time))), words) : [];
     const later = this.later.length ? `, ${this.later.length} later` : "";
     this.tree.found = new Set(this.found);
-    this.#tell(words.length ? `${this.found.length} found${this.#others()}${this.#handled(words)}${later}` : "");
+    this.#tell(words.length ? `${this.found.length} found${later}` : "");
     this.changed();
   }
 
@@ -60,19 +58,6 @@ export class Search {
   // Those that all words name, the first one first.
   #named(all, words) {
     return all.filter((one) => words.every((word) => isNamed(one, word))).sort((one, other) => one.time - other.time);
-  }
-
-  // The tree has a row for a task only.
-  #others() {
-    const number = this.found.filter(({ id }) => !this.store.byId.has(id)).length;
-    return number ? `, ${number < this.found.length ? `${number} of them ` : ""}no ${number === 1 ? "task" : "tasks"}` : "";
-  }
-
-  // Who looks for failures is told how many of them were handled: they are counted apart elsewhere.
-  #handled(words) {
-    if (!words.some((word) => begins("failed", word))) return "";
-    const handled = this.found.filter((task) => wasHandled(this.store.lastFailure(task.id, this.time), this.time)).length;
-    return handled ? `, ${handled} handled` : "";
   }
 
   // To another one; where there is none, to the first one that is sent later, when it is.
