@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -18,6 +19,7 @@ from tca_central.__main__ import central as central_command
 from tca_central.shell.server import Server
 from tca_module import (
     CentralLost,
+    Client,
     Command,
     Failure,
     Goal,
@@ -275,3 +277,67 @@ def test_a_failure_is_a_line_of_the_log(tmp_path: Path, caplog: pytest.LogCaptur
         r"failure 'stuck' of task 1 'move': in \x1b[2Jthe mud ...",
         "failure 'stuck' of task 2 'move'",
     ]
+
+
+PARENT = """
+    import multiprocessing
+    from tca_module import connect
+
+    def child():
+        with connect("child", patience=5.0) as user:
+            print(*sorted(module.name for module in user.modules()), flush=True)
+
+    with connect("parent") as user:
+        user.modules()
+        one = multiprocessing.get_context("fork").Process(target=child)
+        one.start()
+        one.join()
+        print(*(module.name for module in user.modules()), flush=True)
+"""
+
+
+def test_a_child_of_a_module_connects_anew_and_its_parent_goes_on(tmp_path: Path) -> None:
+    """ZeroMQ's threads are not forked: with its parent's context a child would wait for ever."""
+    with central(tmp_path) as daemon, program(PARENT, daemon.address) as parent:
+        said, errors = parent.communicate(timeout=60)
+        assert said.splitlines() == ["child parent", "parent"], errors
+
+
+WORK, UNHEARD = Command("work", int), Command("unheard of", int)
+LEVEL, HEIGHT, WHERE = Variable("level", int), Variable("height", int), Query("where", reply=int)
+
+
+def set_to(user: Client, level: int) -> int:
+    user.set_variable(LEVEL, level)
+    return user.get_variable(LEVEL)
+
+
+CALLS: dict[str, tuple[Callable[[Client], Any], Any]] = {
+    "tasks": (lambda user: user.tasks(), []),
+    "modules": (lambda user: "user" in [module.name for module in user.modules()], True),
+    "handlers": (lambda user: user.handlers(WORK), []),
+    "status": (lambda user: user.status()["tasks"], 0),
+    "variable": (lambda user: user.get_variable(LEVEL, 7), 7),
+    "declared": (lambda user: user.declared("work").name, "work"),
+    "command": (lambda user: user.command(WORK, 2).id, 1),
+    "command of another message": (lambda user: user.command(UNHEARD, 2).id, 2),
+    "set a variable": (lambda user: set_to(user, 3), 3),
+    "swap a variable": (lambda user: user.swap_variable(HEIGHT, 3), None),
+    "ask": (lambda user: user.execute_if_handled(WHERE), None),
+}
+
+
+def test_a_client_that_slept_through_a_restart_loses_nothing(tmp_path: Path) -> None:
+    """Each call is the first one of its user."""
+    with ExitStack() as stack:
+        first = stack.enter_context(central(tmp_path))
+        users = {call: stack.enter_context(connect("user", first.address)) for call in CALLS}
+        for user in users.values():
+            user.command(WORK, 1)
+            user.set_variable(LEVEL, 1)
+            user.set_variable(HEIGHT, 1)
+        first.signal(signal.SIGKILL)
+        first.process.wait()
+        stack.enter_context(central(tmp_path / "again", bind=first.address))
+        told = {call: CALLS[call][0](user) for call, user in users.items()}
+        assert told == {call: expected for call, (_, expected) in CALLS.items()}
