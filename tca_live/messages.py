@@ -21,7 +21,6 @@ from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Broadcast, Command, Goal, Message, MultiQuery, Query, Variable
 from tca_wire.text.plain_data import Bare
 from tca_wire.text.printable import printable
-from tca_wire.vocabulary import Outcome
 
 _FIELD = re.compile(r"([^\s=\"'{}\[\],]+)=(.*)", re.DOTALL)
 _HOW = """DATA are fields, 'key=value', with dots for the fields of a part ('pose.x=1.5'); or one value as a whole; or
@@ -200,15 +199,15 @@ def _follow(ref: SentTask[Any], timeout: float | None, *, wait: bool, in_json: b
         click.echo(as_json({"task": ref.id}))
     if not wait:
         return
+    goes_on = f"goes on: 'tca kill {ref.id}' ends it"
     try:
         ref.wait(timeout)
     except Timeout:
         if in_json:
             click.echo(as_json({"task": ref.id, "outcome": None}))
-        msg = f"{ref} has not ended within {timeout:g} s, and goes on: 'tca kill {ref.id}' ends it"
-        raise click.ClickException(msg) from None
+        raise click.ClickException(f"{ref} has not ended within {timeout:g} s, and {goes_on}") from None
     except KeyboardInterrupt:
-        click.echo(f"{printable(str(ref))} goes on: 'tca kill {ref.id}' ends it", err=True)
+        click.echo(f"{printable(str(ref))} {goes_on}", err=True)
         raise
     _print_end(ref, in_json=in_json)
 
@@ -224,16 +223,12 @@ def _print_end(ref: SentTask[Any], *, in_json: bool) -> None:
     except TaskKilled as error:
         told["text"] = error.why
         problem = error
-    is_done = told["outcome"] == Outcome.DONE
     if in_json:
         click.echo(as_json(told))
-    elif is_done:
-        result = told.get("result")
-        click.echo("done" if result is None else f"done: {as_text(result)}")
-    if not is_done and in_json:
-        click.get_current_context().exit(1)
-    if not is_done and problem is not None:
+        click.get_current_context().exit(1 if problem else 0)
+    if problem:
         raise problem
+    click.echo(f"done: {as_text(told['result'])}" if told["result"] is not None else "done")
 
 
 def _ask(

@@ -1,18 +1,21 @@
 """Which simulator is taken, how time is held back, and that snapshots are never half written."""
 
 import os
+import threading
 from pathlib import Path
 
 import msgspec
 import pytest
-from ambler.builders import a_stance
+from ambler.builders import a_stance, the_first_leg_move
 
 from robots.ambler_sim import robot as robot_module
 from robots.ambler_sim.body import plan_shift
+from robots.ambler_sim.machine import Machine
 from robots.ambler_sim.pacing import Pacer, Watch
+from robots.ambler_sim.perception import points_of
 from robots.ambler_sim.robot import make_robot
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
-from robots.ambler_sim.vocabulary import TerrainSpec
+from robots.ambler_sim.vocabulary import Scan, TerrainSpec
 
 
 class FakeClock:
@@ -119,3 +122,33 @@ def test_a_file_that_is_no_snapshot_is_refused(tmp_path: Path) -> None:
     path.write_text('{"backend": "kinematic"}', encoding="utf-8")
     with pytest.raises(msgspec.ValidationError, match="missing required field"):
         load_snapshot(path)
+
+
+def test_a_standing_robot_is_scanned_at_once() -> None:
+    machine = Machine(make_robot("kinematic"))
+    assert len(points_of(machine.scan())) > 1000
+
+
+def test_a_scan_is_taken_between_two_ticks_of_a_move_with_all_feet_on_the_ground() -> None:
+    robot = make_robot("kinematic")
+    machine = Machine(robot)
+    before = robot.stance()
+    move = the_first_leg_move(robot)
+    scans: list[Scan] = []
+    other = threading.Thread(target=lambda: scans.append(machine.scan()))
+    taken_at: list[float] = []
+
+    def on_tick(share: float) -> bool:
+        if share > 0.4 and not taken_at:
+            if not other.ident:
+                other.start()
+            machine.tick()
+            if scans:
+                taken_at.append(share)
+        return True
+
+    with machine.moving(move.leg):
+        robot.move_leg(move, on_tick)
+    other.join(timeout=5)
+    assert scans[0].stance.feet[move.leg] == before.feet[move.leg]
+    assert robot.stance().feet[move.leg] != before.feet[move.leg]

@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robots.ambler_sim.plant import standing_posture
+from robots.ambler_sim.robot import START
 from robots.ambler_sim.terrain import PATH_HALF_WIDTH, RESOLUTION, make_terrain, steepest
 from robots.ambler_sim.vocabulary import TerrainSpec
 
@@ -33,3 +35,15 @@ def test_between_grid_points_heights_are_bilinear() -> None:
 def test_the_ground_ends_and_goes_on_level_for_the_sums() -> None:
     terrain = make_terrain(TerrainSpec())
     assert terrain.height(50.0, 0.0) == pytest.approx(terrain.height(34.0, 0.0), abs=1e-3)
+
+
+def test_rays_in_the_physics_engine_end_on_the_terrain_wherever_its_middle_height_is() -> None:
+    physics = pytest.importorskip("robots.ambler_sim.physics", exc_type=ImportError)
+    terrain = make_terrain(TerrainSpec(seed=9, slope=0.3, length=20.0))
+    plant = physics.BulletPlant(terrain, standing_posture(terrain, START))
+    directions = np.array([[0.6, 0.0, -0.8], [0.36, 0.48, -0.8], [0.0, -0.8, -0.6], [0.0, 0.0, 1.0]])
+    origin = np.array([1.0, 0.5, 5.0])
+    hits = origin + plant.cast(origin, directions, 14.0)[:, None] * directions
+    plant.close()
+    assert hits[:3, 2] == pytest.approx(terrain.heights_at(hits[:3, 0], hits[:3, 1]), abs=0.01)
+    assert np.isnan(hits[3]).all()
