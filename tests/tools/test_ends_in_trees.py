@@ -134,17 +134,6 @@ def test_what_is_told_of_waits_gives_way_before_their_end_and_the_cause_last(
     assert note.within(room, 4.0) == told
 
 
-def test_how_long_stands_behind_what_it_is_said_of() -> None:
-    at = RunAt(stuck().fold())
-    end = "in the end for calibrate {3}, which no module handles"
-    notes = [words.note(at, at.tasks[number]) for number in (1, 3, 6)]
-    assert notes == [
-        f"waits until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3 s; {end}",
-        "waits for a module that handles calibrate, for 3 s",
-        "waits until drill {5} is achieved, for 3 s; in the end for calibrate {3}, which no module handles",
-    ]
-
-
 def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:
     """And not for what it has planned, which waits for it: that is no circle."""
     story = Story().module("boss", "harvest", "row").at(1.0)

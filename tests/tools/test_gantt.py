@@ -11,14 +11,14 @@ from tools.story import COMMAND, QUERY, THIS, Story, locking, silent_for, stumbl
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import in_blocks, queue_lengths, share_of
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED, chart
-from tca_tools.gantt.chart import Chart, Kind, Row, lanes_of
+from tca_tools.gantt.chart import Chart, Kind, Row
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import ALL, Pick
 from tca_tools.run.fold import History
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
-from tca_wire.points import ROOT, Moment, TaskId
-from tca_wire.vocabulary import Condition, MessageClass
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass
 
 Tca = Callable[..., Result]
 Expect = Callable[[str, str], None]
@@ -76,15 +76,6 @@ def test_the_chart_as_text(tca: Tca, run: Path, tmp_path: Path, expect: Expect) 
 
 
 # --- rows and bars ----------------------------------------------------------------------------------------------------
-
-
-def test_a_row_for_each_resource_and_for_what_nobody_handles() -> None:
-    story = Story().module("arm", "reach", resource="arm")
-    story.say(facts.ResourceChanged("arm", "gripper", 2))
-    story.queued(story.goal("dance", "x")).at(1.0)
-    drawing = chart(story.fold())
-    assert labels(drawing) == ["arm", "arm / gripper", NO_HANDLER]
-    assert [(row.lanes, lanes_of(row.queued)) for row in drawing.rows] == [(1, 0), (1, 0), (0, 1)]
 
 
 def test_rows_of_a_module_stand_together_and_what_is_no_modules_below() -> None:
@@ -169,16 +160,6 @@ def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_tha
         return [bar.start for row in rows for bar in row.queued if bar.kind is Kind.SUSPENDED]
 
     assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
-
-
-def test_a_wiretap_is_named() -> None:
-    story = Story().module("arm", "move").module("checker", "check").at(1.0)
-    story.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT, "safety"))
-    move = story.command("move", "user")
-    check = story.received("check", COMMAND, "central", parent=move)
-    story.say(facts.TapFired(90, move, check)).delivered(check, "checker").at(3.0)
-    (bar,) = row_of(story, "arm", Pick(held={move})).held
-    assert bar.words(200) == "move {1}: until check {2}, the listener of a wiretap by safety, has been handled"
 
 
 def waiting_for_two() -> Chart:

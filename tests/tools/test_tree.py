@@ -162,21 +162,18 @@ def test_deep_achieved_parts_are_folded_first() -> None:
 
 
 def test_constraints_become_one_arrow_between_two_tasks() -> None:
-    history = walking().fold()
-    found = arrows(RunAt(history), set(history.tasks))
-    assert found.between == {
-        (2, 3): ["SEQ"],
-        (3, 4): ["SEQ", "plan ahead"],
-        (6, 7): ["SEQ"],
-        (9, 10): ["SEQ"],
-    }
-    assert arrows(RunAt(history), {1, 2, 4}).between == {}
-
-
-def test_delayed_planning_joins_the_arrow_of_the_sequence() -> None:
-    history = arcs().fold()
-    assert arrows(RunAt(history), set(history.tasks)).between == {(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}
-    assert arrows(RunAt(history), set(history.tasks)).own == {}
+    """Also delayed planning, with the sequence; and what stands in a row needs none from the first to the third."""
+    runs = walking().fold(), arcs().fold()
+    walks, delays = (arrows(RunAt(run), set(run.tasks)) for run in runs)
+    assert walks.between == {(2, 3): ["SEQ"], (3, 4): ["SEQ", "plan ahead"], (6, 7): ["SEQ"], (9, 10): ["SEQ"]}
+    assert arrows(RunAt(runs[0]), {1, 2, 4}).between == {}
+    assert (delays.between, delays.own) == ({(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}, {})
+    story = Story()
+    leg = TaskId(story.command("move leg", "x"))
+    body = TaskId(story.command("move body", "x", 0, sequential_achievement(leg, THIS)))
+    story.command("check", "x", 0, sequential_achievement(body, THIS), sequential_achievement(leg, THIS))
+    assert arrows(RunAt(story.fold()), {1, 2, 3}).between == {(1, 2): ["SEQ"], (2, 3): ["SEQ"]}
+    assert arrows(RunAt(story.fold()), {1, 3}).between == {(1, 3): ["SEQ"]}
 
 
 def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
@@ -189,19 +186,6 @@ def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
     found = arrows(RunAt(history), {1, 2, 3})
     assert found.own == {1: ["plan first"], 2: ["DP"]}
     assert found.between == {(1, 3): ["end handling before start handling", "SEQ"]}
-
-
-def test_what_stands_in_a_row_needs_no_arrow_from_the_first_to_the_third() -> None:
-    """After a kill who waited for the killed task waits for what that one waited for: a constraint like any other."""
-    story = Story()
-    leg = story.command("move leg", "x")
-    body = story.command("move body", "x", 0, sequential_achievement(TaskId(leg), THIS))
-    story.command(
-        "check", "x", 0, sequential_achievement(TaskId(body), THIS), sequential_achievement(TaskId(leg), THIS)
-    )
-    history = story.fold()
-    assert arrows(RunAt(history), {1, 2, 3}).between == {(1, 2): ["SEQ"], (2, 3): ["SEQ"]}
-    assert arrows(RunAt(history), {1, 3}).between == {(1, 3): ["SEQ"]}
 
 
 def with_roles() -> Story:
@@ -361,17 +345,6 @@ def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_wa
     assert 'label="SEQ"' in near
     assert 'label=""' in far
     assert "after approach {2}" in next(line for line in source.splitlines() if line.startswith("  t4 ["))
-
-
-def test_what_waits_for_an_unusual_moment_says_of_whom() -> None:
-    story = Story()
-    walk = story.goal("walk", "user")
-    before, after = Point(TaskId(walk), Moment.END_HANDLING), Point(THIS, Moment.START_HANDLING)
-    story.command("look at the ground", "planner", walk, Constraint(before, after))
-    at = RunAt(story.fold())
-    box = next(line for line in dot_source(at, whole_outline(at), "").splitlines() if line.startswith("  t2 ["))
-    assert "end handling before start handling:" in box
-    assert "after walk {1}" in box
 
 
 # --- large trees and long names ---------------------------------------------------------------------------------------

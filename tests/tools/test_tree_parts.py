@@ -135,14 +135,6 @@ def test_a_failure_is_followed_to_where_it_began() -> None:
     ]
 
 
-def test_who_was_killed_for_another_is_told_for_whom() -> None:
-    lines = list(story_lines(stumbling().fold(), TaskId(9), 200))
-    assert lines[lines.index("its failure, step by step:") + 1 :][:2] == [
-        "    4.500    move body {7} failed: terrain collision: leg 4 met\\x1b[31m rock",
-        "    4.500  move leg {9} was killed: failure 'terrain collision' of move body {7} was not handled",
-    ]
-
-
 def test_what_ran_out_of_time_waited_for_something() -> None:
     """A deliver {3} must be achieved within 2 s, but waits for a batch {2} that the baker is busy with."""
     story = Story().module("baker", "batch").module("courier", "deliver").at(1.0)
