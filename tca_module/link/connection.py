@@ -25,12 +25,8 @@ from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Await, Bye, Deliver, Register, Release, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
 
-PATIENCE = 10.0
-"""Seconds without a word from central after which a wait ends with CentralLost."""
-
-ACKNOWLEDGED_WITHIN = 30.0
-"""Seconds that central may take to accept or refuse a request while it does say other things."""
-
+PATIENCE = 10.0  # seconds without a word from central after which a wait ends with CentralLost
+ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse a request while it says other things
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
 _FOR_EVER = float("inf")

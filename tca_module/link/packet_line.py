@@ -10,14 +10,9 @@ from tca_module.sockets.transport import Transport, is_anybody_there
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 
-SEND_WAIT = 1.0
-"""Seconds that a send waits for central to take the packet."""
-
-STEP = 0.2
-"""Seconds at a time that a wait listens, so that stops are noticed."""
-
-STALL = 2.0
-"""Seconds that a turn of a wait never takes unless the process itself was stopped."""
+SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
+STEP = 0.2  # seconds at a time that a wait listens, so that stops are noticed
+STALL = 2.0  # seconds that a turn of a wait never takes unless the process itself was stopped
 
 
 class PacketLine:

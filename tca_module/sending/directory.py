@@ -48,7 +48,7 @@ class HandlerInfo(msgspec.Struct, frozen=True):
 
 class _MessageInfo(msgspec.Struct, frozen=True):
     message: str
-    handled_by: tuple[HandlerInfo, ...]
+    handled_by: list[HandlerInfo]
 
 
 def modules_of(answer: bytes) -> list[ModuleInfo]:
@@ -58,4 +58,4 @@ def modules_of(answer: bytes) -> list[ModuleInfo]:
 
 def handlers_of(answer: bytes) -> dict[str, list[HandlerInfo]]:
     """By message name, newest first; from central's answer to the topic "messages"."""
-    return {info.message: list(info.handled_by) for info in msgspec.msgpack.decode(answer, type=list[_MessageInfo])}
+    return {info.message: info.handled_by for info in msgspec.msgpack.decode(answer, type=list[_MessageInfo])}

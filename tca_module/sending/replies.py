@@ -14,8 +14,7 @@ from tca_wire.messages.declarations import Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Answer
 from tca_wire.vocabulary import Outcome
 
-QUERY_TIMEOUT = 30.0
-"""Seconds that a query waits for its reply where nobody says otherwise."""
+QUERY_TIMEOUT = 30.0  # seconds that a query waits for its reply where nobody says otherwise
 
 
 def not_answered(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:

@@ -16,8 +16,7 @@ from tca_module.sockets.pulse import KEEPALIVE
 from tca_module.sockets.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
 from tca_wire.vocabulary import Limit
 
-MOST_UNDER_WAY = 1000
-"""Messages that one sender may have on its way to one entrance."""
+MOST_UNDER_WAY = 1000  # messages that one sender may have on its way to one entrance
 
 _OPTIONS = (
     (zmq.SNDHWM, MOST_UNDER_WAY + 100),  # never reached: senders keep count
