@@ -29,8 +29,8 @@ _KEYS = (
     ("minus", "speed(-1)", "slower"),
     ("r", "turn", "backwards"),
     ("f", "failure(1)", "next failure"),
-    ("g", "ask_time", "go to time"),
-    ("slash", "ask_name", "search"),
+    ("g", "ask('time')", "go to time"),
+    ("slash", "ask('name')", "search"),
     ("enter", "fold", "open/close"),
     ("F", "failure(-1)", ""),
     ("n", "search(1)", ""),
@@ -45,6 +45,8 @@ _KEYS = (
     ("end", "go_to_end", ""),
 )
 """What keys do at once, those that are named below the panes first; not while something is typed."""
+
+_QUESTIONS = {"time": "go to: seconds, as in 12.5", "name": "search: part of a task's name, or its number"}
 
 
 class Replay(App[None]):
@@ -246,19 +248,12 @@ class Replay(App[None]):
 
     # --- asking ------------------------------------------------------------------------------------------------------
 
-    def action_ask_time(self) -> None:
-        """Ask where to go."""
-        self._ask("time", "go to: seconds, as in 12.5")
-
-    def action_ask_name(self) -> None:
-        """Ask what to look for."""
-        self._ask("name", "search: part of a task's name, or its number")
-
-    def _ask(self, what: str, words: str) -> None:
+    def action_ask(self, what: str) -> None:
+        """Ask where to go, or what to look for."""
         self._asked = what
         self.is_playing = False
         ask = self.query_one(Question)
-        ask.value, ask.placeholder = "", words
+        ask.value, ask.placeholder = "", _QUESTIONS[what]
         ask.add_class("asked")
         self.set_focus(ask)  # at once: the next key may have been typed already
 
@@ -288,7 +283,7 @@ class Replay(App[None]):
         number, is chosen as it is now.
         """
         if not self._wanted:
-            self.action_ask_name()
+            self.action_ask("name")
             return
         found = self.recording.search(self._wanted, self.place, step)
         if found is None:
