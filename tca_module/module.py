@@ -42,8 +42,8 @@ class Module(Sender):
 
         planner.run()
 
-    With *requires*, it serves only when all of these messages are handled, by itself or others. Modules that require
-    each other wait for ever: see 'tca status'.
+    With *requires*, it serves only when all of these messages are handled, by itself or others, also after a restart of
+    central. Modules that require each other wait for ever: see 'tca status'.
 
     A running module is also a Sender under the root, for the thread that started it.
     """
@@ -104,7 +104,8 @@ class Module(Sender):
         The newest module that declares a handler gets the messages; modules that name the same *pool* share them. With
         *pending*, at most that many wait for this handler; one more displaces the oldest: an inform or broadcast is
         dropped, a query fails with "overload", a goal or command is killed. With *direct*, this inform or query may
-        come straight from its senders: faster, but without priority, and in the journal without data.
+        come straight from its senders: faster, but without priority, and in the journal without data. It goes through
+        central while a wiretap or another handler wants it.
         """
         self._check_not_running("handles()")
         check("handles()", checks.NAME_OR_NONE, resource=resource, pool=pool)

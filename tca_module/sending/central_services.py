@@ -56,7 +56,7 @@ class Claim:
 
     @property
     def held(self) -> bool:
-        """Whether it still holds, as far as is known here. Never waits."""
+        """Whether it still holds, as far as is known here. Never waits: check it before each step that needs it."""
         return not (self._is_over or self._connection.is_taken(self._request))
 
     def release(self) -> None:

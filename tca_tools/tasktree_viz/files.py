@@ -80,7 +80,8 @@ def drawn(source: str, kind: str) -> bytes:
     try:
         import pygraphviz  # noqa: PLC0415 - pictures are an extra
     except ImportError:
-        raise NoPicture("no picture can be drawn: the program 'dot' is missing (install Graphviz)") from None
+        msg = "no picture can be drawn without Graphviz: install it, or pip install 'tca-central[pictures]'"
+        raise NoPicture(msg) from None
     graph: Any = pygraphviz.AGraph(string=source)
     try:
         return bytes(graph.draw(format=kind, prog="dot"))

@@ -280,3 +280,19 @@ def test_a_task_that_a_handler_kills_leads_into_that_handler() -> None:
     story.delivered(watch, "a").at(5.0).asked_by(watch).say(facts.Killed(TaskId(walk), "enough")).reached(walk, *Moment)
     run = story.fold()
     assert steps_of(run, run.tasks[TaskId(walk)])[-1] == ("watch", "a", 2.0, 5.0)
+
+
+def test_a_task_that_is_suspended_twice_and_killed_by_its_deadline() -> None:
+    story = Story().module("a", "walk").module("legs", "move").at(1.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING)
+    story.at(2.0).returned(walk).say(facts.SuspendedOrResumed(TaskId(walk), True))
+    story.at(3.0).say(facts.SuspendedOrResumed(TaskId(walk), False))
+    story.at(4.0).say(facts.SuspendedOrResumed(TaskId(walk), True))
+    story.at(6.0).say(facts.Killed(TaskId(walk), "late")).reached(walk, *Moment)
+    assert path_of(story.fold()) == [
+        ("walk", "a", 1.0, 2.0),
+        ("suspended", "", 2.0, 3.0),
+        ("unknown", "", 3.0, 4.0),
+        ("suspended", "", 4.0, 6.0),
+    ]
