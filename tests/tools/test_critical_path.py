@@ -293,6 +293,6 @@ def test_a_task_that_is_suspended_twice_and_killed_by_its_deadline() -> None:
     assert path_of(story.fold()) == [
         ("walk", "a", 1.0, 2.0),
         ("suspended", "", 2.0, 3.0),
-        ("unknown", "", 3.0, 4.0),
+        ("not known", "", 3.0, 4.0),
         ("suspended", "", 4.0, 6.0),
     ]
