@@ -23,9 +23,7 @@ def stepping(planning: float = 1.0, acting: float = 2.0, steps: int = 3, errand:
     but the last is taken, the planner is busy with an errand for so long.
     """
     story = Story().module("user").module("planner", "walk", "step", "errand").module("legs", "move")
-    story.at(1.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    walk = story.at(1.0).goal("walk", "user", to="planner", begins=True)
     story.at(1.2)
     before: list[Constraint] = []
     sent = []
@@ -38,24 +36,20 @@ def stepping(planning: float = 1.0, acting: float = 2.0, steps: int = 3, errand:
     for step in sent:
         story.delivered(step, "planner").reached(step, Moment.START_ACHIEVING)
         now = round(now + planning, 6)
-        story.at(now)
-        move = story.command("move", "planner", step)
-        story.delivered(move, "legs")
+        move = story.at(now).command("move", "planner", step, to="legs")
         story.at(now).returned(step).reached(step, Moment.END_PLANNING)
         if errand and step is not sent[-1]:
-            done = story.at(now).received("errand", INFORM, "user", origin=0)
-            story.delivered(done, "planner").at(round(now + errand, 6)).returned(done)
+            done = story.at(now).received("errand", INFORM, "user", origin=0, to="planner")
+            story.at(round(now + errand, 6)).returned(done)
         now = round(now + acting, 6)
-        story.at(now).returned(move).reached(move, Moment.END_ACHIEVING).reached(step, Moment.END_ACHIEVING)
+        story.at(now).achieved(move).reached(step, Moment.END_ACHIEVING)
     return story.reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)
 
 
 def looking_ahead() -> Story:
     """The same robot with three steps, each planned while the one before is taken (planning 1 s, acting 2 s)."""
     story = Story().module("user").module("planner", "walk", "step").module("legs", "move")
-    story.at(1.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    walk = story.at(1.0).goal("walk", "user", to="planner", begins=True)
     story.at(1.2)
     steps = [story.goal("step", "planner", walk)]
     for _ in range(2):
@@ -75,13 +69,13 @@ def looking_ahead() -> Story:
         if number == 2:
             taken(story, moves[0], steps[0], moves[1], steps[1])
     taken(story.at(6.3), moves[1], steps[1], moves[2], steps[2])
-    story.at(8.3).returned(moves[2]).reached(moves[2], Moment.END_ACHIEVING).reached(steps[2], Moment.END_ACHIEVING)
+    story.at(8.3).achieved(moves[2]).reached(steps[2], Moment.END_ACHIEVING)
     return story.reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)
 
 
 def taken(story: Story, move: int, step: int, then: int, after: int) -> None:
     """A step has been taken, and the legs go on with the next."""
-    story.at(story.entries[-1].time).returned(move).reached(move, Moment.END_ACHIEVING)
+    story.at(story.entries[-1].time).achieved(move)
     story.reached(step, Moment.END_ACHIEVING).reached(after, Moment.START_ACHIEVING).delivered(then, "legs")
 
 
@@ -90,18 +84,16 @@ def commanding(asks: float = 0.4) -> Story:
     takes *asks*, each move 2 s. Sent at 1.0; it thinks 0.1 s before each question and each move.
     """
     story = Story().module("user").module("planner", "walk").module("eye", "where").module("legs", "move")
-    walk = story.at(1.0).goal("walk", "user")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    walk = story.at(1.0).goal("walk", "user", to="planner", begins=True)
     now = 1.0
     for number in range(2):
         now = round(now + 0.1, 6)
         story.at(now).query("where", "planner", walk, "eye", took=asks)
         now = round(now + asks + 0.1, 6)
-        move = story.at(now).command("move", "planner", walk)
-        story.delivered(move, "legs")
+        move = story.at(now).command("move", "planner", walk, to="legs")
         story.at(now).say(facts.WaitBegan("planner", walk, TaskId(move), Moment.END_ACHIEVING))
         now = round(now + 2.0, 6)
-        story.at(now).returned(move).reached(move, Moment.END_ACHIEVING)
+        story.at(now).achieved(move)
         story.say(facts.WaitEnded("planner", walk, TaskId(move)))
         assert number < 2
     story.at(round(now + 0.1, 6)).returned(walk)

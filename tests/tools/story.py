@@ -89,7 +89,10 @@ class Story:
         blocking: bool = False,
         role: Role = Role.NONE,
         about: int = 0,
+        to: str = "",
+        begins: bool = False,
     ) -> int:
+        """It may be delivered *to* a module at once, and begin to be achieved."""
         number, self._next_id = self._next_id, self._next_id + 1
         this = [
             msgspec.structs.replace(c, before=_resolved(c.before, number), after=_resolved(c.after, number))
@@ -103,6 +106,10 @@ class Story:
         )
         if kind is COMMAND:
             self.reached(number, BORN_PLANNED)
+        if to:
+            self.delivered(number, to)
+        if begins:
+            self.reached(number, Moment.START_ACHIEVING)
         return number
 
     def goal(self, message: str, sender: str, parent: int = 0, *constraints: Constraint, **more: Any) -> int:
@@ -127,6 +134,12 @@ class Story:
             self.reached(number, Moment.END_HANDLING)
         return self
 
+    def achieved(self, number: int) -> "Story":
+        return self.returned(number).reached(number, Moment.END_ACHIEVING)
+
+    def failed(self, number: int, failure: str, text: str = "") -> "Story":
+        return self.returned(number, Outcome.FAILED).say(facts.Failed(number, failure, text))
+
     def reached(self, number: int, *moments: Moment) -> "Story":
         bits = 0
         for moment in moments:
@@ -145,7 +158,7 @@ class Story:
         """A command that is handled and achieved in one go."""
         time = self.entries[-1].time
         self.delivered(number, module)
-        return self.at(round(time + took, 6)).returned(number).reached(number, Moment.END_ACHIEVING)
+        return self.at(round(time + took, 6)).achieved(number)
 
     def encoded(self) -> bytes:
         return b"".join(map(record, self.caused()))
@@ -200,12 +213,11 @@ def walking() -> Story:
     story = Story().module("user interface")
     story.at(0.1).module("gait planner", "traverse arc", "take steps").module("perception", "elevation map")
     story.at(0.2).module("controller", "move leg", "move body")
-    story.at(0.5)
-    arc = story.goal("traverse arc", "user interface", data={"radius": 5.0, "angle": 0.6})
-    story.delivered(arc, "gait planner").reached(arc, Moment.START_ACHIEVING)
+    arc = story.at(0.5).goal(
+        "traverse arc", "user interface", data={"radius": 5.0, "angle": 0.6}, to="gait planner", begins=True
+    )
     story.say(facts.WaitBegan("user interface", 0, TaskId(arc), Moment.END_ACHIEVING))
-    story.at(0.6)
-    first = story.goal("take steps", "gait planner", arc, data={"from": 0})
+    first = story.at(0.6).goal("take steps", "gait planner", arc, data={"from": 0})
     second = story.goal("take steps", "gait planner", arc, sequential_achievement(TaskId(first), THIS))
     story.goal(
         "take steps",
@@ -229,8 +241,7 @@ def plan_step(story: Story, step: int, until: float) -> tuple[int, int]:
     story.at(round(now + 0.1, 6)).query(
         "elevation map", "gait planner", step, "perception", took=round((until - now) * 0.6, 6)
     )
-    story.at(until)
-    leg = story.command("move leg", "gait planner", step, data={"leg": step, "height": 0.3})
+    leg = story.at(until).command("move leg", "gait planner", step, data={"leg": step, "height": 0.3})
     body = story.command("move body", "gait planner", step, sequential_achievement(TaskId(leg), THIS))
     story.returned(step).reached(step, Moment.END_PLANNING)
     return leg, body
@@ -254,8 +265,7 @@ def stumbling() -> Story:
 def arcs() -> Story:
     """Arcs in sequence, each planned only when the one before has been traversed; none is handled yet."""
     story = Story().at(1.0)
-    walk = story.goal("walk", "user interface")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    walk = story.goal("walk", "user interface", to="planner", begins=True)
     before: list[Constraint] = []
     for _ in range(3):
         arc = TaskId(story.goal("traverse arc", "planner", walk, *before))
@@ -268,23 +278,18 @@ def locking() -> Story:
     reserved the legs.
     """
     story = Story().module("planner", "walk").module("legs", "move", "adjust").module("eyes", "look").at(0.5)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    walk = story.goal("walk", "user", to="planner", begins=True)
     first, look = story.command("move", "planner", walk), story.command("look", "planner", walk)
     story.delivered(first, "legs").at(0.8).delivered(look, "eyes")
     story.at(1.0).say(facts.Claimed(90, "legs", "legs", False, "eyes", look))
     second, adjust = story.command("move", "planner", walk), story.command("adjust", "planner", walk)
     story.queued(second, "legs").say(facts.SuspendedOrResumed(TaskId(adjust), True))
-    story.at(2.0).returned(first).reached(first, Moment.END_ACHIEVING).say(facts.Granted(90))
-    story.at(3.0).say(facts.ClaimEnded(90, "released")).delivered(second, "legs").at(3.2).returned(look).reached(
-        look, Moment.END_ACHIEVING
-    )
+    story.at(2.0).achieved(first).say(facts.Granted(90))
+    story.at(3.0).say(facts.ClaimEnded(90, "released")).delivered(second, "legs").at(3.2).achieved(look)
     story.at(3.5).say(
         facts.SuspendedOrResumed(TaskId(adjust), False), facts.Claimed(91, "legs", "legs", True, "planner", walk)
     )
-    story.at(4.0).returned(second).reached(second, Moment.END_ACHIEVING).say(facts.Granted(91)).delivered(
-        adjust, "legs"
-    )
+    story.at(4.0).achieved(second).say(facts.Granted(91)).delivered(adjust, "legs")
     return story.at(5.0).say(facts.Closed("interrupted"))
 
 
@@ -293,17 +298,15 @@ def mopping(by: str = "") -> Story:
     resumed. A drone {5} is wanted all the time, and nobody handles it.
     """
     story = Story().module("chef", "mop floor").module("broom", "sweep").at(1.0)
-    mop = story.goal("mop floor", "user")
-    story.delivered(mop, "chef").reached(mop, Moment.START_ACHIEVING)
-    sweep = story.command("sweep", "chef", mop)
-    story.delivered(sweep, "broom")
+    mop = story.goal("mop floor", "user", to="chef", begins=True)
+    sweep = story.command("sweep", "chef", mop, to="broom")
     story.command("sweep", "chef", mop, sequential_achievement(TaskId(sweep), THIS))
     story.command("sweep", "chef", mop, sequential_achievement(TaskId(sweep + 1), THIS))
     story.at(1.5).returned(mop).reached(mop, Moment.END_PLANNING)
     story.at(1.6)
     story.queued(story.command("fly", "user"))
     story.at(2.0).say(facts.SuspendedOrResumed(TaskId(mop), True, by))
-    story.at(3.0).returned(sweep).reached(sweep, Moment.END_ACHIEVING)
+    story.at(3.0).achieved(sweep)
     story.at(9.0).say(facts.SuspendedOrResumed(TaskId(mop), False, by))
     story.acted(sweep + 1, "broom", 1.0).acted(sweep + 2, "broom", 1.0).reached(mop, Moment.END_ACHIEVING)
     return story.at(12.0).say(facts.Closed("interrupted"))
@@ -312,11 +315,9 @@ def mopping(by: str = "") -> Story:
 def stuck(drills: int = 4) -> Story:
     """Drills one after the other; the handler of the first one waits for a calibration that nobody handles."""
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
-    mission = story.goal("mission", "user")
-    story.delivered(mission, "brain").reached(mission, Moment.START_ACHIEVING)
-    drill = story.command("drill", "brain", mission)
-    story.delivered(drill, "rig").reached(drill, Moment.START_ACHIEVING).at(2.0)
-    calibrate = story.command("calibrate", "rig", drill)
+    mission = story.goal("mission", "user", to="brain", begins=True)
+    drill = story.command("drill", "brain", mission, to="rig", begins=True)
+    calibrate = story.at(2.0).command("calibrate", "rig", drill)
     story.queued(calibrate).say(facts.WaitBegan("rig", drill, TaskId(calibrate), Moment.END_ACHIEVING))
     for _ in range(drills - 1):
         drill = story.command("drill", "brain", mission, sequential_achievement(TaskId(max(drill, 2)), THIS))

@@ -22,12 +22,10 @@ from tca_wire.waits import WaitKind
 def asking() -> Run:
     """A handler asks three times, for half a second each: of one who is at work, behind that, and of nobody."""
     tale = Story().module("legs", "act").module("map", "where").module("eyes")
-    act = tale.command("act", "user")
-    tale.delivered(act, "legs")
-    first = tale.received("where", QUERY, "legs", origin=act, blocking=True)
-    tale.delivered(first, "map").at(0.5).say(facts.Dropped(first, "any", "its sender gave up"))
-    tale.at(0.6)
-    second = tale.received("where", QUERY, "legs", origin=act, blocking=True)
+    act = tale.command("act", "user", to="legs")
+    first = tale.received("where", QUERY, "legs", origin=act, blocking=True, to="map")
+    tale.at(0.5).say(facts.Dropped(first, "any", "its sender gave up"))
+    second = tale.at(0.6).received("where", QUERY, "legs", origin=act, blocking=True)
     tale.queued(second, "map").at(1.0)
     tale.say(
         facts.Unqueued(second), facts.Dropped(second, "any", "its sender gave up", where="it is queued for map")
@@ -37,7 +35,7 @@ def asking() -> Run:
     tale.say(facts.Unqueued(third), facts.Dropped(third, "any", "its sender gave up", where="no module handles it")).at(
         2.5
     )
-    return tale.returned(act).reached(act, Moment.END_ACHIEVING).at(3.0).returned(first).fold()
+    return tale.achieved(act).at(3.0).returned(first).fold()
 
 
 def test_the_story_says_where_each_question_was() -> None:
@@ -58,13 +56,12 @@ def test_before_it_gave_up_nobody_knew_that_it_would() -> None:
 def test_the_story_of_who_asked_says_that_the_answer_was_a_failure() -> None:
     """Also where its handler copes: what it does next is done for that reason."""
     tale = Story().module("legs", "act").module("map", "where")
-    act = tale.command("act", "user")
-    tale.delivered(act, "legs")
+    act = tale.command("act", "user", to="legs")
     for is_awaited, took in ((True, 0.5), (False, 1.0)):
-        where = tale.received("where", QUERY, "legs", origin=act, blocking=is_awaited)
-        tale.delivered(where, "map").at(took).returned(where, Outcome.FAILED)
+        where = tale.received("where", QUERY, "legs", origin=act, blocking=is_awaited, to="map")
+        tale.at(took).returned(where, Outcome.FAILED)
         tale.say(facts.Failed(where, "dark", "no light\nat all"), facts.Answered(where)).at(took + 0.25)
-    told = story_of(tale.returned(act).reached(act, Moment.END_ACHIEVING).fold(), act)
+    told = story_of(tale.achieved(act).fold(), act)
     waited, asked = (one for one in told if "where" in one.text)
     assert (waited.text, waited.seconds) == (
         "its handler waits for the reply to where {2}, which fails: dark: no light ...",
@@ -100,8 +97,8 @@ def test_a_wait_with_a_timeout_for_a_task_that_is_still_handled_leads_into_that(
     tale = Story().module("brain", "walk").module("legs", "move")
     move = tale.command("move", "user")
     tale.at(0.25).delivered(move, "legs").at(0.5)
-    walk = tale.goal("walk", "user")
-    tale.delivered(walk, "brain").reached(walk, Moment.START_ACHIEVING).at(0.75)
+    walk = tale.goal("walk", "user", to="brain", begins=True)
+    tale.at(0.75)
     tale.say(facts.WaitBegan("brain", walk, TaskId(move), Moment.END_ACHIEVING)).at(1.0)
     tale.say(facts.WaitEnded("brain", walk, TaskId(move))).at(1.5)
     tale.returned(walk).reached(walk, *Moment).at(2.0).returned(move)

@@ -11,7 +11,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.vocabulary import MessageClass, Role
 
 DAY, JOB, MOVE, REDO, AGAIN = 1, 2, 3, 4, 5
 JAM = "jam: the belt"
@@ -21,13 +21,12 @@ WITH_JOB = "task 2 'job' is retried"
 def jammed() -> Story:
     """Of a job {2} of the day {1} a move {3} fails, and an exception handler {4} of the planner runs for that."""
     story = Story().module("planner", "day", "job", "redo").module("base", "move").at(1.0)
-    day = story.goal("day", "user")
-    story.delivered(day, "planner").at(1.1)
-    job = story.goal("job", "planner", day)
+    day = story.goal("day", "user", to="planner")
+    job = story.at(1.1).goal("job", "planner", day)
     story.returned(day).delivered(job, "planner").at(1.2)
     move = story.command("move", "planner", job)
     story.returned(job).delivered(move, "base").at(2.0)
-    story.returned(move, Outcome.FAILED).say(facts.Failed(TaskId(move), "jam", "the belt"))
+    story.failed(move, "jam", "the belt")
     redo = story.received("redo", MessageClass.EXCEPTION, "central", move, origin=0, role=Role.EXCEPTION, about=move)
     story.say(facts.Caught(TaskId(move), TaskId(redo), TaskId(job), 9)).at(2.5).delivered(redo, "planner")
     return story.at(3.0)

@@ -65,12 +65,11 @@ def test_a_script_that_waits_for_one_task_before_it_sends_the_next() -> None:
     story = Story().module("script").module("planner", "walk").module("legs", "move")
     now = 1.0
     for _ in range(2):
-        walk = story.at(now).goal("walk", "script")
-        story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+        walk = story.at(now).goal("walk", "script", to="planner", begins=True)
         story.at(now).say(facts.WaitBegan("script", 0, TaskId(walk), Moment.END_ACHIEVING))
-        move = story.at(now + 1.0).command("move", "planner", walk)
-        story.delivered(move, "legs").at(now + 1.0).returned(walk).reached(walk, Moment.END_PLANNING)
-        story.at(now + 4.0).returned(move).reached(move, Moment.END_ACHIEVING).reached(walk, Moment.END_ACHIEVING)
+        move = story.at(now + 1.0).command("move", "planner", walk, to="legs")
+        story.at(now + 1.0).returned(walk).reached(walk, Moment.END_PLANNING)
+        story.at(now + 4.0).achieved(move).reached(walk, Moment.END_ACHIEVING)
         story.say(facts.WaitEnded("script", 0, TaskId(walk)))
         now += 4.0
     run = story.fold()
@@ -83,17 +82,14 @@ def test_a_script_that_waits_for_one_task_before_it_sends_the_next() -> None:
 def test_a_question_that_queues_behind_the_acting() -> None:
     """The planner asks the legs where they are, and gets its answer only when they have stopped."""
     story = Story().module("user").module("planner", "walk").module("legs", "move", "where")
-    walk = story.at(1.0).goal("walk", "user")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
-    first = story.at(2.0).command("move", "planner", walk)
-    story.delivered(first, "legs")
+    walk = story.at(1.0).goal("walk", "user", to="planner", begins=True)
+    first = story.at(2.0).command("move", "planner", walk, to="legs")
     asked = story.at(2.5).received("where", story._classes[walk].QUERY, "planner", 0, origin=walk, blocking=True)
     story.queued(asked, "legs")
-    story.at(5.0).returned(first).reached(first, Moment.END_ACHIEVING).delivered(asked, "legs")
+    story.at(5.0).achieved(first).delivered(asked, "legs")
     story.at(5.1).returned(asked).say(facts.Answered(asked))
-    second = story.at(6.0).command("move", "planner", walk, sequential_achievement(TaskId(first), THIS))
-    story.delivered(second, "legs")
-    story.at(8.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    second = story.at(6.0).command("move", "planner", walk, sequential_achievement(TaskId(first), THIS), to="legs")
+    story.at(8.0).achieved(second)
     (overlap,) = found_in(story.fold())
     assert overlap.saving == pytest.approx(0.9)
     assert overlap.remedy == "'where' queues behind commands: let a resource of its own handle it"
@@ -134,7 +130,7 @@ def test_a_resource_that_all_queue_for() -> None:
     for move in moves[1:]:
         story.queued(move, "legs")
     for number, end in enumerate((3.0, 5.0, 7.0)):
-        story.at(end).returned(moves[number]).reached(moves[number], Moment.END_ACHIEVING)
+        story.at(end).achieved(moves[number])
         if number < 2:
             story.delivered(moves[number + 1], "legs")
     (one,) = advised(story.fold())
@@ -148,7 +144,7 @@ def test_a_lock_that_is_held_long() -> None:
     story.at(1.0).say(facts.Claimed(50, "legs", "legs", False, "eye", 0), facts.Granted(50))
     move = story.at(2.0).command("move", "user")
     story.queued(move, "legs").at(5.0).say(facts.ClaimEnded(50, "released")).delivered(move, "legs")
-    story.at(6.0).returned(move).reached(move, Moment.END_ACHIEVING)
+    story.at(6.0).achieved(move)
     (one,) = advised(story.fold())
     assert near(one.topic, one.saving) == (Topic.LOCK, 3.0)
     assert one.example == "move {1} waited 3 s, until 5.000 s; eye had it"

@@ -28,12 +28,9 @@ def asking(*, passed_on: bool = False, task_fails: bool = False, dealt_with: boo
     walk, is told; the walk's failure may be dealt with.
     """
     story = Story().module("planner", "walk").module("maps", "where").module("eye", "look").module("expert", "help")
-    walk = story.at(1.0).goal("walk", "user")
-    story.delivered(walk, "planner")
-    where = story.at(1.1).received("where", QUERY, "planner", origin=walk, blocking=True)
-    story.delivered(where, "maps")
-    look = story.at(1.2).received("look", QUERY, "maps", origin=where, blocking=True)
-    story.delivered(look, "eye")
+    walk = story.at(1.0).goal("walk", "user", to="planner")
+    where = story.at(1.1).received("where", QUERY, "planner", origin=walk, blocking=True, to="maps")
+    look = story.at(1.2).received("look", QUERY, "maps", origin=where, blocking=True, to="eye")
     _fail(story.at(2.0), look).say(facts.Answered(look)).at(3.0)
     if not passed_on:
         story.returned(where).say(facts.Answered(where))
@@ -52,7 +49,7 @@ def asking(*, passed_on: bool = False, task_fails: bool = False, dealt_with: boo
 
 
 def _fail(story: Story, number: int) -> Story:
-    return story.returned(number, Outcome.FAILED).say(facts.Failed(number, "blind", "fog"))
+    return story.failed(number, "blind", "fog")
 
 
 def fates(run: History) -> dict[int, Fate]:
@@ -84,12 +81,10 @@ def test_a_failure_that_is_passed_on_is_followed(*, task_fails: bool, dealt_with
 def given_up() -> Story:
     """The same; but who handles "where is it" is lost before the look fails, and the walk fails with that."""
     story = Story().module("planner", "walk").module("maps", "where").module("eye", "look")
-    walk = story.at(1.0).goal("walk", "user")
-    story.delivered(walk, "planner")
-    where = story.received("where", QUERY, "planner", origin=walk, blocking=True)
-    story.delivered(where, "maps").at(1.2)
-    look = story.received("look", QUERY, "maps", origin=where, blocking=True)
-    story.delivered(look, "eye").at(2.0)
+    walk = story.at(1.0).goal("walk", "user", to="planner")
+    where = story.received("where", QUERY, "planner", origin=walk, blocking=True, to="maps")
+    look = story.at(1.2).received("look", QUERY, "maps", origin=where, blocking=True, to="eye")
+    story.at(2.0)
     story.say(facts.ModuleLeft("maps", "fog"), facts.Dropped(look, "any", "its sender gave up"))
     _fail(story.say(facts.Failed(where, "blind", "fog"), facts.Answered(where)), walk)
     story.say(facts.Unhandled(TaskId(walk)), facts.Killed(TaskId(walk), "blind", "central")).reached(walk, *Moment)
@@ -116,10 +111,9 @@ def test_who_had_given_up_is_not_told_and_nothing_of_his_fails_later() -> None:
 def test_who_had_ended_is_not_told() -> None:
     """The handler that had asked returned without the answer."""
     story = Story().module("planner", "walk").module("eye", "look").at(1.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "planner")
-    look = story.received("look", QUERY, "planner", origin=walk)
-    story.delivered(look, "eye").at(2.0).returned(walk).reached(walk, *Moment)
+    walk = story.goal("walk", "user", to="planner")
+    look = story.received("look", QUERY, "planner", origin=walk, to="eye")
+    story.at(2.0).returned(walk).reached(walk, *Moment)
     run = _fail(story.at(3.0), look).say(facts.Answered(look)).fold()
     assert told_to(run, run.messages[look], 3.0) == "told to nobody: the handler of walk {1} that asked had ended"
     assert fates(run) == {look: Fate.UNTOLD}
@@ -128,8 +122,8 @@ def test_who_had_ended_is_not_told() -> None:
 def test_of_a_condition_that_fails_after_its_monitor_ended_nobody_is_told() -> None:
     story = Story().module("eye", "hot?").at(1.0)
     monitor = story.received("watch", MessageClass.POINT_MONITOR, "user")
-    asked = story.received("hot?", QUERY, "central", role=Role.CONDITION, about=monitor)
-    story.delivered(asked, "eye").at(2.0).say(facts.Killed(TaskId(monitor), "enough", "user")).reached(monitor, *Moment)
+    asked = story.received("hot?", QUERY, "central", role=Role.CONDITION, about=monitor, to="eye")
+    story.at(2.0).say(facts.Killed(TaskId(monitor), "enough", "user")).reached(monitor, *Moment)
     run = _fail(story.at(3.0), asked).fold()
     assert told_to(run, run.messages[asked], 3.0) == "told to nobody: watch {1} watched no longer"
     assert fates(run) == {asked: Fate.UNTOLD}
@@ -141,8 +135,8 @@ def test_nor_if_it_has_begun_anew_for_the_second_time() -> None:
     story = Story().module("eye", "hot?").at(1.0)
     monitor = story.received("watch", MessageClass.POINT_MONITOR, "user")
     story.at(2.0).say(*again)
-    asked = story.received("hot?", QUERY, "central", role=Role.CONDITION, about=monitor)
-    story.delivered(asked, "eye").at(3.0).say(*again)
+    asked = story.received("hot?", QUERY, "central", role=Role.CONDITION, about=monitor, to="eye")
+    story.at(3.0).say(*again)
     run = _fail(story.at(4.0), asked).fold()
     assert told_to(run, run.messages[asked], 4.0) == "told to nobody: watch {1} watched no longer"
 
@@ -192,8 +186,8 @@ def test_who_asked_directly_is_followed_too() -> None:
     for task_fails in (False, True):
         story = Story().module("cook", "bake").module("eye", "look").at(1.0)
         story.say(facts.FormatDefined("look", QUERY, "{}", "{}", "eye"))
-        bake = story.goal("bake", "user")
-        story.delivered(bake, "cook").at(3.0)
+        bake = story.goal("bake", "user", to="cook")
+        story.at(3.0)
         if task_fails:
             _fail(story, bake).say(facts.Unhandled(TaskId(bake)))
         else:

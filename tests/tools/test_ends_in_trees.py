@@ -42,10 +42,9 @@ def test_the_end_of_a_chain_is_told_from_however_far() -> None:
 
 def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> None:
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
-    mission = story.goal("mission", "user")
-    story.delivered(mission, "brain").reached(mission, Moment.START_ACHIEVING)
-    drill = story.command("drill", "brain", mission)
-    story.delivered(drill, "rig").queued(story.command("paint", "brain", mission))
+    mission = story.goal("mission", "user", to="brain", begins=True)
+    story.command("drill", "brain", mission, to="rig")
+    story.queued(story.command("paint", "brain", mission))
     story.returned(mission)
     at = RunAt(story.fold())
     assert _end(at, at.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
@@ -61,8 +60,7 @@ def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> No
 def test_of_what_is_named_already_the_others_are_others_that_are_waited_for() -> None:
     """They are not others that handle it."""
     story = Story().module("baker", "plan", "bake").module("oven", "bake").at(1.0)
-    plan = story.goal("plan", "user")
-    story.delivered(plan, "baker").reached(plan, Moment.START_ACHIEVING)
+    plan = story.goal("plan", "user", to="baker", begins=True)
     for _ in range(2):
         story.delivered(story.command("bake", "baker", plan), "oven")
     last = story.command("eat", "user", 0, sequential_achievement(TaskId(plan), THIS))
@@ -139,8 +137,7 @@ def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:
     story = Story().module("boss", "harvest", "row").at(1.0)
     west = story.goal("harvest", "user")
     story.say(facts.SuspendedOrResumed(TaskId(west), True, "op"))
-    east = story.goal("harvest", "user", 0, sequential_achievement(TaskId(west), THIS))
-    story.delivered(east, "boss")
+    east = story.goal("harvest", "user", 0, sequential_achievement(TaskId(west), THIS), to="boss")
     row = story.goal("row", "boss", east)
     later = story.goal("row", "boss", east, delay_planning(THIS))
     story.delivered(row, "boss").returned(row).reached(row, Moment.END_PLANNING).returned(east)
@@ -165,8 +162,8 @@ def test_what_is_queued_waits_for_the_first_slot_that_comes_free() -> None:
 
 def test_a_lock_that_is_next_in_line_is_told_though_there_is_room() -> None:
     story = Story().module("boss").module("rig", "job").say(facts.ResourceChanged("rig", "rig", 2)).at(1.0)
-    runs = story.command("job", "user")
-    story.delivered(runs, "rig").at(2.0)
+    runs = story.command("job", "user", to="rig")
+    story.at(2.0)
     first, second = story.command("lock up", "user"), story.command("lock up", "user")
     story.delivered(first, "boss").delivered(second, "boss")
     story.say(facts.Claimed(50, "rig", "rig", False, "boss", first)).at(3.0)
@@ -194,10 +191,8 @@ def test_a_lock_that_was_wanted_later_keeps_nobody_out() -> None:
 def test_what_is_to_be_planned_is_not_waited_for_where_only_the_start_is() -> None:
     """Planned one ahead: the next goal is held until this one is begun, which another task keeps from that."""
     story = Story().module("boss", "harvest", "row").module("rig", "mow").at(1.0)
-    mow = story.command("mow", "user")
-    story.delivered(mow, "rig")
-    harvest = story.goal("harvest", "user", 0, sequential_achievement(TaskId(mow), THIS))
-    story.delivered(harvest, "boss")
+    mow = story.command("mow", "user", to="rig")
+    harvest = story.goal("harvest", "user", 0, sequential_achievement(TaskId(mow), THIS), to="boss")
     row = story.goal("row", "boss", harvest)
     begun = Point(TaskId(row), Moment.START_ACHIEVING), Point(THIS, Moment.START_PLANNING)
     following = story.goal("row", "boss", harvest, Constraint(*begun))
@@ -208,8 +203,7 @@ def test_what_is_to_be_planned_is_not_waited_for_where_only_the_start_is() -> No
 
 def test_what_is_planned_is_not_waited_for_where_only_the_plan_is() -> None:
     story = Story().module("boss", "harvest", "row").module("rig", "mow").at(1.0)
-    harvest = story.goal("harvest", "user")
-    story.delivered(harvest, "boss").reached(harvest, Moment.START_ACHIEVING)
+    harvest = story.goal("harvest", "user", to="boss", begins=True)
     mow, row = story.command("mow", "boss", harvest), story.goal("row", "boss", harvest)
     story.delivered(mow, "rig").queued(row).returned(harvest)
     planned = Constraint(Point(TaskId(harvest), Moment.END_PLANNING), Point(THIS, Moment.START_HANDLING))

@@ -95,8 +95,8 @@ def test_two_threads_of_a_module_wait_for_the_same_task() -> None:
 
 def test_a_failed_task_that_is_handled_anew_is_no_failure() -> None:
     story = Story()
-    goal = story.goal("walk", "x")
-    story.delivered(goal, "m").returned(goal, Outcome.FAILED).say(facts.Failed(goal, "slip", ""))
+    goal = story.goal("walk", "x", to="m")
+    story.failed(goal, "slip", "")
     assert story.fold().tasks[goal].state is State.FAILED
     story.delivered(goal, "m")
     assert story.fold().tasks[goal].state is State.PLANNING
@@ -114,10 +114,8 @@ def test_who_handles_what_in_which_format() -> None:
 
 def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
     story = Story().module("legs", "walk")
-    goal = story.goal("walk", "x")
-    story.delivered(goal, "legs").at(2.0).say(
-        facts.Failed(goal, "module lost", "killed"), facts.ModuleLeft("legs", "killed")
-    )
+    goal = story.goal("walk", "x", to="legs")
+    story.at(2.0).say(facts.Failed(goal, "module lost", "killed"), facts.ModuleLeft("legs", "killed"))
     history = story.at(5.0).fold()
     assert [(run.end, run.outcome) for run in history.handlings] == [(2.0, Outcome.FAILED)]
     assert RunAt(history).running("legs", "legs") == []
@@ -272,16 +270,14 @@ def test_a_note_of_a_direct_message_with_impossible_times() -> None:
 def test_what_is_suspended_from_above_waits_for_that_to_be_resumed() -> None:
     """However deep, and whatever else it would wait for: a queue, its parent, the one before it."""
     story = Story().module("planner", "walk").module("legs", "move")
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    walk = story.goal("walk", "user", to="planner", begins=True)
     step = story.goal("walk", "planner", walk)
     first = story.command("move", "planner", step)
     held = story.command("move", "planner", step, sequential_achievement(TaskId(first), THIS))
     story.delivered(step, "planner").reached(step, Moment.START_ACHIEVING).returned(step).delivered(first, "legs")
     queued = story.command("move", "planner", walk)
     story.queued(queued, "legs").at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True))
-    story.at(2.0)
-    late = story.command("move", "planner", step)
+    late = story.at(2.0).command("move", "planner", step)
     known = story.fold()
     for task in (held, queued, late):
         assert reasons(known, task) == [f"until walk {{{walk}}} is resumed"]

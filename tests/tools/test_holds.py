@@ -102,10 +102,9 @@ def test_a_killed_task_whose_handler_runs_has_not_ended() -> None:
 
 def test_a_handler_that_goes_on_while_it_waits_for_a_reply() -> None:
     tale = Story().module("aio", "look").module("bee", "where").at(1.0)
-    look = tale.command("look", "user")
-    tale.delivered(look, "aio").at(2.0)
-    where = tale.received("where", QUERY, "aio", origin=look)
-    tale.delivered(where, "bee").at(6.0)
+    look = tale.command("look", "user", to="aio")
+    where = tale.at(2.0).received("where", QUERY, "aio", origin=look, to="bee")
+    tale.at(6.0)
     tale.command("look", "user")
     history = tale.fold()
     assert (
@@ -183,8 +182,8 @@ def test_a_task_that_is_handled_again_does_not_wait_for_itself() -> None:
 
 def test_a_lock_that_is_free_is_not_waited_for() -> None:
     tale = Story().module("arm", "move").module("waiter", "wait").at(1.0)
-    wait = tale.command("wait", "user")
-    tale.delivered(wait, "waiter").at(2.0)
+    wait = tale.command("wait", "user", to="waiter")
+    tale.at(2.0)
     tale.say(facts.Claimed(90, "arm", "arm", False, "waiter", wait), facts.Granted(90)).at(5.0)
     tale.say(facts.ClaimEnded(90, "released"))
     assert told(tale.fold(), wait)[2:] == ["its handler has the lock of arm {90}"]
@@ -205,9 +204,8 @@ def test_a_monitor_says_whether_its_condition_holds() -> None:
 
 def test_a_wait_goes_on_after_a_suspension() -> None:
     tale = Story().module("legs", "move").at(1.0)
-    move = tale.command("move", "user")
-    tale.delivered(move, "legs").at(2.0)
-    behind = tale.command("move", "user", ROOT, sequential_achievement(TaskId(move), THIS))
+    move = tale.command("move", "user", to="legs")
+    behind = tale.at(2.0).command("move", "user", ROOT, sequential_achievement(TaskId(move), THIS))
     tale.at(4.0).say(facts.SuspendedOrResumed(TaskId(behind), True)).at(5.0)
     assert noted(tale.fold(), behind) == "waits until move {2} is resumed, for 1 s"
     tale.say(facts.SuspendedOrResumed(TaskId(behind), False)).at(7.0)

@@ -44,7 +44,7 @@ def treating() -> Story:
     patient = story.goal("patient", "user")
     treat = story.goal("treat", "ward", patient)
     story.command("infuse", "ward", treat)
-    story.delivered(treat, "ward").at(2.0).returned(treat, Outcome.FAILED).say(facts.Failed(treat, "allergy", "rash"))
+    story.delivered(treat, "ward").at(2.0).failed(treat, "allergy", "rash")
     help_for(story, treat, "transfer")
     return story.at(3.0)
 
@@ -77,7 +77,7 @@ def test_who_is_killed_by_an_exception_handler_is_told_for_which_failure(asked: 
 
 def test_of_a_handler_that_was_called_for_another_one_that_failed_the_first_failure_is_told() -> None:
     story = treating()
-    story.returned(TRANSFER, Outcome.FAILED).say(facts.Failed(TRANSFER, "no bed", "full"))
+    story.failed(TRANSFER, "no bed", "full")
     give_up = help_for(story, TRANSFER, "give up")
     story.at(3.5).say(*(killed(task, asker=give_up) for task in (PATIENT, TREAT)))
     run = story.at(4.0).returned(give_up).fold()

@@ -53,8 +53,10 @@ def test_what_waits_for_what_is_told_link_by_link() -> None:
 def test_so_it_is_of_a_listener() -> None:
     story, (_, _, clean, move) = one_after_the_other()
     story.module("safety", "check")
-    check = story.received("check", MessageClass.COMMAND, "central", move, origin=0, role=Role.LISTENER, about=move)
-    story.delivered(check, "safety").at(6.0)
+    check = story.received(
+        "check", MessageClass.COMMAND, "central", move, origin=0, role=Role.LISTENER, about=move, to="safety"
+    )
+    story.at(6.0)
     story.returned(check).reached(check, END)
     story.delivered(move, "arm").at(7.0).returned(move).reached(move, END).reached(clean, END)
     assert whys(story.fold(), clean)[-2] == (
@@ -65,10 +67,9 @@ def test_so_it_is_of_a_listener() -> None:
 def given_up() -> Run:
     """*go* asks for a look, gives up after a second, then asks all, of whom the eye still looks; in vain, too."""
     story = Story().module("user").module("m", "go").module("eye", "look", "all").at(1.0)
-    go = story.command("go", "user")
-    story.delivered(go, "m").at(2.0)
-    look = story.received("look", QUERY, "m", origin=go, blocking=True)
-    story.delivered(look, "eye").at(3.0).say(facts.Dropped(look, "any", "its sender gave up")).at(4.0)
+    go = story.command("go", "user", to="m")
+    look = story.at(2.0).received("look", QUERY, "m", origin=go, blocking=True, to="eye")
+    story.at(3.0).say(facts.Dropped(look, "any", "its sender gave up")).at(4.0)
     every = story.received("all", MessageClass.MULTI_QUERY, "m", origin=go, blocking=True)
     story._next_id += 1
     story.say(facts.Queued(every + 1, every, "eye", "eye")).at(5.0).say(

@@ -69,12 +69,11 @@ def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
 def locking(*, is_reserved: bool = False) -> Story:
     """*go* locks the legs, while these still move for somebody else."""
     story = Story().module("m", "go").module("legs", "move").at(1.0)
-    move = story.command("move", "user")
-    story.delivered(move, "legs").at(2.0)
-    go = story.command("go", "user")
-    story.delivered(go, "m").at(3.0).say(facts.Claimed(50, "legs", "legs", is_reserved, "m", go))
-    story.at(6.0).returned(move).reached(move, Moment.END_ACHIEVING).say(facts.Granted(50))
-    return story.at(7.0).say(facts.ClaimEnded(50, "released")).returned(go).reached(go, Moment.END_ACHIEVING)
+    move = story.command("move", "user", to="legs")
+    go = story.at(2.0).command("go", "user", to="m")
+    story.at(3.0).say(facts.Claimed(50, "legs", "legs", is_reserved, "m", go))
+    story.at(6.0).achieved(move).say(facts.Granted(50))
+    return story.at(7.0).say(facts.ClaimEnded(50, "released")).achieved(go)
 
 
 @pytest.mark.parametrize("is_reserved", [False, True])
@@ -92,7 +91,7 @@ def test_a_short_lock_does_not_make_a_long_queue() -> None:
     story.delivered(first, "legs").queued(second, "legs").at(6.0).returned(first)
     story.reached(first, Moment.END_ACHIEVING).say(facts.Claimed(50, "legs", "legs", False, "m", 0), facts.Granted(50))
     story.at(6.5).say(facts.ClaimEnded(50, "released")).delivered(second, "legs")
-    story.at(7.5).returned(second).reached(second, Moment.END_ACHIEVING)
+    story.at(7.5).achieved(second)
     told = advised(contents(story.fold()))
     assert (told[Topic.CAPACITY].title, Topic.LOCK in told) == ("legs is a bottleneck", False)
 
@@ -107,8 +106,8 @@ def test_a_lock_on_the_path_has_a_name() -> None:
     """Somebody outside of any handler keeps what the handler wants to lock."""
     story = Story().module("op").module("m", "go").module("legs", "move")
     story.at(1.0).say(facts.Claimed(50, "legs", "legs", False, "op", 0), facts.Granted(50)).at(2.0)
-    go = story.command("go", "user")
-    story.delivered(go, "m").at(3.0).say(facts.Claimed(51, "legs", "legs", False, "m", go))
+    go = story.command("go", "user", to="m")
+    story.at(3.0).say(facts.Claimed(51, "legs", "legs", False, "m", go))
     story.at(6.0).say(facts.ClaimEnded(50, "released"), facts.Granted(51)).at(7.0).returned(go)
     found = contents(story.reached(go, Moment.END_ACHIEVING).fold())
     assert advised(found)[Topic.LOCK].title == "legs is locked while others wait"

@@ -19,11 +19,9 @@ from tca_wire.vocabulary import MessageClass, Role
 def watched_walk(until: float) -> Story:
     """A monitor is sent at 1.0, a walk of 6 s at 2.0; at 8.5 all modules have gone, and the battery is asked about."""
     story = Story().module("user").module("brain", "walk").module("legs", "battery low")
-    story.at(1.0)
-    watch = story.received("battery watch", MessageClass.POLLING_MONITOR, "user")
+    watch = story.at(1.0).received("battery watch", MessageClass.POLLING_MONITOR, "user")
     story.reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING)
-    walk = story.at(2.0).goal("walk", "user")
-    story.delivered(walk, "brain").reached(walk, Moment.START_ACHIEVING)
+    walk = story.at(2.0).goal("walk", "user", to="brain", begins=True)
     if until >= 8.0:
         story.at(8.0).returned(walk).reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)
     if until >= 8.5:

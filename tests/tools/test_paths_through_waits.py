@@ -25,19 +25,18 @@ SLOW = [("go", "m", 0.0, 0.5), ("slow", "k", 0.5, 3.5)]
 def going() -> tuple[Story, int]:
     """*go* waits three seconds for *slow*, and goes on at 3.5."""
     told = Story().module("m", "go", "back").module("n", "ask").module("k", "slow", "short")
-    go = told.goal("go", "user")
-    told.delivered(go, "m").reached(go, Moment.START_ACHIEVING).at(0.5)
-    slow = told.command("slow", "m", go)
-    told.delivered(slow, "k").say(facts.WaitBegan("m", go, TaskId(slow), Moment.END_ACHIEVING)).at(3.5)
-    told.returned(slow).reached(slow, Moment.END_ACHIEVING).say(facts.WaitEnded("m", go, TaskId(slow)))
+    go = told.goal("go", "user", to="m", begins=True)
+    slow = told.at(0.5).command("slow", "m", go, to="k")
+    told.say(facts.WaitBegan("m", go, TaskId(slow), Moment.END_ACHIEVING)).at(3.5)
+    told.achieved(slow).say(facts.WaitEnded("m", go, TaskId(slow)))
     return told, go
 
 
 def short_at(told: Story, time: float, go: int) -> Run:
     """Then it commands *short*, half a second."""
-    short = told.at(time).command("short", "m", go)
-    told.delivered(short, "k").returned(go).at(time + 0.5)
-    return told.returned(short).reached(short, Moment.END_ACHIEVING).reached(go, Moment.END_ACHIEVING).fold()
+    short = told.at(time).command("short", "m", go, to="k")
+    told.returned(go).at(time + 0.5)
+    return told.achieved(short).reached(go, Moment.END_ACHIEVING).fold()
 
 
 def whys(run: Run) -> list[str]:
@@ -70,9 +69,8 @@ def refused() -> Run:
 
 
 def _asked(told: Story, go: int) -> Story:
-    ask = told.at(4.0).received("ask", QUERY, "m", origin=go, blocking=True)
-    told.delivered(ask, "n").at(4.05)
-    back = told.received("back", QUERY, "n", origin=ask, blocking=True)
+    ask = told.at(4.0).received("ask", QUERY, "m", origin=go, blocking=True, to="n")
+    back = told.at(4.05).received("back", QUERY, "n", origin=ask, blocking=True)
     told.queued(back, "m").say(facts.RequestRefused("n", Refusal.DEADLOCK, CIRCLE), facts.Unqueued(back))
     told.say(facts.Dropped(back, "any", "deadlock")).at(4.1)
     return told.returned(ask, data=-1).say(facts.Answered(ask))
@@ -98,8 +96,8 @@ def test_a_deadlock_that_was_coped_with_is_told_with_its_circle() -> None:
 
 def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
     told = Story().module("user").module("k", "slow").at(1.0)
-    slow = told.command("slow", "user")
-    told.delivered(slow, "k").at(2.0).say(facts.WaitBegan("user", 0, TaskId(slow), Moment.END_ACHIEVING)).at(3.0)
+    slow = told.command("slow", "user", to="k")
+    told.at(2.0).say(facts.WaitBegan("user", 0, TaskId(slow), Moment.END_ACHIEVING)).at(3.0)
     told.say(facts.RequestRefused("user", Refusal.DEADLOCK, CIRCLE), facts.WaitEnded("user", 0, TaskId(slow)))
     run = told.at(4.0).fold()
     (kind,) = failures(run)
@@ -118,12 +116,11 @@ def test_a_query_that_is_dropped_from_a_queue_is_not_on_hold_in_the_classic_log(
 def test_a_program_that_looks_at_a_result_late_had_to_wait_for_it(looks_at: float) -> None:
     """Whether it waits while the task still runs, or asks when that is over: first that, then the program."""
     told = Story().module("k", "slow").module("user").at(1.0)
-    slow = told.command("slow", "user")
-    told.delivered(slow, "k")
+    slow = told.command("slow", "user", to="k")
     waits = facts.WaitBegan("user", 0, TaskId(slow), Moment.END_ACHIEVING), facts.WaitEnded("user", 0, TaskId(slow))
     if looks_at < 3.0:
         told.at(looks_at).say(waits[0])
-    told.at(3.0).returned(slow).reached(slow, Moment.END_ACHIEVING).say(*waits[1:] * (looks_at < 3.0))
+    told.at(3.0).achieved(slow).say(*waits[1:] * (looks_at < 3.0))
     if looks_at > 3.0:
         told.at(looks_at).say(*waits)
     other = told.at(6.0).command("slow", "user")
@@ -133,19 +130,17 @@ def test_a_program_that_looks_at_a_result_late_had_to_wait_for_it(looks_at: floa
 
 def test_of_a_reply_to_many_that_is_waited_for_a_copy_may_stand_in_a_queue() -> None:
     told = Story().module("m", "go").module("n", "all").at(1.0)
-    go = told.command("go", "user")
-    told.delivered(go, "m").at(2.0)
-    asked = told.received("all", MessageClass.MULTI_QUERY, "m", origin=go, blocking=True)
+    go = told.command("go", "user", to="m")
+    asked = told.at(2.0).received("all", MessageClass.MULTI_QUERY, "m", origin=go, blocking=True)
     run = told.say(facts.Queued(asked + 1, asked, "n", "n")).at(5.0).fold()
     assert path_of(run) == [("go", "m", 1.0, 2.0), ("queued", "n", 2.0, 5.0)]
 
 
 def test_a_lock_is_waited_for_while_somebody_is_at_work_there() -> None:
     told = Story().module("m", "go").module("n", "hog").at(1.0)
-    hog = told.command("hog", "user")
-    told.delivered(hog, "n").at(2.0)
-    go = told.command("go", "user")
-    told.delivered(go, "m").at(3.0).say(facts.Claimed(50, "n", "n", False, "m", go))
+    told.command("hog", "user", to="n")
+    go = told.at(2.0).command("go", "user", to="m")
+    told.at(3.0).say(facts.Claimed(50, "n", "n", False, "m", go))
     run = told.at(6.0).fold()
     path = critical_path(run, Causes(run), run.tasks[go])
     assert [(run.name(step.message_id), step.start, step.end) for step in path.steps] == [("hog", 1.0, 6.0)]
@@ -154,8 +149,8 @@ def test_a_lock_is_waited_for_while_somebody_is_at_work_there() -> None:
 
 def test_a_wait_that_begins_just_when_the_journal_ends() -> None:
     told = Story().module("m", "go").at(1.0)
-    go = told.command("go", "user")
-    told.delivered(go, "m").at(2.0).queued(told.received("where", QUERY, "m", origin=go, blocking=True))
+    go = told.command("go", "user", to="m")
+    told.at(2.0).queued(told.received("where", QUERY, "m", origin=go, blocking=True))
     assert path_of(told.fold()) == [("go", "m", 1.0, 2.0)]
 
 

@@ -90,9 +90,8 @@ def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_with_what_was
 def asking() -> Story:
     """The handler of a goal waits for a question that nobody handles."""
     story = Story().module("shop", "restock").at(1.0)
-    goal = story.goal("restock", "user")
-    story.delivered(goal, "shop").at(2.0)
-    question = story.received("ask supplier", QUERY, "shop", origin=goal)
+    goal = story.goal("restock", "user", to="shop")
+    question = story.at(2.0).received("ask supplier", QUERY, "shop", origin=goal)
     return story.queued(question).say(facts.WaitBegan("shop", goal, TaskId(question), 0))
 
 

@@ -24,8 +24,8 @@ COMMAND = "tca raise#7"
 def late() -> Story:
     """A move is too slow at 3 s, and somebody makes the same of one that waits, at 4 s; the handler goes on until 9 s."""
     told = Story().module("legs", "move").at(1.0)
-    move = told.command("move", "user")
-    told.delivered(move, "legs").at(3.0).say(facts.Failed(move, "timeout", "late", is_beside=True, by="central"))
+    move = told.command("move", "user", to="legs")
+    told.at(3.0).say(facts.Failed(move, "timeout", "late", is_beside=True, by="central"))
     told.queued(told.command("move", "user"), "legs").at(4.0)
     slip = facts.Failed(2, "slip", "on ice", is_beside=True, by=COMMAND, body=b"\x07")
     return told.say(slip).at(9.0).returned(move)
@@ -69,8 +69,8 @@ STOP = 2
 def surviving() -> Story:
     """A walk {1} is killed; what is to stop the legs {2} waits for them, is late at 3 s, and is handled all the same."""
     told = Story().module("legs", "walk", "stop").at(1.0)
-    walk = told.goal("walk", "user")
-    told.delivered(walk, "legs").at(2.0).say(facts.Killed(TaskId(walk), "enough", "user"))
+    walk = told.goal("walk", "user", to="legs")
+    told.at(2.0).say(facts.Killed(TaskId(walk), "enough", "user"))
     assert told.received("stop", MessageClass.COMMAND, "central", walk) == STOP
     told.queued(STOP, "legs").at(3.0)
     told.say(facts.Failed(STOP, "timeout", "late", is_beside=True, by="central"), facts.Unhandled(TaskId(STOP)))
@@ -99,8 +99,8 @@ def test_tables_keep_it() -> None:
 
 def test_who_is_retried_begins_anew_with_no_failure() -> None:
     told = Story().module("legs", "move").at(1.0)
-    move = told.command("move", "user")
-    told.delivered(move, "legs").at(2.0).say(facts.Retried(TaskId(move), b"", "user"))
-    told.at(3.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", ""))  # nobody asks for that any more
+    move = told.command("move", "user", to="legs")
+    told.at(2.0).say(facts.Retried(TaskId(move), b"", "user"))
+    told.at(3.0).failed(move, "slip", "")  # nobody asks for that any more
     assert told.at(4.0).delivered(move, "legs").fold().tasks[move].state is State.HANDLING
     assert told.at(5.0).returned(move).reached(move, *Moment).fold().tasks[move].state is State.ACHIEVED

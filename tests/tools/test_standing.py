@@ -62,8 +62,8 @@ def test_a_report_shows_it_too(tca: Tca, tmp_path: Path) -> None:
 def recovering() -> Story:
     """A move {1} slips at 2 s; recover {2} can't deal with that, and recover {3} is called at 3 s. It is 4.5 s."""
     told = Story().module("legs", "move").module("expert", "recover").at(1.0)
-    move = told.command("move", "user")
-    told.delivered(move, "legs").at(2.0)
+    move = told.command("move", "user", to="legs")
+    told.at(2.0)
     fail(told, move, "slip", "on ice")
     caught(told, move)
     caught(told.at(3.0), move)

@@ -61,12 +61,12 @@ def test_who_waited_for_a_task_that_was_killed_goes_on_and_is_told_why() -> None
 
 def test_a_failure_that_is_handled_by_another_try() -> None:
     tale = Story().module("legs", "move").module("expert", "recover")
-    move = tale.command("move", "user")
-    tale.delivered(move, "legs").at(1.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", ""))
+    move = tale.command("move", "user", to="legs")
+    tale.at(1.0).failed(move, "slip", "")
     recover = tale.received("recover", GOAL, "central", move, origin=0, role=Role.EXCEPTION, about=move)
     tale.say(facts.Caught(TaskId(move), TaskId(recover), TaskId(0), 9)).delivered(recover, "expert")
     tale.at(1.5).say(facts.Retried(TaskId(move), b"\x07", "user")).returned(recover).reached(recover, *Moment)
-    tale.delivered(move, "legs").at(2.0).returned(move).reached(move, Moment.END_ACHIEVING)
+    tale.delivered(move, "legs").at(2.0).achieved(move)
     history = tale.fold()
     assert told(history, move) == [
         "0.0 command sent by user",
@@ -163,8 +163,8 @@ def test_who_killed_is_told_once_and_with_the_reason_that_was_given() -> None:
 def test_what_a_retried_task_sends_tells_in_what_it_was_sent() -> None:
     """A retried task is delivered under a new number: what it sends names that."""
     tale = Story().module("chef", "mop floor").module("shelf", "where is it", "get").at(1.0)
-    mop = tale.goal("mop floor", "user")
-    tale.delivered(mop, "chef").at(2.0).returned(mop, Outcome.FAILED).say(facts.Failed(mop, "no mop", ""))
+    mop = tale.goal("mop floor", "user", to="chef")
+    tale.at(2.0).failed(mop, "no mop", "")
     again = 9
     tale.say(facts.Retried(TaskId(mop), b"", "user"), facts.Delivered(again, mop, "chef", "chef")).at(3.0)
     asked = tale.received("where is it", QUERY, "chef", origin=again)
@@ -204,8 +204,8 @@ def waiting_for_two() -> Story:
     first, second = tale.command("move", "user"), tale.command("look", "user")
     tale.command("move", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in (first, second)))
     tale.delivered(first, "legs").delivered(second, "legs")
-    tale.at(2.0).returned(first).reached(first, Moment.END_ACHIEVING)
-    tale.at(3.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    tale.at(2.0).achieved(first)
+    tale.at(3.0).achieved(second)
     return tale.delivered(3, "legs").at(4.0)
 
 
@@ -233,7 +233,7 @@ def waiting_for_many() -> Story:
         if move in (2, 5):
             tale.say(facts.Killed(TaskId(move), "enough", "user")).reached(move, *Moment)
         else:
-            tale.delivered(move, "legs").returned(move).reached(move, Moment.END_ACHIEVING)
+            tale.delivered(move, "legs").achieved(move)
     return tale.delivered(clean, "legs").at(8.0)
 
 
@@ -252,10 +252,9 @@ def test_while_it_waits_for_many_a_story_says_how_many_are_left() -> None:
 def test_what_a_wiretap_held_last_is_not_said_to_have_held_all_the_time() -> None:
     tale = Story().module("legs", "move").module("checker", "check").at(1.0)
     tale.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT, "safety"))
-    first = tale.command("move", "user")
-    tale.delivered(first, "legs")
+    first = tale.command("move", "user", to="legs")
     second = tale.command("move", "user", 0, sequential_achievement(TaskId(first), THIS))
-    tale.at(4.0).returned(first).reached(first, Moment.END_ACHIEVING)
+    tale.at(4.0).achieved(first)
     check = tale.received("check", COMMAND, "central", parent=second)
     tale.say(facts.TapFired(90, second, check)).delivered(check, "checker")
     tale.at(4.2).returned(check).reached(check, *Moment).delivered(second, "legs").at(5.0)
@@ -271,7 +270,7 @@ def test_of_very_many_causes_the_first_and_the_last_are_told() -> None:
     for move in moves:
         tale.queued(move, "legs")
     for time, move in enumerate(moves):
-        tale.at(time + 1.0).delivered(move, "legs").at(time + 2.0).returned(move).reached(move, Moment.END_ACHIEVING)
+        tale.at(time + 1.0).delivered(move, "legs").at(time + 2.0).achieved(move)
     waits = [one for one in told(tale.fold(), 100) if "queued" in one]
     assert waits[1] == "1.0 (1.0 s) queued for legs, busy with move {1}"
     assert waits[-1] == "99.0 (1.0 s) queued for legs, busy with move {99}"
@@ -317,8 +316,7 @@ def test_what_central_made_is_named_once() -> None:
 
 def test_what_a_handler_asks_at_once_is_told_at_once() -> None:
     tale = Story().module("chef", "cook").module("cellar", "salt").at(1.0)
-    cook = tale.goal("cook", "user")
-    tale.delivered(cook, "chef")
+    cook = tale.goal("cook", "user", to="chef")
     first = [tale.at(time).received("salt", QUERY, "chef", origin=cook) for time in (1.0, 1.1, 1.2, 1.3)]
     tale.at(1.5).say(*map(facts.Awaited, first)).at(2.0).say(*map(facts.Answered, first[:3]))
     known = [one for one in told(tale.fold(), cook) if "waits" in one]
