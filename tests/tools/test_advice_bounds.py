@@ -25,7 +25,7 @@ from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead
 from tca_wire.journal import facts
-from tca_wire.points import THIS, Moment, TaskId
+from tca_wire.points import THIS, TaskId
 from tca_wire.text.facts_in_words import called
 
 _A_HAIR = 1e-6
@@ -187,7 +187,7 @@ def burst(number: int, took: float) -> Run:
     for chop in chops[1:]:
         story.queued(chop, "cutter")
     for place, chop in enumerate(chops):
-        story.at(1.0 + (place + 1) * took).returned(chop).reached(chop, Moment.END_ACHIEVING)
+        story.at(1.0 + (place + 1) * took).achieved(chop)
         if place + 1 < number:
             story.delivered(chops[place + 1], "cutter")
     return story.fold()
@@ -210,7 +210,7 @@ def test_handlers_that_wait_for_one_lock_at_once() -> None:
     for number, sweep in enumerate(sweeps):
         story.say(facts.Granted(900 + number))
         story.at(2.0 + number).say(facts.ClaimEnded(900 + number, "released"))
-        story.returned(sweep).reached(sweep, Moment.END_ACHIEVING)
+        story.achieved(sweep)
     (one,) = {one.title: one for one in all_advice(story.fold())}.values()
     assert (one.topic, round(one.saving, 6)) == (Topic.LOCK, 9.0)
 
@@ -226,10 +226,10 @@ def test_first_comes_what_moves_the_end() -> None:
     story.at(1.0).say(facts.Claimed(50, "tank", "tank", False, "op", 0), facts.Granted(50)).at(2.0)
     pour = story.command("pour", "user")
     story.queued(pour, "tank").at(8.0).say(facts.ClaimEnded(50, "released")).delivered(pour, "tank")
-    story.at(10.0).returned(pour).reached(pour, Moment.END_ACHIEVING).at(20.0)
+    story.at(10.0).achieved(pour).at(20.0)
     clean = story.command("clean", "user")
     story.queued(clean).at(20.5).module("maid", "clean").delivered(clean, "maid")
-    found = contents(story.at(21.5).returned(clean).reached(clean, Moment.END_ACHIEVING).fold())
+    found = contents(story.at(21.5).achieved(clean).fold())
     assert found.path
     assert found.longest
     assert (str(found.path.path.task), str(found.longest.path.task)) == ("clean {2}", "pour {1}")

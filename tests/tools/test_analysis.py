@@ -56,10 +56,9 @@ def test_failures_and_what_became_of_them() -> None:
 
 def test_a_task_that_was_killed_by_its_exception_handler_and_replaced() -> None:
     story = Story().module("user").module("planner", "walk").module("legs", "move").module("expert", "recover")
-    walk = story.at(1.0).goal("walk", "user")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
-    move = story.command("move", "planner", walk)
-    story.delivered(move, "legs").returned(walk)
+    walk = story.at(1.0).goal("walk", "user", to="planner", begins=True)
+    move = story.command("move", "planner", walk, to="legs")
+    story.returned(walk)
     fail(story.at(2.0), move, "slip", "")
     helper = caught(story, move)
     story.at(2.1).say(facts.Killed(TaskId(move), "another way"), facts.Recovered(TaskId(move)))
@@ -72,8 +71,8 @@ def test_a_task_that_was_killed_by_its_exception_handler_and_replaced() -> None:
 
 def test_a_failure_that_is_dealt_with_before_another_is_raised() -> None:
     story = Story().module("legs", "move").module("expert", "recover")
-    move = story.at(1.0).command("move", "user")
-    story.delivered(move, "legs").at(2.0).say(facts.Failed(move, "slow", "", is_beside=True))
+    move = story.at(1.0).command("move", "user", to="legs")
+    story.at(2.0).say(facts.Failed(move, "slow", "", is_beside=True))
     helper = caught(story, move)
     story.at(2.5).returned(helper).reached(helper, *Moment).say(facts.Recovered(TaskId(move)))
     fail(story.at(4.0), move, "slip", "")
@@ -109,8 +108,8 @@ def test_whether_nobody_ever_handled_it_or_only_then(title: str, handled: tuple[
 def test_a_deadline_costs_what_was_done_until_then(is_killed: bool) -> None:
     """The handler had run for half a second when its time was over; nothing is lost if the task then goes on."""
     story = Story().module("oven", "dock").module("expert", "recover")
-    dock = story.at(1.0).command("dock", "user")
-    story.delivered(dock, "oven").at(1.5).say(facts.Failed(dock, "timeout", "not within 0.5 s", is_beside=True))
+    dock = story.at(1.0).command("dock", "user", to="oven")
+    story.at(1.5).say(facts.Failed(dock, "timeout", "not within 0.5 s", is_beside=True))
     if is_killed:
         story.say(facts.Unhandled(TaskId(dock)), facts.Killed(TaskId(dock), "timeout"))
     else:
@@ -136,10 +135,10 @@ def test_failures_at_the_same_time_cost_that_time_once() -> None:
 
 def test_a_failure_that_is_raised_from_outside_and_one_of_a_query() -> None:
     story = Story().module("legs", "move").module("eye", "where")
-    move = story.at(1.0).command("move", "user")
-    story.delivered(move, "legs").at(2.0).say(facts.Failed(move, "timeout", "not within 1 s", is_beside=True))
-    where = story.at(3.0).received("where", MessageClass.QUERY, "user", blocking=True)
-    story.delivered(where, "eye").at(3.5)
+    move = story.at(1.0).command("move", "user", to="legs")
+    story.at(2.0).say(facts.Failed(move, "timeout", "not within 1 s", is_beside=True))
+    where = story.at(3.0).received("where", MessageClass.QUERY, "user", blocking=True, to="eye")
+    story.at(3.5)
     fail(story, where, "blind", "")
     timeout, blind = (kind.cases[0] for kind in failures(story.fold()))
     assert (timeout.raised_by, timeout.fate) == ("by central", Fate.NOT_HANDLED)
@@ -196,8 +195,8 @@ def test_a_suspended_task_waits_from_when_on_nothing_of_it_runs() -> None:
 
 def test_a_handler_that_waits_for_what_is_suspended_under_it_does_not_work() -> None:
     story = Story().module("planner", "walk").module("legs", "move").at(1.0)
-    walk = story.command("walk", "user")
-    story.delivered(walk, "planner").say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
+    walk = story.command("walk", "user", to="planner")
+    story.say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
     move = story.command("move", "planner", walk)
     story.say(facts.WaitBegan("planner", walk, TaskId(move), Moment.END_ACHIEVING)).at(5.0)
     (wait,) = next(kind for kind in waits(story.fold()) if kind.kind is WaitKind.RESUME).longest

@@ -114,11 +114,9 @@ def _told(story: Story) -> list[str]:
 
 def _two_legs(story: Story, constraint: Constraint | None = None) -> tuple[int, int]:
     story.module("user").module("planner", "walk").module("legs", "move")
-    goal = story.goal("walk", "user")
-    story.delivered(goal, "planner").reached(goal, Moment.START_ACHIEVING)
+    goal = story.goal("walk", "user", to="planner", begins=True)
     story.say(facts.ResourceChanged("legs", "legs", 2))
-    one = story.command("move", "planner", goal)
-    story.delivered(one, "legs")
+    one = story.command("move", "planner", goal, to="legs")
     return one, story.command("move", "planner", goal, *[constraint] if constraint else [])
 
 
@@ -132,8 +130,8 @@ def test_a_task_that_does_not_wait_for_the_one_before_it() -> None:
 
 def test_a_reply_that_was_there_is_waited_for() -> None:
     story = Story().module("user").module("legs", "where")
-    where = story.received("where", MessageClass.QUERY, "user")
-    story.delivered(where, "legs").at(1.0).say(facts.Awaited(where))
+    where = story.received("where", MessageClass.QUERY, "user", to="legs")
+    story.at(1.0).say(facts.Awaited(where))
     assert _told(story) == []
     story.at(2.0).returned(where).say(facts.Answered(where)).at(3.0).say(facts.Awaited(where))
     assert _told(story) == [rules.ENDED.text]
@@ -181,16 +179,15 @@ def test_a_parent_that_ends_before_its_child() -> None:
 
 def test_a_failure_that_nobody_cares_for() -> None:
     story = Story().module("user").module("legs", "move")
-    move = story.command("move", "user")
-    story.delivered(move, "legs")
+    move = story.command("move", "user", to="legs")
     story.at(1.0).say(facts.Returned(move, Outcome.FAILED, b""), facts.Failed(move, "slip", ""))
     assert _told(story) == [rules.CAUGHT.text]
 
 
 def test_what_happens_after_the_end() -> None:
     story = Story().module("user").module("legs", "move")
-    move = story.command("move", "user")
-    story.delivered(move, "legs").at(1.0).returned(move).reached(move, Moment.END_ACHIEVING)
+    move = story.command("move", "user", to="legs")
+    story.at(1.0).achieved(move)
     story.at(2.0).say(facts.Killed(TaskId(move), "late")).say(facts.Returned(move, Outcome.DONE, b""))
     assert _told(story) == [rules.ENDED.text, rules.ENDED.text]
 

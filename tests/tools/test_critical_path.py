@@ -87,15 +87,14 @@ def test_through_an_exception_handler_and_a_retry() -> None:
 
 def test_a_delay_and_a_missing_handler() -> None:
     story = Story().module("a").module("legs", "move")
-    first = story.at(1.0).command("move", "a")
-    story.delivered(first, "legs")
+    first = story.at(1.0).command("move", "a", to="legs")
     second = 2
     delay = Constraint(Point(TaskId(first), Moment.END_ACHIEVING), Point(TaskId(second), Moment.START_ACHIEVING), 3.0)
     assert story.at(1.5).command("look", "a", 0, delay) == second
-    story.at(2.0).returned(first).reached(first, Moment.END_ACHIEVING)
+    story.at(2.0).achieved(first)
     story.at(5.0).say(facts.TimedOut(delay)).queued(second)
     story.at(7.0).module("eye", "look").delivered(second, "eye")
-    story.at(8.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    story.at(8.0).achieved(second)
     assert path_of(story.fold()) == [
         ("move", "legs", 1.0, 2.0),
         ("delay", "", 2.0, 5.0),
@@ -121,8 +120,8 @@ def test_nothing_runs_when_the_journal_ends() -> None:
 
 def test_a_query_in_a_queue_that_a_journal_that_ends_waits_for() -> None:
     story = Story().module("a", "walk").module("eye", "where").at(1.0)
-    walk = story.command("walk", "user")
-    story.delivered(walk, "a").at(2.0).queued(story.received("where", QUERY, "a", origin=walk, blocking=True), "eye")
+    walk = story.command("walk", "user", to="a")
+    story.at(2.0).queued(story.received("where", QUERY, "a", origin=walk, blocking=True), "eye")
     assert path_of(story.at(9.0).fold()) == [("walk", "a", 1.0, 2.0), ("queued", "eye", 2.0, 9.0)]
 
 
@@ -140,9 +139,8 @@ def test_a_suspended_task_stands_from_when_on_nothing_of_it_runs(until: float | 
 
 def test_a_suspended_task_of_which_nothing_ran_stood_in_a_queue_before() -> None:
     story = Story().module("a", "walk").at(1.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).at(1.5)
-    fly = story.command("fly", "a", walk)
+    walk = story.goal("walk", "user", to="a", begins=True)
+    fly = story.at(1.5).command("fly", "a", walk)
     story.queued(fly).returned(walk).at(3.0)
     story.say(facts.Unqueued(fly), facts.SuspendedOrResumed(TaskId(walk), True)).at(5.0)
     story.say(facts.SuspendedOrResumed(TaskId(walk), False)).queued(fly).at(7.0).acted(fly, "a", 1.0)
@@ -165,8 +163,7 @@ def test_the_longest_task_and_the_last() -> None:
 
 def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
     story = Story().module("a", "count").module("b", "add")
-    count = story.at(1.0).goal("count", "x")
-    story.delivered(count, "a").reached(count, Moment.START_ACHIEVING)
+    count = story.at(1.0).goal("count", "x", to="a", begins=True)
     for number in range(2_000):
         story.at(2.0 + number).query("add", "a", count, "b", took=0.5)
     story.at(3_000.0).returned(count).reached(count, Moment.END_PLANNING, Moment.END_ACHIEVING)
@@ -189,8 +186,7 @@ def after(task: int, moment: Moment, delay: float = 0.0) -> Constraint:
 
 def test_a_run_that_stands_because_of_a_delay_says_until_when() -> None:
     story = Story().module("legs", "move")
-    walk = story.at(1.0).goal("walk", "user")
-    story.delivered(walk, "legs").reached(walk, Moment.START_ACHIEVING)
+    walk = story.at(1.0).goal("walk", "user", to="legs", begins=True)
     story.acted(first := story.command("move", "user", walk), "legs", 1.0).returned(walk)
     story.command("move", "user", walk, after(first, Moment.END_ACHIEVING, 30.0))
     path, why, because = standing(story.at(12.0))
@@ -212,10 +208,8 @@ def test_a_run_that_stands_because_of_a_constraint_on_a_task_that_still_runs() -
 def test_a_run_that_stands_because_of_a_constraint_on_a_task_that_stands_itself() -> None:
     """Through a handler that waits, to a task under another one."""
     story = Story().module("a", "walk").module("b", "clean")
-    walk = story.at(1.0).goal("walk", "user")
-    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING)
-    clean = story.at(2.0).goal("clean", "user")
-    story.delivered(clean, "b").reached(clean, Moment.START_ACHIEVING)
+    walk = story.at(1.0).goal("walk", "user", to="a", begins=True)
+    clean = story.at(2.0).goal("clean", "user", to="b", begins=True)
     story.at(3.0).queued(story.command("sweep", "b", clean)).returned(clean).reached(clean, Moment.END_PLANNING)
     story.at(4.0).say(facts.WaitBegan("a", walk, TaskId(clean), Moment.END_ACHIEVING))
     path, _, because = standing(story.at(9.0))
@@ -226,8 +220,8 @@ def test_a_run_that_stands_because_of_a_constraint_on_a_task_that_stands_itself(
 def test_a_run_that_stands_because_of_a_lock_that_somebody_has_taken_outside_of_any_handler() -> None:
     story = Story().module("a", "walk").module("legs", "move").module("user").at(1.0)
     story.say(facts.Claimed(77, "legs", "legs", False, "user", 0), facts.Granted(77)).at(2.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "a").at(3.0).say(facts.Claimed(78, "legs", "legs", False, "a", walk))
+    walk = story.goal("walk", "user", to="a")
+    story.at(3.0).say(facts.Claimed(78, "legs", "legs", False, "a", walk))
     path, why, _ = standing(story.at(9.0))
     assert path[-2:] == [("walk", "a", 2.0, 3.0), ("locked", "user", 3.0, 9.0)]
     assert why == "it waits for the lock of legs {78}, which user has locked"
@@ -256,12 +250,11 @@ def _start_after(task: int, other: int) -> Constraint:
 def test_a_task_that_its_deadline_killed_leads_to_what_it_waited_for_elsewhere() -> None:
     """As its story does: most of its time went by because nobody handled what another task needed."""
     story = Story().module("a", "walk", "charge").at(1.0)
-    charge = story.goal("charge", "user")
-    story.delivered(charge, "a").reached(charge, Moment.START_ACHIEVING).at(1.5)
+    charge = story.goal("charge", "user", to="a", begins=True)
+    story.at(1.5)
     story.queued(story.command("plug in", "a", charge)).returned(charge).reached(charge, Moment.END_PLANNING).at(2.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).at(3.0)
-    step = story.command("step", "a", walk, _start_after(4, charge))
+    walk = story.goal("walk", "user", to="a", begins=True)
+    step = story.at(3.0).command("step", "a", walk, _start_after(4, charge))
     story.returned(walk).at(9.0).say(facts.Failed(walk, "timeout", "", is_beside=True))
     for task in (step, walk):
         story.say(facts.Killed(TaskId(task), "late")).reached(task, *Moment)
@@ -274,10 +267,10 @@ def test_a_task_that_its_deadline_killed_leads_to_what_it_waited_for_elsewhere()
 
 def test_a_task_that_a_handler_kills_leads_into_that_handler() -> None:
     story = Story().module("a", "walk", "watch").at(1.0)
-    walk = story.goal("walk", "user")
-    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).returned(walk).at(2.0)
-    watch = story.goal("watch", "user")
-    story.delivered(watch, "a").at(5.0).asked_by(watch).say(facts.Killed(TaskId(walk), "enough")).reached(walk, *Moment)
+    walk = story.goal("walk", "user", to="a", begins=True)
+    story.returned(walk).at(2.0)
+    watch = story.goal("watch", "user", to="a")
+    story.at(5.0).asked_by(watch).say(facts.Killed(TaskId(walk), "enough")).reached(walk, *Moment)
     run = story.fold()
     assert steps_of(run, run.tasks[TaskId(walk)])[-1] == ("watch", "a", 2.0, 5.0)
 

@@ -107,9 +107,8 @@ def declared(story: Story, message: str, kind: MessageClass, data: Any, reply: A
 
 def test_a_topic_for_each_message_with_the_schema_of_its_data() -> None:
     story = declared(Story().module("legs", "move leg"), "move leg", MessageClass.GOAL, Stance, reply=Foot)
-    story.at(1.5)
-    move = story.goal("move leg", "user", data=Stance([Foot(2, 0.5)], heights=b"\x01\x02"))
-    story.delivered(move, "legs").at(2.5).returned(move, data=Foot(2, 0.75))
+    move = story.at(1.5).goal("move leg", "user", data=Stance([Foot(2, 0.5)], heights=b"\x01\x02"), to="legs")
+    story.at(2.5).returned(move, data=Foot(2, 0.75))
     topics = topics_of(story)
     sent, result = topics["/messages/move_leg"], topics["/results/move_leg"]
     assert (sent.message, sent.schema_name, sent.times) == ("move leg", "move leg", [1.5])

@@ -101,7 +101,7 @@ def test_who_raised_a_failure_has_a_column() -> None:
     slips, late, lost, old = (story.command("move", "user") for _ in range(4))
     for move in (slips, lost):
         story.delivered(move, "legs")
-    story.at(2.0).returned(slips, Outcome.FAILED).say(facts.Failed(slips, "slip", ""))
+    story.at(2.0).failed(slips, "slip", "")
     story.at(3.0).say(facts.Failed(late, "timeout", "late", is_beside=True, by="central"))
     story.at(4.0).say(facts.Failed(late, "slip", "", is_beside=True, by="tca raise#7"))
     story.at(5.0).say(facts.Failed(lost, "module lost", "its connection closed"))

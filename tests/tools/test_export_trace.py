@@ -16,7 +16,7 @@ from tca_tools.export.trace.packets import write_trace
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import MessageClass
 
 SECOND = 1_000_000_000
 
@@ -83,11 +83,9 @@ def test_handlings_that_overlap_have_lanes_that_are_shown_as_one_track(tmp_path:
 def test_waits_that_overlap_leave_their_handler(tmp_path: Path) -> None:
     """An asynchronous handler asks two things at once; neither wait lies within the other."""
     story = Story().module("planner", "plan").module("map", "where", "what")
-    plan = story.goal("plan", "user")
-    story.delivered(plan, "planner").at(1.0)
-    where = story.received("where", QUERY, "planner", origin=plan, blocking=True)
-    story.at(2.0)
-    what = story.received("what", QUERY, "planner", origin=plan, blocking=True)
+    plan = story.goal("plan", "user", to="planner")
+    where = story.at(1.0).received("where", QUERY, "planner", origin=plan, blocking=True)
+    what = story.at(2.0).received("what", QUERY, "planner", origin=plan, blocking=True)
     story.at(3.0).say(facts.Answered(where)).at(4.0).say(facts.Answered(what)).at(5.0).returned(plan)
     read = trace_of(story.fold(), tmp_path)
     assert spans(read.on("planner > planner"), "waiting") == [("waits for where", 1.0, 3.0)]
@@ -97,8 +95,7 @@ def test_waits_that_overlap_leave_their_handler(tmp_path: Path) -> None:
 def test_a_thousand_waits_at_a_time(tmp_path: Path) -> None:
     """A handler that gathers a thousand answers, the first asked being the last to come."""
     story = Story().module("planner", "plan")
-    plan = story.goal("plan", "user")
-    story.delivered(plan, "planner")
+    plan = story.goal("plan", "user", to="planner")
     for number in range(1000):
         story.at(1.0 + number / 1000).received("where", QUERY, "planner", origin=plan, blocking=True)
     for number in range(1000, 0, -1):
@@ -123,8 +120,7 @@ def test_what_happens_at_one_time_keeps_its_order(tmp_path: Path) -> None:
     story = Story().module("a", "one").module("b", "two").at(1.0)
     one = story.received("one", GOAL, "user")
     story.at(1.0).delivered(one, "a")
-    story.at(1.0)
-    two = story.received("two", QUERY, "a", origin=one)
+    two = story.at(1.0).received("two", QUERY, "a", origin=one)
     story.at(1.0).delivered(two, "b").at(1.0).returned(two)
     read = trace_of(story.fold(), tmp_path)
     assert [(start.name, end.name) for start, end in read.arrows()] == [("sends one", "one"), ("sends two", "two")]
@@ -180,8 +176,8 @@ def test_the_wall_clock_is_told(tmp_path: Path) -> None:
 def test_a_task_that_goes_on_after_its_failure(tmp_path: Path) -> None:
     """A failure that is dealt with after the task's end does not make its last state longer than itself."""
     story = Story().module("legs", "walk").at(1.0)
-    walk = story.goal("walk", "x")
-    story.delivered(walk, "legs").at(2.0).returned(walk, Outcome.FAILED).say(facts.Failed(walk, "slip", ""))
+    walk = story.goal("walk", "x", to="legs")
+    story.at(2.0).failed(walk, "slip", "")
     story.at(3.0).reached(walk, Moment.END_ACHIEVING).at(4.0).say(facts.Recovered(TaskId(walk)))
     read = trace_of(story.fold(), tmp_path)
     assert spans(read.slices, "state") == [("planning", 1.0, 2.0), ("failed", 2.0, 3.0)]

@@ -169,8 +169,8 @@ def waiting_for_two() -> Chart:
     both = [sequential_achievement(TaskId(one), THIS) for one in (first, second)]
     held = [story.command("move", "user", 0, *both) for _ in range(2)]
     story.delivered(first, "legs").delivered(second, "legs")
-    story.at(3.0).returned(first).reached(first, Moment.END_ACHIEVING)
-    story.at(4.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    story.at(3.0).achieved(first)
+    story.at(4.0).achieved(second)
     for one in held:
         story.delivered(one, "legs")
     return chart(story.fold(), pick=Pick(held=held))
@@ -190,8 +190,7 @@ def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
 
 def test_what_nobody_would_handle_stands_where_that_is_said() -> None:
     story = Story().module("legs", "move").at(1.0)
-    move = story.command("move", "user")
-    story.delivered(move, "legs")
+    move = story.command("move", "user", to="legs")
     fly = story.command("fly", "user", 0, sequential_achievement(TaskId(move), THIS))
     drawing = chart(story.at(5.0).fold(), pick=Pick(held={fly}))
     assert [row.label for row in drawing.rows if row.held] == [NO_HANDLER]
@@ -200,8 +199,8 @@ def test_what_nobody_would_handle_stands_where_that_is_said() -> None:
 def granted_at_once() -> Story:
     """A program without handlers gets a lock without having to wait for it, and so does a handler."""
     story = Story().module("legs", "move").module("guest").at(1.0)
-    move = story.received("move", COMMAND, "user")
-    story.delivered(move, "legs").at(2.0)
+    move = story.received("move", COMMAND, "user", to="legs")
+    story.at(2.0)
     for number, sender, origin in ((90, "guest", 0), (91, "legs", move)):
         story.say(facts.Claimed(number, "arm", "arm", False, sender, TaskId(origin)), facts.Granted(number))
     return story.at(3.0).returned(move)
@@ -313,8 +312,8 @@ def test_a_task_that_is_held_has_no_bar_but_goes_on() -> None:
 def test_a_lock_that_somebody_still_has_and_a_monitor_that_watches_are_just_there() -> None:
     story = moved().at(25.0).module("eyes").say(facts.Claimed(90, "legs", "legs", False, "eyes", TaskId(0)))
     story.say(facts.Granted(90))
-    monitor = story.received("look", MessageClass.DEMON_MONITOR, "user")
-    story.delivered(monitor, "legs").returned(monitor)
+    monitor = story.received("look", MessageClass.DEMON_MONITOR, "user", to="legs")
+    story.returned(monitor)
     assert 25.0 < chart(now_of(story)).end < 26.0
     story.at(40.0).say(facts.ClaimEnded(90, "released"))
     assert 40.0 < chart(now_of(story)).end < 41.0

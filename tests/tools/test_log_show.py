@@ -39,9 +39,7 @@ def told_of_everything() -> Story:
     story.say(facts.Constrained([]), facts.WaitBegan("legs", goal, TaskId(goal), Moment.END_PLANNING))
     story.at(61.5).say(facts.WaitEnded("legs", goal, TaskId(goal)), facts.WaitBegan("script", 0, TaskId(goal), 32))
     story.queued(goal, "legs").say(facts.Unqueued(goal))
-    story.returned(goal, Outcome.FAILED).say(
-        facts.Failed(goal, "slip", ""), facts.Killed(TaskId(goal), "slipped", "panel")
-    )
+    story.failed(goal, "slip", "").say(facts.Killed(TaskId(goal), "slipped", "panel"))
     story.say(facts.Dropped(77, "any", "nobody listens"), facts.Awaited(pose), facts.Answered(pose))
     story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))
     told_of_control(story, TaskId(goal))

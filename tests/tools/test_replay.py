@@ -22,7 +22,6 @@ from tca_tools.replay.tree import rows_at
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Outcome
 
 Tca = Callable[..., Result]
 Act = Callable[["Player"], Awaitable[None]]
@@ -131,7 +130,7 @@ def test_of_a_question_that_fails_who_asked_is_shown() -> None:
     story.delivered(goal, "lab").at(2.0)
     question = story.received("where", QUERY, "lab", origin=goal)
     story.delivered(question, "lab", "eyes").at(3.0).queued(other)
-    story.returned(question, Outcome.FAILED).say(facts.Failed(question, "dark", "no light")).at(4.0)
+    story.failed(question, "dark", "no light").at(4.0)
 
     async def act(player: Player) -> None:
         await player.press("f")
@@ -247,8 +246,7 @@ def test_a_task_is_chosen_with_the_mouse_closed_and_opened() -> None:
 
 def test_reasons_are_shown_where_names_are_long_and_what_is_cut_says_so() -> None:
     story = Story().module("cook", "dinner").at(1.0)
-    dinner = story.goal("dinner for very many guests, with music", "waiter")
-    story.delivered(dinner, "cook")
+    dinner = story.goal("dinner for very many guests, with music", "waiter", to="cook")
     for number in range(60):
         one = story.at(2.0 + number).command("bake a cake that is larger than the oven", "cook", dinner)
         story.say(facts.Failed(one, "burnt", "nobody looked after it, and it was very hot in there"))
@@ -291,12 +289,11 @@ def test_how_it_ends(keys: list[str]) -> None:
 
 def test_all_of_a_long_story_can_be_read_and_the_newest_of_it_is_seen() -> None:
     story = Story().module("cook", "bake").at(1.0)
-    cake = story.command("bake", "a waiter with a name that is far too long for one line of a pane")
-    story.delivered(cake, "cook")
+    cake = story.command("bake", "a waiter with a name that is far too long for one line of a pane", to="cook")
     for number in range(30):
         asked = story.at(2.0 + number).received("is there any room left in the oven", QUERY, "cook", origin=cake)
         story.at(2.5 + number).say(facts.Answered(asked))
-    story.at(40.0).returned(cake).reached(cake, Moment.END_ACHIEVING)
+    story.at(40.0).achieved(cake)
 
     async def act(player: Player) -> None:
         await player.press("end")
@@ -327,8 +324,8 @@ def test_of_very_many_tasks_a_few_are_shown() -> None:
     """Very many goals, of which one in a thousand lives on."""
     story = Story().module("user").module("planner", "walk")
     for number in range(5_000):
-        goal = story.at(1.0 + number).goal("walk", "user")
-        story.delivered(goal, "planner").reached(goal, Moment.START_ACHIEVING).returned(goal)
+        goal = story.at(1.0 + number).goal("walk", "user", to="planner", begins=True)
+        story.returned(goal)
         if number % 1000:
             story.reached(goal, Moment.END_PLANNING, Moment.END_ACHIEVING)
     recording = Recording(story.entries)

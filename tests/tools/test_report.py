@@ -24,7 +24,6 @@ from tca_tools.run.fates import HANDLED
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Outcome
 
 VOID = {"meta", "link", "br", "img", "path", "rect", "line", "hr"}
 BLOCKS = {"p", "div", "tr", "li", "h1", "h2", "h3", "summary", "nav", "footer"}
@@ -133,9 +132,8 @@ def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened
     )
     story = Story().module("user").module("stove", "fry")
     for _ in range(2):
-        fry = story.at(1.0).command("fry", "user")
-        story.delivered(fry, "stove").at(2.0).returned(fry, Outcome.FAILED).say(
-            facts.Failed(fry, "handler error", said), facts.Unhandled(TaskId(fry)),
+        fry = story.at(1.0).command("fry", "user", to="stove")
+        story.at(2.0).failed(fry, "handler error", said).say(facts.Unhandled(TaskId(fry)),
             facts.Killed(TaskId(fry), "failure 'handler error' of task 1 'fry' was not handled", "central"),
         )  # fmt: skip
         story.reached(fry, Moment.END_HANDLING, Moment.END_ACHIEVING)
@@ -229,7 +227,7 @@ def test_a_long_run_is_a_page_of_bounded_size(tmp_path: Path) -> None:
     for number in range(3_000):
         move = story.at(float(number)).command("move", "user")
         story.delivered(move, "legs")
-        story.at(number + 0.5).returned(move).reached(move, Moment.END_ACHIEVING)
+        story.at(number + 0.5).achieved(move)
     assert tca_report(story.write(tmp_path / "run"), "-o", tmp_path / "run.html").exit_code == 0
     shown = Page((tmp_path / "run.html").read_text())
     assert len((tmp_path / "run.html").read_bytes()) < 1_000_000

@@ -98,8 +98,8 @@ def test_a_query_that_nobody_handles_is_open_until_it_is_dropped() -> None:
 
 def test_a_failure_that_was_dealt_with_counts() -> None:
     story = Story().module("legs", "walk").at(1.0)
-    walk = story.goal("walk", "x")
-    story.delivered(walk, "legs").at(2.0).returned(walk, Outcome.FAILED).say(facts.Failed(walk, "slip", ""))
+    walk = story.goal("walk", "x", to="legs")
+    story.at(2.0).failed(walk, "slip", "")
     story.at(3.0).say(facts.Retried(TaskId(walk), b"", "user")).delivered(walk, "legs").at(5.0).returned(walk)
     story.reached(walk, Moment.END_ACHIEVING)
     walks = of(measure(story.fold()), "walk")
@@ -192,11 +192,9 @@ def test_percentiles_are_exact(seconds: list[float], share: int) -> None:
 
 def test_waits_that_overlap_count_once() -> None:
     story = Story().module("a", "plan").at(0.0)
-    plan = story.goal("plan", "x")
-    story.delivered(plan, "a").at(1.0)
-    first = story.received("where", QUERY, "a", origin=plan, blocking=True)
-    story.at(2.0)
-    second = story.received("where", QUERY, "a", origin=plan, blocking=True)
+    plan = story.goal("plan", "x", to="a")
+    first = story.at(1.0).received("where", QUERY, "a", origin=plan, blocking=True)
+    second = story.at(2.0).received("where", QUERY, "a", origin=plan, blocking=True)
     story.at(3.0).say(facts.Answered(first)).at(5.0).say(facts.Answered(second)).at(6.0).returned(plan)
     use = measure(story.fold()).resources[0].use
     assert use is not None

@@ -94,8 +94,7 @@ def test_damage_is_told_below_the_tree(tca: Tca, run: Path) -> None:
 def a_long_walk(achieved: int, held: int) -> Story:
     """One goal with commands in sequence, so many of them achieved."""
     story = Story()
-    walk = story.goal("walk", "x")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    walk = story.goal("walk", "x", to="planner", begins=True)
     for number in range(achieved + held):
         command = story.command("step", "planner", walk)
         if number < achieved:

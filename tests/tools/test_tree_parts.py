@@ -44,8 +44,7 @@ def names(shown: str) -> list[str]:
 def wide(children: int = 12) -> Story:
     """A goal with pairs of commands, of which the second follows the first."""
     story = Story()
-    walk = story.goal("walk", "x")
-    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    walk = story.goal("walk", "x", to="planner", begins=True)
     for _ in range(children):
         step = story.goal("step", "planner", walk)
         first = story.command("move leg", "planner", step)
@@ -100,17 +99,16 @@ def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) ->
 
 
 def _fail_for_a_query(story: Story, asker: int) -> None:
-    where = story.received("where", QUERY, "asker", 0, origin=asker, blocking=True)
-    story.delivered(where, "map").at(asker + 1.0)
-    story.returned(where, Outcome.FAILED).say(facts.Failed(where, "no map", "it is dark"), facts.Answered(where))
-    story.returned(asker, Outcome.FAILED).say(facts.Failed(asker, "no map", "'where' failed: no map: it is dark"))
+    where = story.received("where", QUERY, "asker", 0, origin=asker, blocking=True, to="map")
+    story.at(asker + 1.0)
+    story.failed(where, "no map", "it is dark").say(facts.Answered(where))
+    story.failed(asker, "no map", "'where' failed: no map: it is dark")
 
 
 def recovery() -> Story:
     """A query fails of which a goal fails, and an exception handler that asks the same fails, too."""
     story = Story().module("planner", "step").module("expert", "replan").module("map", "where")
-    step = story.goal("step", "user")
-    story.delivered(step, "planner").reached(step, Moment.START_ACHIEVING)
+    step = story.goal("step", "user", to="planner", begins=True)
     _fail_for_a_query(story, step)
     replan = story.goal("replan", "central", step)
     made: tuple[Any, ...] = (GOAL, "central", TaskId(step), 0, False, b"", [], Role.EXCEPTION, step)
@@ -161,8 +159,8 @@ def test_what_ran_out_of_time_waited_for_something() -> None:
 def test_a_kill_is_told_when_it_was_and_not_when_it_had_its_effect() -> None:
     story = Story().module("arm", "pick").at(1.0)
     walk = story.goal("walk", "user")
-    pick = story.command("pick", "user", walk)
-    story.delivered(pick, "arm").at(2.0).say(facts.Failed(pick, "timeout", "too late"))
+    pick = story.command("pick", "user", walk, to="arm")
+    story.at(2.0).say(facts.Failed(pick, "timeout", "too late"))
     story.say(facts.Unhandled(TaskId(pick)), facts.Killed(TaskId(pick), "failure 'timeout' was not handled"))
     story.at(3.0).returned(pick, Outcome.KILLED).reached(pick, Moment.END_ACHIEVING)
     run = story.at(4.0).reached(walk, Moment.END_ACHIEVING).fold()
@@ -174,8 +172,8 @@ def test_a_kill_is_told_when_it_was_and_not_when_it_had_its_effect() -> None:
 
 def with_traceback() -> History:
     story = Story().module("legs", "walk")
-    walk = story.goal("walk", "x")
-    story.delivered(walk, "legs").returned(walk, Outcome.FAILED)
+    walk = story.goal("walk", "x", to="legs")
+    story.returned(walk, Outcome.FAILED)
     trace = (
         "ZeroDivisionError: division by zero\nTraceback (most recent call last):\n  File walk.py, line 3\n    1 / 0\n"
     )
