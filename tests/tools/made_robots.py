@@ -30,8 +30,7 @@ def stepping(planning: float = 1.0, acting: float = 2.0, steps: int = 3, errand:
     for _ in range(steps):
         sent.append(story.goal("step", "planner", walk, *before))
         before = [sequential_achievement(TaskId(sent[-1]), THIS), delay_planning(THIS)]
-    story.queued(sent[0], "planner")
-    story.at(1.3).returned(walk)
+    story.queued(sent[0], "planner").at(1.3).returned(walk)
     now = 1.3
     for step in sent:
         story.delivered(step, "planner").reached(step, Moment.START_ACHIEVING)
@@ -93,8 +92,7 @@ def commanding(asks: float = 0.4) -> Story:
         move = story.at(now).command("move", "planner", walk, to="legs")
         story.at(now).say(facts.WaitBegan("planner", walk, TaskId(move), Moment.END_ACHIEVING))
         now = round(now + 2.0, 6)
-        story.at(now).achieved(move)
-        story.say(facts.WaitEnded("planner", walk, TaskId(move)))
+        story.at(now).achieved(move).say(facts.WaitEnded("planner", walk, TaskId(move)))
         assert number < 2
     story.at(round(now + 0.1, 6)).returned(walk)
     return story.reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)
@@ -104,8 +102,7 @@ def recovering() -> Story:
     """A move slips after 1.0 s, an exception handler takes 0.2 s to retry it, it then takes 1.5 s; the next move falls
     after 0.5 s, which an exception handler deals with in 0.3 s; the third jams after 0.4 s, and nobody handles that.
     """
-    story = Story().module("user").module("legs", "move").module("expert", "recover")
-    story.at(1.0)
+    story = Story().module("user").module("legs", "move").module("expert", "recover").at(1.0)
     moves = [story.command("move", "user")]
     story.delivered(moves[0], "legs")
     fail(story.at(2.0), moves[0], "slip", "left foot")

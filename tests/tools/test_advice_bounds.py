@@ -208,8 +208,7 @@ def test_handlers_that_wait_for_one_lock_at_once() -> None:
     for number, sweep in enumerate(sweeps):
         story.delivered(sweep, "sweeper").say(facts.Claimed(900 + number, "broom", "broom", False, "sweeper", sweep))
     for number, sweep in enumerate(sweeps):
-        story.say(facts.Granted(900 + number))
-        story.at(2.0 + number).say(facts.ClaimEnded(900 + number, "released"))
+        story.say(facts.Granted(900 + number)).at(2.0 + number).say(facts.ClaimEnded(900 + number, "released"))
         story.achieved(sweep)
     (one,) = {one.title: one for one in all_advice(story.fold())}.values()
     assert (one.topic, round(one.saving, 6)) == (Topic.LOCK, 9.0)

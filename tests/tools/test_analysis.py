@@ -242,8 +242,7 @@ def test_how_busy_resources_were() -> None:
 
 
 def test_a_resource_of_several_slots_and_one_that_was_locked() -> None:
-    story = Story().module("map", "where")
-    story.say(facts.ResourceChanged("map", "map", 2))
+    story = Story().module("map", "where").say(facts.ResourceChanged("map", "map", 2))
     ids = [story.at(1.0).received("where", MessageClass.QUERY, "x") for _ in range(2)]
     story.delivered(ids[0], "map").delivered(ids[1], "map").at(3.0).returned(ids[0]).at(5.0).returned(ids[1])
     story.at(6.0).say(facts.Claimed(50, "map", "map", False, "eye", 0)).at(7.0).say(facts.Granted(50))

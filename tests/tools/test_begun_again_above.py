@@ -25,8 +25,7 @@ def jammed() -> Story:
     job = story.at(1.1).goal("job", "planner", day)
     story.returned(day).delivered(job, "planner").at(1.2)
     move = story.command("move", "planner", job)
-    story.returned(job).delivered(move, "base").at(2.0)
-    story.failed(move, "jam", "the belt")
+    story.returned(job).delivered(move, "base").at(2.0).failed(move, "jam", "the belt")
     redo = story.received("redo", MessageClass.EXCEPTION, "central", move, origin=0, role=Role.EXCEPTION, about=move)
     story.say(facts.Caught(TaskId(move), TaskId(redo), TaskId(job), 9)).at(2.5).delivered(redo, "planner")
     return story.at(3.0)
@@ -36,8 +35,7 @@ def begun_again(*, body: bytes = b"") -> Story:
     """It has the job handled again."""
     story = jammed().asked_by(REDO).say(facts.Retried(TaskId(JOB), body, "planner"))
     story.say(facts.Killed(TaskId(MOVE), WITH_JOB, "planner", REDO))
-    story.at(3.1).returned(REDO).reached(REDO, *Moment).reached(MOVE, *Moment)
-    story.delivered(JOB, "planner").at(3.2)
+    story.at(3.1).returned(REDO).reached(REDO, *Moment).reached(MOVE, *Moment).delivered(JOB, "planner").at(3.2)
     move = story.command("move", "planner", JOB)
     return story.returned(JOB).delivered(move, "base").at(4.0)
 

@@ -143,8 +143,7 @@ BROKEN = [
 def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path) -> None:
     story = Story().module("stove", "bake").at(1.0)
     bake, flambe = story.command("bake", "user"), story.command("flambé", "user")
-    story.acted(bake, "stove", 1.0)
-    story.queued(flambe).at(30.0).say(facts.ModuleJoined("late", "pid 7"))
+    story.acted(bake, "stove", 1.0).queued(flambe).at(30.0).say(facts.ModuleJoined("late", "pid 7"))
     journal = story.write(tmp_path / "run")
     missing = run(journal, "--property", "eventually flambé achieved").stdout
     assert "  it never did; what stands when the journal ends: flambé {2}\n  the story of flambé {2}" in missing

@@ -32,8 +32,7 @@ def journal(tmp_path: Path) -> Path:
         "give up": {"reason": "tired"},  # a failure's data, for an exception handler that wants none
     }
     for name, data in sent.items():
-        story.at(story.entries[-1].time + 1.0)
-        story.acted(story.command(name, "user", data=data), "legs", 0.5)
+        story.at(story.entries[-1].time + 1.0).acted(story.command(name, "user", data=data), "legs", 0.5)
     return story.write(tmp_path / "run")
 
 

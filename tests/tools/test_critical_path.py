@@ -91,10 +91,8 @@ def test_a_delay_and_a_missing_handler() -> None:
     second = 2
     delay = Constraint(Point(TaskId(first), Moment.END_ACHIEVING), Point(TaskId(second), Moment.START_ACHIEVING), 3.0)
     assert story.at(1.5).command("look", "a", 0, delay) == second
-    story.at(2.0).achieved(first)
-    story.at(5.0).say(facts.TimedOut(delay)).queued(second)
-    story.at(7.0).module("eye", "look").delivered(second, "eye")
-    story.at(8.0).achieved(second)
+    story.at(2.0).achieved(first).at(5.0).say(facts.TimedOut(delay)).queued(second)
+    story.at(7.0).module("eye", "look").delivered(second, "eye").at(8.0).achieved(second)
     assert path_of(story.fold()) == [
         ("move", "legs", 1.0, 2.0),
         ("delay", "", 2.0, 5.0),

@@ -44,8 +44,7 @@ def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> No
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
     mission = story.goal("mission", "user", to="brain", begins=True)
     story.command("drill", "brain", mission, to="rig")
-    story.queued(story.command("paint", "brain", mission))
-    story.returned(mission)
+    story.queued(story.command("paint", "brain", mission)).returned(mission)
     at = RunAt(story.fold())
     assert _end(at, at.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
     for _ in range(MOST + 5):

@@ -168,9 +168,7 @@ def waiting_for_two() -> Chart:
     first, second = story.command("move", "user"), story.command("look", "user")
     both = [sequential_achievement(TaskId(one), THIS) for one in (first, second)]
     held = [story.command("move", "user", 0, *both) for _ in range(2)]
-    story.delivered(first, "legs").delivered(second, "legs")
-    story.at(3.0).achieved(first)
-    story.at(4.0).achieved(second)
+    story.delivered(first, "legs").delivered(second, "legs").at(3.0).achieved(first).at(4.0).achieved(second)
     for one in held:
         story.delivered(one, "legs")
     return chart(story.fold(), pick=Pick(held=held))

@@ -104,8 +104,7 @@ def test_a_handler_that_goes_on_while_it_waits_for_a_reply() -> None:
     tale = Story().module("aio", "look").module("bee", "where").at(1.0)
     look = tale.command("look", "user", to="aio")
     where = tale.at(2.0).received("where", QUERY, "aio", origin=look, to="bee")
-    tale.at(6.0)
-    tale.command("look", "user")
+    tale.at(6.0).command("look", "user")
     history = tale.fold()
     assert (
         noted(history, look) == f"goes on while it waits for the reply to where {{{where}}}, which bee handles, for 4 s"
@@ -183,8 +182,7 @@ def test_a_task_that_is_handled_again_does_not_wait_for_itself() -> None:
 def test_a_lock_that_is_free_is_not_waited_for() -> None:
     tale = Story().module("arm", "move").module("waiter", "wait").at(1.0)
     wait = tale.command("wait", "user", to="waiter")
-    tale.at(2.0)
-    tale.say(facts.Claimed(90, "arm", "arm", False, "waiter", wait), facts.Granted(90)).at(5.0)
+    tale.at(2.0).say(facts.Claimed(90, "arm", "arm", False, "waiter", wait), facts.Granted(90)).at(5.0)
     tale.say(facts.ClaimEnded(90, "released"))
     assert told(tale.fold(), wait)[2:] == ["its handler has the lock of arm {90}"]
 

@@ -54,8 +54,7 @@ def killed(task: int, by: str = "safety", asker: int = TRANSFER) -> facts.Killed
 
 
 def kill(story: Story, *tasks: int, by: str = "safety", asker: int = TRANSFER) -> Story:
-    story.say(*(killed(task, by, asker) for task in tasks))
-    story.reached(INFUSE, *Moment)
+    story.say(*(killed(task, by, asker) for task in tasks)).reached(INFUSE, *Moment)
     return story.at(4.0).returned(TRANSFER).reached(TRANSFER, *Moment).at(5.0)
 
 

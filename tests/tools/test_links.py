@@ -56,8 +56,7 @@ def test_so_it_is_of_a_listener() -> None:
     check = story.received(
         "check", MessageClass.COMMAND, "central", move, origin=0, role=Role.LISTENER, about=move, to="safety"
     )
-    story.at(6.0)
-    story.returned(check).reached(check, END)
+    story.at(6.0).returned(check).reached(check, END)
     story.delivered(move, "arm").at(7.0).returned(move).reached(move, END).reached(clean, END)
     assert whys(story.fold(), clean)[-2] == (
         f"listener for move {{{move}}}, which waited until its parent clean {{3}} is being achieved{LINKS}"

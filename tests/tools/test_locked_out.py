@@ -90,8 +90,7 @@ def test_a_short_lock_does_not_make_a_long_queue() -> None:
     first, second = story.command("move", "user"), story.command("move", "user")
     story.delivered(first, "legs").queued(second, "legs").at(6.0).returned(first)
     story.reached(first, Moment.END_ACHIEVING).say(facts.Claimed(50, "legs", "legs", False, "m", 0), facts.Granted(50))
-    story.at(6.5).say(facts.ClaimEnded(50, "released")).delivered(second, "legs")
-    story.at(7.5).achieved(second)
+    story.at(6.5).say(facts.ClaimEnded(50, "released")).delivered(second, "legs").at(7.5).achieved(second)
     told = advised(contents(story.fold()))
     assert (told[Topic.CAPACITY].title, Topic.LOCK in told) == ("legs is a bottleneck", False)
 

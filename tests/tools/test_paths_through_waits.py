@@ -157,8 +157,7 @@ def test_a_wait_that_begins_just_when_the_journal_ends() -> None:
 def test_a_handler_that_is_cut_off_while_it_waits_did_nothing_just_then() -> None:
     """Its module is lost while *ask* is still at work for it: that is on the path until then."""
     told, go = going()
-    told.at(4.0)
-    told.delivered(told.received("ask", QUERY, "m", origin=go, blocking=True), "n").at(6.0)
+    told.at(4.0).delivered(told.received("ask", QUERY, "m", origin=go, blocking=True), "n").at(6.0)
     told.say(facts.ModuleLeft("m", "lost"), facts.Failed(go, "module lost", ""), facts.Killed(TaskId(go), "lost"))
     run = told.reached(go, *Moment).at(7.0).fold()
     assert path_of(run) == [*SLOW, ("go", "m", 3.5, 4.0), ("ask", "n", 4.0, 6.0)]

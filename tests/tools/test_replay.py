@@ -129,8 +129,7 @@ def test_of_a_question_that_fails_who_asked_is_shown() -> None:
     other, goal = story.goal("rest", "user"), story.goal("analyse", "user")
     story.delivered(goal, "lab").at(2.0)
     question = story.received("where", QUERY, "lab", origin=goal)
-    story.delivered(question, "lab", "eyes").at(3.0).queued(other)
-    story.failed(question, "dark", "no light").at(4.0)
+    story.delivered(question, "lab", "eyes").at(3.0).queued(other).failed(question, "dark", "no light").at(4.0)
 
     async def act(player: Player) -> None:
         await player.press("f")

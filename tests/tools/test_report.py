@@ -226,8 +226,7 @@ def test_a_long_run_is_a_page_of_bounded_size(tmp_path: Path) -> None:
     story = Story().module("legs", "move")
     for number in range(3_000):
         move = story.at(float(number)).command("move", "user")
-        story.delivered(move, "legs")
-        story.at(number + 0.5).achieved(move)
+        story.delivered(move, "legs").at(number + 0.5).achieved(move)
     assert tca_report(story.write(tmp_path / "run"), "-o", tmp_path / "run.html").exit_code == 0
     shown = Page((tmp_path / "run.html").read_text())
     assert len((tmp_path / "run.html").read_bytes()) < 1_000_000

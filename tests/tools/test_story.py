@@ -203,9 +203,7 @@ def waiting_for_two() -> Story:
     tale = Story().module("legs", "move", "look").at(1.0)
     first, second = tale.command("move", "user"), tale.command("look", "user")
     tale.command("move", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in (first, second)))
-    tale.delivered(first, "legs").delivered(second, "legs")
-    tale.at(2.0).achieved(first)
-    tale.at(3.0).achieved(second)
+    tale.delivered(first, "legs").delivered(second, "legs").at(2.0).achieved(first).at(3.0).achieved(second)
     return tale.delivered(3, "legs").at(4.0)
 
 

@@ -100,8 +100,7 @@ def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) ->
 
 def _fail_for_a_query(story: Story, asker: int) -> None:
     where = story.received("where", QUERY, "asker", 0, origin=asker, blocking=True, to="map")
-    story.at(asker + 1.0)
-    story.failed(where, "no map", "it is dark").say(facts.Answered(where))
+    story.at(asker + 1.0).failed(where, "no map", "it is dark").say(facts.Answered(where))
     story.failed(asker, "no map", "'where' failed: no map: it is dark")
 
 
