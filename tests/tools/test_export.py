@@ -1,25 +1,140 @@
-"""``tca export``: formats, folders, and what is said when it can't be done."""
+"""``tca export``, its tables, and what all commands that write files have in common."""
 
+import csv
+import io
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from tools.story import Story, stumbling
+from mcap.reader import make_reader
+from pyarrow import parquet
+from tools.story import QUERY, Story, locking, silent_for, stuck, stumbling, walking
+from tools.test_coping import asking, replacing
 from tools.test_history import FACTS
 from tools.trace_reader import read_trace
 
 from tca_tools.export.__main__ import FORMATS, export
+from tca_tools.export.parquet_files import write_parquet
+from tca_tools.export.tables import TABLES, Kind, write_csv
+from tca_tools.gantt.__main__ import gantt
 from tca_tools.log.__main__ import log
+from tca_tools.report.__main__ import report
+from tca_tools.run.fold import History
 from tca_tools.stats.__main__ import stats
+from tca_tools.tasktree_viz.__main__ import tree
 from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal.records import record
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Outcome
+
+DOCS = Path(__file__).parents[2] / "docs" / "exports.md"
+
+
+def rows(history: History, name: str) -> list[dict[str, Any]]:
+    table = next(table for table in TABLES if table.name == name)
+    return [dict(zip(table.columns, row, strict=True)) for row in table.rows(history)]
+
+
+def test_every_failure_has_a_row_with_what_became_of_it() -> None:
+    history = asking(passed_on=True, task_fails=True, dealt_with=True).fold()
+    told = [
+        (row["message"], row["time"], row["failure"], row["text"], row["fate"]) for row in rows(history, "failures")
+    ]
+    assert told == [
+        (3, 2.0, "blind", "fog", "coped"),
+        (2, 3.0, "blind", "fog", "coped"),
+        (1, 4.0, "blind", "fog", "recovered"),
+    ]
+    for name in ("failures", "messages", "handlings"):
+        assert {
+            row["handled"]
+            for row in rows(history, name)
+            if row.get("failure", row.get("outcome")) not in (None, "done")
+        } == {True}
+    lost = replacing(top_fails=True).fold()
+    assert [row["handled"] for row in rows(lost, "failures")] == [False]
+    assert [row["handled"] for row in rows(lost, "handlings")] == [False]
+
+
+def test_all_tables(expect: Callable[[str, str], None]) -> None:
+    direct = facts.HandledDirectly("where", "arm", "arm", "user", 0, 8, 1.5, 0.25, Outcome.FAILED, "dark")
+    text = io.BytesIO()
+    for story in (stumbling(), locking().say(direct)):
+        for table in TABLES:
+            text.write(f"--- {table.name}\n".encode())
+            write_csv(table, story.fold(), text)
+    expect("tables", text.getvalue().decode().replace("\r\n", "\n"))
+
+
+def odd() -> History:
+    """Names and texts that are hard on a format."""
+    story = Story().at(1.0)
+    task = story.goal('a "quoted", name\nof lines', "süß\x1b[31m", data={"text": 'x,"y"\n'})
+    return story.at(2.0).say(facts.Killed(TaskId(task), "")).reached(task, *Moment).fold()
+
+
+@pytest.mark.parametrize("history", [stumbling().fold(), odd()])
+def test_csv_and_parquet_hold_the_same_rows(history: History) -> None:
+    for table in TABLES:
+        text, typed = io.BytesIO(), io.BytesIO()
+        write_csv(table, history, text)
+        write_parquet(table, history, typed)
+        expected = [dict(zip(table.columns, row, strict=True)) for row in table.rows(history)]
+        assert parquet.read_table(io.BytesIO(typed.getvalue())).to_pylist() == expected
+        lines = list(csv.DictReader(io.StringIO(text.getvalue().decode(), newline="")))
+        assert [{name: read(kind, line[name]) for name, kind in table.columns.items()} for line in lines] == [
+            {name: None if value == "" else value for name, value in row.items()} for row in expected
+        ]
+
+
+def read(kind: Kind, text: str) -> Any:
+    """What a program makes of a cell."""
+    make: dict[Kind, Callable[[str], Any]] = {
+        Kind.INTEGER: int,
+        Kind.SECONDS: float,
+        Kind.FLAG: lambda word: {"true": True, "false": False}[word],
+    }
+    return make.get(kind, str)(text) if text else None
+
+
+def test_the_documentation_names_every_table_and_column() -> None:
+    text = DOCS.read_text()
+    for table in TABLES:
+        part = text.split(f"### {table.name}\n", 1)[1].split("\n### ", 1)[0]
+        for column in table.columns:
+            assert f"`{column}`" in part, f"{table.name}: {column}"
+
+
+def test_who_raised_a_failure_has_a_column() -> None:
+    story = Story().module("legs", "move").at(1.0)
+    slips, late, lost, old = (story.command("move", "user") for _ in range(4))
+    for move in (slips, lost):
+        story.delivered(move, "legs")
+    story.at(2.0).failed(slips, "slip", "")
+    story.at(3.0).say(facts.Failed(late, "timeout", "late", is_beside=True, by="central"))
+    story.at(4.0).say(facts.Failed(late, "slip", "", is_beside=True, by="tca raise#7"))
+    story.at(5.0).say(facts.Failed(lost, "module lost", "its connection closed"))
+    story.at(6.0).say(facts.Failed(old, "slip", "", is_beside=True))
+    told = [(row["message"], row["failure"], row["raised_by"]) for row in rows(story.fold(), "failures")]
+    assert told == [
+        (slips, "slip", "legs"),
+        (late, "timeout", "central"),
+        (late, "slip", "tca raise#7"),
+        (lost, "module lost", "central"),
+        (old, "slip", None),
+    ]
+
+
+# --- formats, folders, and what is said when it can't be done --------------------------------------------------------
 
 
 @pytest.fixture
@@ -136,3 +251,176 @@ def test_files_that_cant_be_finished_leave_nothing(run: Path, tmp_path: Path, mo
     result = exported(run, "-o", tmp_path / "run.jsonl")
     assert "run.jsonl: can't be written: No space left on device" in result.stderr
     assert [found.name for found in tmp_path.iterdir()] == ["run"]
+
+
+# --- a run that goes on though nothing happens -----------------------------------------------------------------------
+
+
+Tca = Callable[..., Result]
+NOW = 44.0
+"""The walk's last entry is at 4 s."""
+
+
+@pytest.fixture
+def quiet(tmp_path: Path) -> Path:
+    return walking().write(tmp_path / "run")
+
+
+def table(folder: Path, name: str) -> list[dict[str, Any]]:
+    with (folder / f"{name}.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_a_trace_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
+    with silent_for(quiet, NOW - 4.0):
+        assert not tca("export", quiet, "-o", tmp_path / "live.pftrace").exit_code
+    (here,) = read_trace(tmp_path / "live.pftrace").on("run")
+    assert here.name == "still running"
+    assert here.start >= NOW * 1e9
+    assert here.details == {"last entry": 4.0}
+    assert not tca("export", quiet, "-o", tmp_path / "over.pftrace").exit_code
+    assert not read_trace(tmp_path / "over.pftrace").on("run")
+
+
+def test_an_mcap_file_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
+    with silent_for(quiet, NOW - 4.0):
+        assert not tca("export", quiet, "-o", tmp_path / "run.mcap").exit_code
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        summary, (*_, (_, channel, last)) = reader.get_summary(), reader.iter_messages()
+    assert channel.topic == "/tca/log"
+    assert json.loads(last.data)["message"] == "still running: nothing has happened since 4.000 s"
+    assert summary is not None
+    assert summary.statistics is not None
+    assert (summary.statistics.message_end_time - summary.statistics.message_start_time) / 1e9 >= NOW
+
+
+def test_tables_say_until_when(tca: Tca, quiet: Path, tmp_path: Path) -> None:
+    with silent_for(quiet, NOW - 4.0):
+        assert not tca("export", quiet, "--to", "csv", "-o", tmp_path / "live").exit_code
+    (live,) = table(tmp_path / "live", "run")
+    assert (live["last"], live["live"]) == ("4.0", "true")
+    assert float(live["until"]) >= NOW
+    assert not tca("export", quiet, "--to", "csv", "-o", tmp_path / "over").exit_code
+    (over,) = table(tmp_path / "over", "run")
+    assert (over["last"], over["until"], over["live"]) == ("4.0", "4.0", "false")
+
+
+@pytest.mark.parametrize("command", ["gantt", "tree"])
+def test_files_say_so_too(tca: Tca, quiet: Path, tmp_path: Path, command: str) -> None:
+    out = tmp_path / "run.txt"
+    with silent_for(quiet, NOW - 4.0):
+        assert not tca(command, quiet, "-o", out).exit_code
+        title = out.read_text().splitlines()[0]
+        assert "(still running)" in title
+        assert tca(command, quiet, "--at", 1.0).stdout.count("still running") == 0
+    assert float(title.partition(" s (still")[0].split()[-1]) >= NOW
+    assert not tca(command, quiet, "-o", out).exit_code
+    assert "still running" not in out.read_text()
+
+
+def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_with_what_was_done(tca: Tca, tmp_path: Path) -> None:
+    idle = Story().module("legs", "move").at(1.0)
+    idle.acted(idle.command("move", "user"), "legs", 1.0)
+    run = idle.write(tmp_path / "idle")
+    with silent_for(run, 100.0):
+        assert "0.98 to 2.02 s" in tca("gantt", run).stdout
+    assert "0.98 to 2.00 s" in tca("gantt", run).stdout
+
+
+def wondering() -> Story:
+    """The handler of a goal waits for a question that nobody handles."""
+    story = Story().module("shop", "restock").at(1.0)
+    goal = story.goal("restock", "user", to="shop")
+    question = story.at(2.0).received("ask supplier", QUERY, "shop", origin=goal)
+    return story.queued(question).say(facts.WaitBegan("shop", goal, TaskId(question), 0))
+
+
+@pytest.mark.parametrize("tale", [wondering, stuck, stumbling])
+def test_what_is_told_is_the_same(tale: Callable[[], Story], tca: Tca, tmp_path: Path) -> None:
+    logs = [
+        tale().at(20.0).say(*ended).write(tmp_path / name / "run")
+        for name, ended in (("open", ()), ("closed", [facts.Closed("interrupted")]))
+    ]
+    first = min(tale().fold().tasks)
+    for command in (["tree"], ["tree", "--story", first], ["gantt"], ["stats"]):
+        there, closed = (tca(*command[:1], one, *command[1:]) for one in logs)
+        assert there.exit_code == closed.exit_code == 0, closed.stderr
+        assert closed.stdout == there.stdout
+    for one in logs:
+        assert tca("export", one, "-o", one.parent / "tables", "--to", "csv").exit_code == 0
+    names = {path.name for path in (tmp_path / "open" / "tables").iterdir()}
+    assert "messages.csv" in names
+    for name in names - {"facts.csv", "events.csv"}:
+        assert (tmp_path / "closed" / "tables" / name).read_text() == (tmp_path / "open" / "tables" / name).read_text()
+
+
+def test_why_it_stands_is_said(tca: Tca, tmp_path: Path) -> None:
+    log = wondering().at(80.0).say(facts.Closed("interrupted")).write(tmp_path / "run")
+    assert "waits for the reply to ask supplier {2}, which no module handles, for 78 s" in tca("tree", log).stdout
+
+
+# --- all commands write over what they have made themselves, and over nothing else -----------------------------------
+
+
+COMMANDS = [
+    (report, "run.html"),
+    *((gantt, f"run.{kind}") for kind in ("svg", "png", "pdf", "html", "txt")),
+    *((tree, f"run.{kind}") for kind in ("svg", "txt", "dot")),
+    *((export, f"run.{kind}") for kind in ("pftrace", "mcap", "jsonl")),
+]
+
+
+def written(command: Any, run: Path, output: Path, *more: str) -> Result:
+    if output.suffix in (".png", ".pdf", ".svg") and command is tree and shutil.which("dot") is None:
+        more = (*more, "--layout", "outline")
+    return CliRunner().invoke(command, [str(run), "-o", str(output), *more])
+
+
+@pytest.mark.parametrize(("command", "name"), COMMANDS)
+def test_what_a_command_has_made_it_makes_anew_and_what_is_of_others_stays(
+    command: Any, name: str, run: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / name
+    output.write_bytes(b"")  # nothing is lost with it
+    assert written(command, run, output).exit_code == 0
+    first = output.read_bytes()
+    assert written(command, run, output).exit_code == 0
+    assert abs(len(output.read_bytes()) - len(first)) < 200  # pictures may tell when they were made
+    output.write_text("<html>precious</html>")
+    result = written(command, run, output)
+    assert result.exit_code == 1
+    said = "exists already, and was not made by this command: give another name, or --force"
+    assert said in str(result.exception) + result.stderr
+    assert output.read_text() == "<html>precious</html>"
+    assert written(command, run, output, "--force").exit_code == 0
+    assert "precious" not in output.read_text(errors="replace")
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet"])
+def test_tables_go_over_tables_and_beside_all_else(name: str, run: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "tables"
+    for _ in range(2):
+        assert written(export, run, folder, "--to", name).exit_code == 0
+    (folder / "notes.txt").write_text("mine")
+    (folder / f"tasks.{name}").write_text("mine, too")
+    result = written(export, run, folder, "--to", name)
+    assert (result.exit_code, (folder / f"tasks.{name}").read_text()) == (1, "mine, too")
+    assert written(export, run, folder, "--to", name, "--force").exit_code == 0
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["csv", "jsonl"])
+def test_a_name_that_is_too_long_is_said(name: str, run: Path, tmp_path: Path) -> None:
+    result = written(export, run, tmp_path / ("a" * 300), "--to", name)
+    assert (result.exit_code, "can't be written: File name too long" in result.stderr) == (1, True)
+
+
+def test_a_journal_is_never_written_over(run: Path) -> None:
+    segment = run / "00000001.tcaj"
+    before = segment.read_bytes()
+    for output, name in ((segment, "jsonl"), (run, "csv"), (segment, "csv"), (run, "jsonl")):
+        result = written(export, run, output, "--to", name, "--force")
+        assert result.exit_code == 1
+    assert segment.read_bytes() == before
+    assert len(list(run.iterdir())) == 2

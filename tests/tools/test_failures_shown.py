@@ -1,0 +1,335 @@
+"""Failures in all tools: in one word whether the run went on, who raised them, and their data."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+from central.player import Player
+from click.testing import Result
+from tools.made_robots import caught, fail
+from tools.runs import OPENED, encoded
+from tools.story import Story
+from tools.test_coping import replacing
+
+from tca_tools.analysis.failures import failures
+from tca_tools.analysis.summary import summary
+from tca_tools.export.tables import TABLES
+from tca_tools.export.trace.details import of_handling, of_task
+from tca_tools.gantt.build import chart
+from tca_tools.gantt.svg import svg_text
+from tca_tools.gantt.text import chart_lines
+from tca_tools.replay.growth import growth_lines
+from tca_tools.replay.panes import colour_of
+from tca_tools.replay.recording import Recording
+from tca_tools.report.tree import tree
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.fates import HANDLED
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
+from tca_tools.run.records import State
+from tca_tools.tasktree_viz import words
+from tca_tools.tasktree_viz.dot import FILLS, dot_source
+from tca_tools.tasktree_viz.outline import whole_outline
+from tca_tools.tasktree_viz.outline_svg import outline_svg
+from tca_tools.tasktree_viz.text import tree_lines
+from tca_tools.tasktree_viz.told import story_lines
+from tca_tools.tasktree_viz.words import summary as title
+from tca_tools.view.answers import message_answer
+from tca_tools.view.reading import Reading
+from tca_tools.why.story import story
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
+
+Tca = Callable[..., Result]
+STEP = TaskId(2)
+YELLOW, RED = "\x1b[33m", "\x1b[31m"
+
+
+@pytest.mark.parametrize("top_fails", [False, True])
+def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> None:
+    told = replacing(top_fails=top_fails)
+    run, word, colour = told.fold(), "failed" if top_fails else HANDLED, RED if top_fails else YELLOW
+    at, rows = RunAt(run), whole_outline(RunAt(run))
+    assert at.tasks[STEP].standing == word
+    assert title(at).endswith(f"1 {word}" + ", 1 killed" * top_fails)
+    assert summary(run).tasks[word] == 1
+    assert [line for line in tree_lines(at, rows) if f"step {{2}}  {colour}{word}" in line]
+    assert next(story_lines(run, STEP)) == f"step {{2}}: {colour}{word}\x1b[0m"
+    grown = growth_lines(Recording(told.entries), 0.0, None)  # when it failed nobody knew what would become of that
+    assert [line for line in grown if f"{RED}failed\x1b[0m, blind" in line]
+    assert colour_of(word) == ("red" if top_fails else "yellow")
+    for picture in (dot_source(at, rows, ""), outline_svg(at, rows, "")):
+        assert FILLS[word] in picture
+        assert word in picture
+        assert FILLS["failed" if word == HANDLED else HANDLED] not in picture
+    assert [node.task.standing for node in tree(run).nodes if node.task] == [
+        "killed" if top_fails else "achieved",
+        word,
+    ]
+
+
+def test_a_report_shows_it_too(tca: Tca, tmp_path: Path) -> None:
+    out = tmp_path / "run.html"
+    assert not tca("report", replacing().write(tmp_path / "walk"), "-o", out).exit_code
+    assert '<span class="r-tag s-handled">1 failed (handled)</span>' in out.read_text()
+
+
+def recovering() -> Story:
+    """A move {1} slips at 2 s; recover {2} can't deal with that, and recover {3} is called at 3 s. It is 4.5 s."""
+    told = Story().module("legs", "move").module("expert", "recover").at(1.0)
+    move = told.command("move", "user", to="legs")
+    told.at(2.0)
+    fail(told, move, "slip", "on ice")
+    caught(told, move)
+    caught(told.at(3.0), move)
+    return told.at(4.5)
+
+
+def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: Path) -> None:
+    folder = recovering().write(tmp_path / "walk")
+    line = tca("tree", folder).stdout.splitlines()[2]
+    assert line.endswith("slip: on ice; waits until recover {3} has dealt with its failure, for 1.5 s")
+    assert (
+        tca("tree", folder, "--at", 2.5)
+        .stdout.splitlines()[2]
+        .endswith("slip: on ice; waits until recover {2} has dealt with its failure, for 500 ms")
+    )
+    at = RunAt(recovering().fold())
+    assert "recovering, slip: on ice; waits until recover {3}" in outline_svg(at, whole_outline(at), "")
+
+
+def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
+    told = recovering()
+    for entry in told.entries:
+        entry.facts[:] = [
+            one for one in entry.facts if getattr(one, "message_class", None) is not MessageClass.EXCEPTION
+        ]
+    at = RunAt(told.fold())
+    line = next(line for line in tree_lines(at, whole_outline(at)) if line.startswith("move {1}"))
+    assert "slip: on ice; waits until somebody has dealt with its failure" in line
+
+
+@pytest.mark.parametrize("width", [10, 40, 49, 79])
+def test_on_a_narrow_terminal_the_tree_has_room(tca: Tca, tmp_path: Path, width: int) -> None:
+    folder, columns = replacing().write(tmp_path / "walk"), {"COLUMNS": str(width)}
+    lines = tca("tree", folder, **columns).stdout.splitlines()
+    assert max(map(len, lines)) <= width
+    assert lines[2].startswith("wal")
+    if width >= 40:
+        assert lines[3].startswith(f"└─ step {{2}}  {HANDLED}")
+        assert ("achieving" in lines[1]) == (width >= 60)
+    story = tca("tree", folder, "--story", 2, **columns).stdout.splitlines()
+    assert max(map(len, story)) <= max(width, 20)
+
+
+def test_deep_trees_keep_names_on_a_narrow_terminal(tca: Tca, tmp_path: Path) -> None:
+    told, parent = Story().at(1.0), 0
+    for _ in range(12):
+        parent = told.goal("step", "user", parent)
+    lines = tca("tree", told.write(tmp_path / "deep"), COLUMNS="40").stdout.splitlines()
+    assert max(map(len, lines)) <= 40
+    assert all("step {" in line for line in lines[2:])
+
+
+# --- failures that are raised beside the handler ---------------------------------------------------------------------
+
+
+COMMAND = "tca raise#7"
+
+
+def late() -> Story:
+    """A move is too slow at 3 s, and somebody makes the same of one that waits, at 4 s; the handler goes on until 9 s."""
+    told = Story().module("legs", "move").at(1.0)
+    move = told.command("move", "user", to="legs")
+    told.at(3.0).say(facts.Failed(move, "timeout", "late", is_beside=True, by="central"))
+    told.queued(told.command("move", "user"), "legs").at(4.0)
+    slip = facts.Failed(2, "slip", "on ice", is_beside=True, by=COMMAND, body=b"\x07")
+    return told.say(slip).at(9.0).returned(move)
+
+
+def test_charts_mark_the_moment() -> None:
+    made = chart(late().fold())
+    (row,) = made.rows
+    assert [mark.time for bar in row.handled for mark in bar.raised] == [3.0]
+    (mark,) = row.queued[0].raised
+    assert mark.title == "move {2} failed at 4.000 s: slip: on ice (raised by the command 'tca raise')"
+    picture = svg_text(made, "late")
+    assert mark.title.replace("'", "&#x27;") in picture
+    assert "failure raised beside the handler" in picture
+    lines = list(chart_lines(made, 100))
+    axis, handled, queued, *_ = (line for line in lines if "!" in line or "~" in line)
+    assert axis.startswith("legs")
+    assert lines[-1].endswith("handled") or "raised beside the handler" in lines[-1]
+    assert handled != queued
+
+
+def test_the_story_tells_who_raised_it_and_with_which_data(tmp_path: Path) -> None:
+    history = History()
+    for entry in open_log(late().write(tmp_path / "late")):
+        history.apply(entry)
+    assert [one.text for one in story(history, 2) if one.time == 4.0] == [
+        "failed: slip: on ice (raised by the command 'tca raise')",
+        "the failure's data: 7",
+    ]
+    assert "failed: timeout: late" in [one.text for one in story(history, 1)]  # central's own: its text tells
+
+
+def test_a_report_tells_who_raised_it() -> None:
+    found = {kind.failure: case.raised_by for kind in failures(late().fold()) for case in kind.cases}
+    assert found == {"timeout": "by central", "slip": "by the command 'tca raise'"}
+
+
+STOP = 2
+
+
+def surviving() -> Story:
+    """A walk {1} is killed; what is to stop the legs {2} waits for them, is late at 3 s, and is handled all the same."""
+    told = Story().module("legs", "walk", "stop").at(1.0)
+    walk = told.goal("walk", "user", to="legs")
+    told.at(2.0).say(facts.Killed(TaskId(walk), "enough", "user"))
+    assert told.received("stop", MessageClass.COMMAND, "central", walk) == STOP
+    told.queued(STOP, "legs").at(3.0)
+    told.say(facts.Failed(STOP, "timeout", "late", is_beside=True, by="central"), facts.Unhandled(TaskId(STOP)))
+    told.at(4.0).returned(walk, Outcome.KILLED).delivered(STOP, "legs").at(5.0)
+    return told.returned(STOP).reached(STOP, *Moment).reached(walk, *Moment)
+
+
+def test_a_task_that_is_handled_after_a_failure_that_nobody_handled_has_failed() -> None:
+    run = surviving().fold()
+    assert [state for _, state in run.tasks[STOP].states] == [State.QUEUED, State.HANDLING, State.FAILED]
+    assert [RunAt(run, moment).tasks[STOP].failure for moment in (2.5, 3.5, 4.5)] == ["", *["timeout: late"] * 2]
+    assert [(one.time, one.text) for one in story(run, STOP)][1:] == [
+        (2.0, "queued for legs, busy with walk {1}"),
+        (3.0, "failed: timeout: late"),
+        (4.0, "handled by legs"),
+        (5.0, "has ended"),
+    ]
+
+
+def test_tables_keep_it() -> None:
+    run = surviving().fold()
+    tables = {table.name: [dict(zip(table.columns, row, strict=True)) for row in table.rows(run)] for table in TABLES}
+    assert [(row["failure"], row["handled"]) for row in tables["messages"]] == [(None, None), ("timeout: late", False)]
+    assert [row["state"] for row in tables["tasks"]] == ["killed", "failed"]
+
+
+def test_who_is_retried_begins_anew_with_no_failure() -> None:
+    told = Story().module("legs", "move").at(1.0)
+    move = told.command("move", "user", to="legs")
+    told.at(2.0).say(facts.Retried(TaskId(move), b"", "user"))
+    told.at(3.0).failed(move, "slip", "")  # nobody asks for that any more
+    assert told.at(4.0).delivered(move, "legs").fold().tasks[move].state is State.HANDLING
+    assert told.at(5.0).returned(move).reached(move, *Moment).fold().tasks[move].state is State.ACHIEVED
+
+
+# --- the data of a failure are no result -----------------------------------------------------------------------------
+
+
+SLIP = {"z": 1.5}
+
+
+def slipping() -> tuple[Player, int]:
+    """A move with data 7, whose handler failed with data; an exception handler has been called."""
+    player = Player()
+    player.module("legs", "command move")
+    player.module("expert", "exception handler recover")
+    player.module("user")
+    attach = headers.Attach(player.number("user"), Attachment("slip", "recover", 1), TaskId(0), "move")
+    player.receive("user", attach)
+    move = player.task("user", "move")
+    player.tick(1.0)
+    slip = headers.Fail(player.delivered("legs/1")[-1], "slip", "on ice")
+    player.receive("legs/1", slip, msgspec.msgpack.encode(SLIP))
+    return player, move
+
+
+def retry(player: Player, move: int) -> None:
+    player.tick(1.0)
+    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(move)))
+
+
+def entries(player: Player) -> list[Entry]:
+    return [OPENED, *player.entries]
+
+
+def fold(player: Player) -> History:
+    return History.until(entries(player))
+
+
+def test_it_is_no_result() -> None:
+    player, move = slipping()
+    history = fold(player)
+    task = history.tasks[move]
+    assert (task.result, msgspec.msgpack.decode(task.failure_data)) == (b"", SLIP)
+    assert words.data(RunAt(history).tasks[move]) == '7 failed with {"z": 1.5}'
+    assert [one.text for one in story(history, move)][-3:-1] == [
+        'the failure\'s data: {"z": 1.5}',
+        "exception handler recover {3} is called",
+    ]
+
+
+def test_it_is_gone_as_soon_as_the_task_is_retried() -> None:
+    player, move = slipping()
+    failed = fold(player).time
+    retry(player, move)
+    history = fold(player)
+    assert not history.tasks[move].handling  # the exception handler has not returned yet
+    assert (history.tasks[move].failure, history.tasks[move].failure_data) == ("", b"")
+    assert words.data(RunAt(history).tasks[move]) == "7"
+    player.reply("expert/1")
+    player.reply("legs/1", value="there")
+    history = fold(player)
+    assert words.data(RunAt(history).tasks[move]) == '7 -> "there"'
+    assert words.data(RunAt(history, failed).tasks[move]) == '7 failed with {"z": 1.5}'
+    assert [one.text for one in story(history, move)].count('the failure\'s data: {"z": 1.5}') == 1
+
+
+def test_the_result_of_a_handler_that_ran_before_the_retry_is_void() -> None:
+    player = Player()
+    player.module("planner", "goal walk")
+    player.module("legs", "command move")
+    player.module("expert", "exception handler recover")
+    player.module("user")
+    walk = player.task("user", "walk")
+    player.receive("user", headers.Attach(player.number("user"), Attachment("slip", "recover", 1), TaskId(walk)))
+    move = player.task("planner/1", "move", under=walk)
+    player.reply("planner/1", value="planned")
+    assert words.data(RunAt(fold(player)).tasks[walk]) == '7 -> "planned"'
+    player.fail("legs/1", "slip")
+    retry(player, walk)
+    assert fold(player).tasks[walk].result == b""
+    player.reply("expert/1")
+    slip = headers.Fail(player.delivered("planner/1")[-1], "lost", "in fog")
+    player.receive("planner/1", slip, msgspec.msgpack.encode(SLIP))
+    assert words.data(RunAt(fold(player)).tasks[walk]) == '7 failed with {"z": 1.5}'
+    assert fold(player).tasks[move].killed
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    path = tmp_path / "slip.tcaj"
+    path.write_bytes(encoded(entries(slipping()[0])))
+    return path
+
+
+def test_exports_and_the_page_say_so(run: Path) -> None:
+    player, move = slipping()
+    history = fold(player)
+    task = history.tasks[move]
+    for details in (of_task(history, task), of_handling(history, task.handlings[0])):
+        assert (details["result"], details["failure data"]) == (None, SLIP)
+    messages = next(table for table in TABLES if table.name == "messages")
+    row = dict(zip(messages.columns, next(iter(messages.rows(history))), strict=True))
+    assert (row["result"], json.loads(row["failure_data"])) == (None, SLIP)
+    reading = Reading(open_log(run))
+    for entry in open_log(run):
+        reading.feed.apply(entry)
+    answer = message_answer(reading, move, history.time)
+    assert answer is not None
+    assert (answer["result"], answer["failureData"]) == ("", '{"z": 1.5}')
