@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tools.story import stumbling
 
 from tca_tools.command_line import main
 
@@ -20,6 +21,12 @@ def tca(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
         return CliRunner(env=environment).invoke(main, [str(argument) for argument in arguments], prog_name="tca")
 
     return run
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """The journal of the walk that ends with a failure."""
+    return stumbling().write(tmp_path / "run")
 
 
 @pytest.fixture

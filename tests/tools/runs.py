@@ -1,8 +1,10 @@
 """Journals of the real core, and what becomes of them when single facts are lost, told twice or put in another place."""
 
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 from central.player import ANY, Player, before, point
+from central.transcript import Transcript
 
 from tca_tools.check.checker import Checker
 from tca_tools.check.rules import Violation
@@ -136,6 +138,18 @@ def changed(entries: list[Entry], change: Change, *kinds: str) -> Iterator[tuple
             if not kinds or kind_of(fact) in kinds:
                 other = Entry(entry.number, entry.time, change(entry.facts, place))
                 yield f"{kind_of(fact)} {fact}", [*entries[:number], other, *entries[number + 1 :]]
+
+
+TRANSCRIPTS = Path(__file__).parent.parent / "central" / "transcripts"
+
+
+def played(transcript: str) -> Player:
+    """Central when a transcript has been played."""
+    told = Transcript()
+    for block in (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]:
+        for command in block.split("\n----")[0].splitlines():
+            told.play(command)
+    return told.player
 
 
 def encoded(entries: Iterable[Entry]) -> bytes:

@@ -159,11 +159,7 @@ def test_the_longest_waits_of_each_kind() -> None:
         ("step {3}", 1.2, 3.1, "until step {2} is achieved"),
     ]
     (queued,) = found[WaitKind.RESOURCE].longest
-    assert near(queued.who, queued.seconds, queued.what) == (
-        "step {2}",
-        0.1,
-        "for planner, busy with walk {1}",
-    )
+    assert near(queued.who, queued.seconds, queued.what) == ("step {2}", 0.1, "for planner, busy with walk {1}")
 
 
 def test_waits_for_replies_and_tasks_name_who_was_slow() -> None:

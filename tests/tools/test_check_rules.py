@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
 from properties.test_late_taps import CheckedLife
-from tools.runs import OPENED, Change, changed, checked, lost, twice, walk
+from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, lost, played, twice, walk
 from tools.story import THIS, Story, stumbling
 
 from tca_central.order.holds import Holds
@@ -26,7 +26,6 @@ from tca_wire.journal.facts import Entry, kind_of
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 
-TRANSCRIPTS = sorted((Path(__file__).parent.parent / "central" / "transcripts").glob("*.txt"))
 WALK = walk()
 
 WITHOUT_TRACE = {"opened", "format", "resource", "queued", "retried"}
@@ -43,13 +42,9 @@ def test_a_walk_with_everything_keeps_all_rules() -> None:
     assert checked(WALK) == []
 
 
-@pytest.mark.parametrize("path", TRANSCRIPTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(TRANSCRIPTS.glob("*.txt")), ids=lambda path: path.stem)
 def test_every_transcript_of_central_keeps_them(path: Path) -> None:
-    transcript = Transcript()
-    for block in path.read_text().strip().split("\n\n")[1:]:
-        for command in block.split("\n----")[0].splitlines():
-            transcript.play(command)
-    assert checked([OPENED, *transcript.player.entries]) == []
+    assert checked([OPENED, *played(path.stem).entries]) == []
 
 
 @given(st.lists(operation, max_size=60))
@@ -224,10 +219,7 @@ def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
 
 def test_a_journal_that_begins_in_the_middle() -> None:
     for start in range(2, len(WALK), 9):
-        assert _gaps(WALK[start:]) == (
-            ["it begins in the middle of a segment: what was sent before is not known"],
-            [],
-        )
+        assert _gaps(WALK[start:]) == (["it begins in the middle of a segment: what was sent before is not known"], [])
 
 
 def test_a_segment_that_is_missing() -> None:
@@ -337,15 +329,15 @@ def test_what_goes_on_unchecked_is_found(
     monkeypatch: Patch, mistake: Callable[[Patch], None], transcript: str, what: str
 ) -> None:
     mistake(monkeypatch)
-    played = Transcript()
-    played.player.check = False
-    blocks = next(path for path in TRANSCRIPTS if path.stem == transcript).read_text().strip().split("\n\n")[1:]
+    told = Transcript()
+    told.player.check = False
+    blocks = (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]
     for command in blocks[0].split("\n----")[0].splitlines() + blocks[1].split("\n----")[0].splitlines():
-        played.play(command)
+        told.play(command)
     for block in blocks[2:]:
         for command in block.split("\n----")[0].splitlines():
             if command.startswith(("legs/1: reply", "module", "user: resume")):
-                played.play(command)
-    found = checked([OPENED, *played.player.entries])
+                told.play(command)
+    found = checked([OPENED, *told.player.entries])
     assert what in [one.what for one in found]
     assert {one.rule for one in found} == {rules.TAPPED.text}

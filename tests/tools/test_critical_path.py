@@ -257,10 +257,7 @@ def test_a_task_that_its_deadline_killed_leads_to_what_it_waited_for_elsewhere()
     for task in (step, walk):
         story.say(facts.Killed(TaskId(task), "late")).reached(task, *Moment)
     run = story.fold()
-    assert steps_of(run, run.tasks[TaskId(walk)]) == [
-        ("charge", "a", 1.0, 1.5),
-        ("no handler", "", 1.5, 9.0),
-    ]
+    assert steps_of(run, run.tasks[TaskId(walk)]) == [("charge", "a", 1.0, 1.5), ("no handler", "", 1.5, 9.0)]
 
 
 def test_a_task_that_a_handler_kills_leads_into_that_handler() -> None:

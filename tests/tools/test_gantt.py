@@ -25,11 +25,6 @@ Expect = Callable[[str, str], None]
 NOW = 1000.0
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    return stumbling().write(tmp_path / "run")
-
-
 def told(drawing: Chart) -> Iterator[str]:
     """All that a chart has."""
     yield f"{drawing.start:.2f} to {drawing.end:.2f}: {', '.join(drawing.names)}"

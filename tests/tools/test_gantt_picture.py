@@ -29,11 +29,6 @@ Tca = Callable[..., Result]
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    return stumbling().write(tmp_path / "run")
-
-
 def drawn(story: Story, pick: Pick | None = None) -> str:
     return svg_text(chart(story.fold(), pick=pick) if pick else chart(story.fold()), "run")
 

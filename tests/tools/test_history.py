@@ -23,44 +23,16 @@ from tca_wire.text.facts_in_words import Wording
 from tca_wire.vocabulary import MessageClass, Outcome
 
 
-def states(history: History) -> dict[str, State]:
-    return {str(task): task.state for task in history.tasks.values()}
-
-
 def reasons(history: History, task: int) -> list[str]:
     return wait_words.reasons(at := RunAt(history), at.tasks[TaskId(task)]) if task in history.tasks else []
 
 
-def test_the_tree_while_one_step_is_taken_and_the_next_is_planned() -> None:
+def test_the_tree_and_its_handlers() -> None:
     history = walking().fold()
-    assert states(history) == {
-        "traverse arc {1}": State.ACHIEVING,
-        "take steps {2}": State.ACHIEVING,
-        "take steps {3}": State.PLANNED,
-        "take steps {4}": State.HELD,
-        "move leg {6}": State.ACHIEVED,
-        "move body {7}": State.HANDLING,
-        "move leg {9}": State.HELD,
-        "move body {10}": State.HELD,
-    }
     assert history.top == [1]
     assert history.children(1) == [2, 3, 4]
     assert history.tasks[6].reached[Moment.END_ACHIEVING] == 3.4
     assert history.tasks[6].handlings[0].module == "controller"
-
-
-def test_why_each_task_waits() -> None:
-    history = walking().fold()
-    assert reasons(history, 1) == ["until take steps {2}, take steps {3} and take steps {4} are achieved"]
-    assert reasons(history, 2) == ["until move body {7} is achieved"]
-    assert reasons(history, 3) == ["until take steps {2} is achieved"]
-    assert reasons(history, 4) == ["until take steps {3} is being achieved"]
-    assert reasons(history, 6) == []
-    assert reasons(history, 10) == [
-        "until move leg {9} is achieved",
-        "until its parent take steps {3} is being achieved",
-    ]
-    assert reasons(history, 77) == []
 
 
 def test_why_a_queued_or_blocked_task_waits() -> None:

@@ -241,27 +241,18 @@ def queue_of_three() -> tuple[Story, list[int]]:
     return story, moves
 
 
-def test_a_row_tells_since_when_its_cause_is_the_cause() -> None:
-    story, (_, second, third, last) = queue_of_three()
+def test_all_that_a_message_waited_for_is_told_in_its_row_its_report_and_its_chart() -> None:
+    story, (*others, last) = queue_of_three()
     run = story.fold()
     told = [note(at := RunAt(run, time), at.tasks[last]) for time in (1.5, 4.0, 7.0)]
     assert told == [
         "waits for legs, busy with move {1}, for 500 ms",
-        f"waits for legs, busy with move {{{second}}}, for 2 s (3 s in all)",
-        f"waits for legs, busy with move {{{third}}}, for 2 s (6 s in all)",
+        "waits for legs, busy with move {2}, for 2 s (3 s in all)",
+        "waits for legs, busy with move {3}, for 2 s (6 s in all)",
     ]
-
-
-def test_a_report_names_all_that_a_message_waited_for() -> None:
-    story, (first, second, third, last) = queue_of_three()
-    (queued,) = [one for kind in waits(story.fold()) for one in kind.longest if one.who == f"move {{{last}}}"]
-    parts = [f"busy with move {{{one}}} ({length} s)" for one, length in ((first, 1), (second, 3), (third, 2))]
-    assert queued.what == f"for legs, {'; '.join(parts)}"
-
-
-def test_the_chart_of_a_story_has_all_that_a_task_waited_for() -> None:
-    story, (*others, last) = queue_of_three()
-    assert waited_for(story.fold(), TaskId(last), {last}) == set(others)
+    (queued,) = [one for kind in waits(run) for one in kind.longest if one.who == f"move {{{last}}}"]
+    assert queued.what == "for legs, busy with move {1} (1 s); busy with move {2} (3 s); busy with move {3} (2 s)"
+    assert waited_for(run, TaskId(last), {last}) == set(others)
 
 
 # --- what a task waits for in the end --------------------------------------------------------------------------------

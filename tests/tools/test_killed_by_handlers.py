@@ -1,13 +1,11 @@
 """A failure, step by step: who was killed for it, what a deadline ran out on, and who could not decide."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import msgspec
 import pytest
 from central.player import Player
-from central.transcript import Transcript
-from tools.runs import OPENED, checked
+from tools.runs import OPENED, checked, played
 from tools.story import Story
 
 from tca_tools.analysis.failures import failures
@@ -19,7 +17,6 @@ from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.why.story import story as story_of
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
-from tca_wire.journal.facts import Entry
 from tca_wire.packets import headers
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
@@ -120,21 +117,15 @@ def retrying() -> Story:
     return story.say(facts.Failed(TREAT, "allergy", "itch"), facts.Unhandled(TaskId(TREAT))).reached(TREAT, *Moment)
 
 
-FIRST = [
-    (2.0, "treat {2} failed: allergy: rash"),
-    (2.0, "exception handler transfer {4} was called in safety"),
-]
+FIRST = [(2.0, "treat {2} failed: allergy: rash"), (2.0, "exception handler transfer {4} was called in safety")]
 AGAIN = (3.0, "treat {2} is to be handled again (retried by safety)")
 
 
-@pytest.mark.parametrize("moment", [3.0, 3.5, 4.5])
-def test_what_has_not_been_tried_again_has_no_end(moment: float) -> None:
-    assert told(retrying().fold(), TREAT, moment) == [*FIRST, AGAIN]
-
-
-def test_a_retry_is_a_step_from_one_failure_to_the_next() -> None:
+def test_a_retry_is_a_step_from_one_failure_to_the_next_and_has_no_end_before() -> None:
+    run = retrying().fold()
     failed = [(5.0, "treat {2} failed: allergy: itch"), (5.0, "treat {2}: nobody dealt with its failure")]
-    assert told(retrying().fold(), TREAT) == [*FIRST, AGAIN, *failed]
+    assert told(run, TREAT) == [*FIRST, AGAIN, *failed]
+    assert told(run, TREAT, 3.0) == told(run, TREAT, 4.5) == [*FIRST, AGAIN]
 
 
 def test_who_is_killed_before_it_is_tried_again_was_killed() -> None:
@@ -201,38 +192,19 @@ def test_its_own_handler_was_at_it() -> None:
     assert steps(player, bake)[0] == "bake {1} was being handled by baker, for 30 s when time ran out"
 
 
-TRANSCRIPTS = Path(__file__).parent.parent / "central" / "transcripts"
-
-
-def entries_of(transcript: str) -> list[Entry]:
-    """What central writes when a transcript is played."""
-    played = Transcript()
-    for block in (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]:
-        for command in block.split("\n----")[0].splitlines():
-            played.play(command)
-    return played.player.entries
-
-
-def folded(transcript: str) -> History:
-    history = History()
-    for entry in entries_of(transcript):
-        history.apply(entry)
-    return history
-
-
 def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
-    cases = {kind.failure: kind.cases[0] for kind in failures(folded("failures_of_exception_handlers_in_one_another"))}
+    cases = {
+        kind.failure: kind.cases[0]
+        for kind in failures(History.until(played("failures_of_exception_handlers_in_one_another").entries))
+    }
     assert {name: case.fate for name, case in cases.items()} == {
         "slip": Fate.DEALT_WITH, "handler error": Fate.REPLACED, "module lost": Fate.REPLACED,
     }  # fmt: skip
-    assert cases["slip"].called == [
-        "recover {5} was called in expert: failed",
-        "report {7} was called in office",
-    ]
+    assert cases["slip"].called == ["recover {5} was called in expert: failed", "report {7} was called in office"]
 
 
 def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from_there_to_the_others() -> None:
-    lines = list(story_lines(folded("failures_that_nobody_could_decide_about"), TaskId(3), 200))
+    lines = list(story_lines(History.until(played("failures_that_nobody_could_decide_about").entries), TaskId(3), 200))
     told = [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]]
     assert [line for line in told if " failed: " in line] == [
         "  move {4} failed: slip: why",
@@ -244,7 +216,7 @@ def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from
 @pytest.mark.parametrize("undecided", [ROOT, 4, 6])
 def test_an_exception_handler_that_could_not_decide_must_be_the_nearest_and_end(undecided: int) -> None:
     """Task 5 is that of the exception handler that fails, 4 the one that it deals with, 6 another exception handler."""
-    entries = [OPENED, *entries_of("failures_that_nobody_could_decide_about")]
+    entries = [OPENED, *played("failures_that_nobody_could_decide_about").entries]
     assert checked(entries) == []
     first = next(one for one in entries if any(isinstance(fact, facts.Unhandled) for fact in one.facts))
     for place, fact in enumerate(first.facts):

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
-from tools.story import QUERY, Story, silent_for, stumbling, walking
+from tools.story import QUERY, Story, silent_for, walking
 
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
@@ -25,11 +25,6 @@ def shown(*arguments: object, **environment: str) -> Result:
 
 def of(measured: Stats, name: str) -> Any:
     return next(one for one in measured.messages if one.message == name)
-
-
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    return stumbling().write(tmp_path / "run")
 
 
 def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> None:

@@ -38,11 +38,6 @@ Tca = Callable[..., Result]
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    return stumbling().write(tmp_path / "run")
-
-
 def names(shown: str) -> list[str]:
     """The tasks of a text tree."""
     return re.findall(r"^[│├└─ ]*([^{\n]*\{\d+\})  ", shown, re.MULTILINE)
