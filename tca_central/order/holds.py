@@ -273,7 +273,7 @@ class Holds:
             return self.place(constraint.before)
         if constraint.before.moment & STARTS:
             return None
-        raise RequestError(Refusal.CYCLE, f"constraint {constraint} can never be met: the root never ends")
+        raise RequestError(Refusal.CYCLE, "a constraint waits for the end of the root, which never ends")
 
     def place(self, point: Point) -> Place | None:
         """The live task and moment of a point; None if the task has ended."""

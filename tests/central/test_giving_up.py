@@ -109,3 +109,20 @@ def test_who_waits_no_longer_for_a_task_is_told_what_it_waits_for(robot: Player)
     number = robot.number("user")
     robot.receive("user", headers.AwaitPoint(number, point(plan, Moment.END_ACHIEVING)))
     assert why(robot, "user", number) == f"it waits {in_words(WaitFor(WaitKind.HANDLER, name='plan'))}"
+
+
+@pytest.mark.parametrize(
+    ("has_reply", "text"),
+    [
+        (False, "nobody replied: bad failed (blind: why); good and late have not answered"),
+        (True, "bad failed (blind: why); late has not answered (1 of 2 has)"),
+    ],
+)
+def test_who_gives_up_a_multi_query_is_told_who_failed_and_who_is_late(text: str, *, has_reply: bool) -> None:
+    robot = Player.of(*(f"{name}: multi-query all" for name in ("good", "bad", "late")), "user")
+    robot.send("user", "all", number=101)
+    robot.numbers["user"] = 101
+    robot.fail("bad/1", "blind")
+    if has_reply:
+        robot.reply("good/1")
+    assert why(robot, "user", 101) == text
