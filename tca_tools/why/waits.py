@@ -363,10 +363,12 @@ def _moments(task: Task, moment: int, time: float) -> int:
     its own moments adds what comes before the first.
     """
     if task.time_of(moment) <= time:
-        return 0
+        return END_HANDLING if moment == END_HANDLING and going_on(task.handlings, time) else 0  # it is handled again
     before = _BEFORE[task.message_class.is_goal]
     left = ~_past(task, time)
     found = before[moment] & left
+    if task.killed is not None and task.written("killed") <= time:
+        found |= END_HANDLING  # what was killed reaches no moment before its handler has returned
     own = [one.constraint for one in task.holds if one.constraint.before.task == task.id and one.added <= time]
     for _ in own:  # each may add what the next one needs
         for one in own:

@@ -5,24 +5,13 @@ from functools import cache
 from typing import Any
 
 import pytest
-from explorer.recoveries import (
-    BATTERY,
-    CHECK,
-    HIGHER,
-    RECHARGE,
-    REPLAN,
-    ladder,
-    late,
-    polling,
-    suspending,
-    tapped,
-    tapped_late,
-)
-from explorer.scenarios import REST, SLIPPED, STEP, WALK, walking
+from explorer import scenarios
+from explorer.scenarios import BATTERY, CHECK, HIGHER, RECHARGE, REPLAN, REST, SLIPPED, STEP, WALK, slips
 from explorer.test_rules import crowd
 from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
 
+import tca_explorer as tca
 from tca_central.control import monitors, steering
 from tca_central.core import HANDLERS
 from tca_central.failing import failures
@@ -36,25 +25,17 @@ from tca_central.state import FailureContext, TaskWait
 from tca_central.watching import taps
 from tca_central.watching.watches import Watch
 from tca_explorer import (
-    Result,
-    Scenario,
-    Script,
-    Seen,
-    Task,
-    World,
     achieved,
     at_most,
     at_most_in_all,
     before,
     begun,
     eventually,
-    explore,
     fired,
     handled_by,
     killed,
     never,
     never_stuck,
-    report,
     retried,
     sent,
 )
@@ -199,33 +180,33 @@ def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:
 # --- what finds them -------------------------------------------------------------------------------------------------
 
 
-def once(*properties: Any, retries: bool = True) -> Scenario:
+def once(*properties: Any, retries: bool = True) -> tca.Scenario:
     """An exception handler that is called once, however often the step slips."""
-    scenario = Scenario("once", at_most_in_all(1, sent(HIGHER)), *properties)
+    scenario = tca.Scenario("once", at_most_in_all(1, sent(HIGHER)), *properties)
     scenario.module("legs").handles(STEP)(slips)
 
     @scenario.module("expert").handles(HIGHER)
-    def higher(task: Task) -> None:
+    def higher(task: tca.Task) -> None:
         if retries:
             task.trouble.failing.retry()
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         me.on_failure(SLIPPED, HIGHER, of=STEP, maximum=1)
         me.command(STEP)
 
     return scenario
 
 
-def mortal(*properties: Any) -> Scenario:
+def mortal(*properties: Any) -> tca.Scenario:
     """An exception handler whose module may die, and another one further out."""
-    scenario = Scenario("mortal", *properties)
+    scenario = tca.Scenario("mortal", *properties)
     scenario.module("legs").handles(STEP)(slips)
     scenario.module("expert", may_be_lost=1).handles(HIGHER)(lambda _: None)
     scenario.module("office").handles(REPLAN)(lambda _: None)
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         me.on_failure(SLIPPED, REPLAN)
         me.on_failure(SLIPPED, HIGHER, of=STEP)
         me.command(STEP)
@@ -233,69 +214,69 @@ def mortal(*properties: Any) -> Scenario:
     return scenario
 
 
-def slips(_: object) -> None:
-    raise SLIPPED(text="ice")
-
-
-def maybe(*properties: Any) -> Scenario:
+def maybe(*properties: Any) -> tca.Scenario:
     """A walk that is only sent if somebody handles it, and nobody ever does."""
-    scenario = Scenario("maybe", *properties)
+    scenario = tca.Scenario("maybe", *properties)
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         me.execute_if_handled(WALK)
 
     return scenario
 
 
-def delayed(*properties: Any) -> Scenario:
-    scenario = Scenario("delayed", *properties)
+def delayed(*properties: Any) -> tca.Scenario:
+    scenario = tca.Scenario("delayed", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         me.command(STEP, delay=2.0)
 
     return scenario
 
 
-def lives_on(world: World) -> list[Seen]:
+def lives_on(world: tca.World) -> list[tca.Seen]:
     return [task for task in world.tasks if task.message == WALK.name and world.now >= 1 and not task.is_killed]
 
 
-def walk_and_kill() -> Result:
+def walk_and_kill() -> tca.Result:
     in_order = before(achieved(STEP, 0), begun(STEP, 1))
-    scenario = walking(in_order, eventually(achieved(REST)), never_stuck())
+    scenario = scenarios.walking(in_order, eventually(achieved(REST)), never_stuck())
     scenario.may_kill(WALK)
-    return explore(scenario)
+    return tca.explore(scenario)
 
 
 IS_CHECKED = before(achieved(CHECK), begun(STEP))
-BROKEN: dict[Callable[[Patch], None], Callable[[], Result]] = {
+BROKEN: dict[Callable[[Patch], None], Callable[[], tca.Result]] = {
     followers_are_released_too_early: walk_and_kill,
     a_killed_task_releases_nobody: walk_and_kill,
     a_parent_ends_before_its_children: walk_and_kill,
     freed_slots_are_forgotten: walk_and_kill,
-    a_slot_is_given_twice: lambda: explore(crowd(at_most(2, handled_by("legs")), notes=False)),
-    a_before_tap_holds_nothing: lambda: explore(tapped(Condition.BEFORE_HANDLING)),
-    what_waits_when_a_tap_comes_does_not_pass_it: lambda: explore(tapped_late(IS_CHECKED)),
-    what_passed_a_tap_that_nobody_heard_does_not_pass_it_again: lambda: explore(
-        tapped_late(IS_CHECKED, safety_arrives_late=True)
+    a_slot_is_given_twice: lambda: tca.explore(crowd(at_most(2, handled_by("legs")), notes=False)),
+    a_before_tap_holds_nothing: lambda: tca.explore(scenarios.tapped(Condition.BEFORE_HANDLING)),
+    what_waits_when_a_tap_comes_does_not_pass_it: lambda: tca.explore(scenarios.tapped_late(IS_CHECKED)),
+    what_passed_a_tap_that_nobody_heard_does_not_pass_it_again: lambda: tca.explore(
+        scenarios.tapped_late(IS_CHECKED, safety_arrives_late=True)
     ),
-    a_retry_does_not_wait_for_the_handler: lambda: explore(retried_while_running()),
-    suspended_tasks_are_started: lambda: explore(suspending()),
-    attempts_are_not_told: lambda: explore(ladder(at_most_in_all(2, retried(STEP)))),
-    a_reissued_failure_is_searched_from_the_start: lambda: explore(ladder(at_most_in_all(4, sent(HIGHER)))),
-    one_that_could_not_decide_is_the_last_that_is_asked: lambda: explore(mortal(never(killed(STEP)))),
-    calls_of_a_handler_are_not_counted: lambda: explore(once()),
-    what_was_dealt_with_goes_on_for_ever: lambda: explore(once(never_stuck(), retries=False)),
-    a_deadline_takes_the_task_from_its_handler: lambda: explore(late(never_stuck(), handled=True)),
-    a_delay_is_no_delay: lambda: explore(delayed()),
-    a_monitor_acts_once_more: lambda: explore(polling(BATTERY, at_most_in_all(1, fired(RECHARGE)), maximum=1)),
-    a_late_kill_kills_nothing: lambda: explore(parting(never(lives_on))),
-    nothing_is_done_on_termination: lambda: explore(parting(before(achieved(REST), walk_is_over))),
-    a_wait_is_never_over: lambda: explore(late(never_stuck(), eventually(achieved(REST)))),
-    what_nobody_handles_is_sent_all_the_same: lambda: explore(maybe(never_stuck())),
+    a_retry_does_not_wait_for_the_handler: lambda: tca.explore(retried_while_running()),
+    suspended_tasks_are_started: lambda: tca.explore(scenarios.suspending()),
+    attempts_are_not_told: lambda: tca.explore(scenarios.ladder(at_most_in_all(2, retried(STEP)))),
+    a_reissued_failure_is_searched_from_the_start: lambda: tca.explore(
+        scenarios.ladder(at_most_in_all(4, sent(HIGHER)))
+    ),
+    one_that_could_not_decide_is_the_last_that_is_asked: lambda: tca.explore(mortal(never(killed(STEP)))),
+    calls_of_a_handler_are_not_counted: lambda: tca.explore(once()),
+    what_was_dealt_with_goes_on_for_ever: lambda: tca.explore(once(never_stuck(), retries=False)),
+    a_deadline_takes_the_task_from_its_handler: lambda: tca.explore(scenarios.late(never_stuck(), handled=True)),
+    a_delay_is_no_delay: lambda: tca.explore(delayed()),
+    a_monitor_acts_once_more: lambda: tca.explore(
+        scenarios.polling(BATTERY, at_most_in_all(1, fired(RECHARGE)), maximum=1)
+    ),
+    a_late_kill_kills_nothing: lambda: tca.explore(parting(never(lives_on))),
+    nothing_is_done_on_termination: lambda: tca.explore(parting(before(achieved(REST), walk_is_over))),
+    a_wait_is_never_over: lambda: tca.explore(scenarios.late(never_stuck(), eventually(achieved(REST)))),
+    what_nobody_handles_is_sent_all_the_same: lambda: tca.explore(maybe(never_stuck())),
 }
 
 
@@ -310,5 +291,5 @@ def test_a_broken_rule_is_found(monkeypatch: Patch, mutation: Callable[[Patch], 
     assert is_good(BROKEN[mutation])
     mutation(monkeypatch)
     result = BROKEN[mutation]()
-    assert result.violation is not None, report(result)
-    assert len(result.violation.actions) < 15, report(result)
+    assert result.violation is not None, tca.report(result)
+    assert len(result.violation.actions) < 15, tca.report(result)

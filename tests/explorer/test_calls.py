@@ -5,26 +5,26 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from explorer.recoveries import BATTERY, CHECK, HIGHER, IS_LOW, RECHARGE
-from explorer.scenarios import HEIGHTS, LIFT, NOTE, REST, SLIPPED, STEP, WALK, WHERE
-
-from tca_explorer import (
-    Scenario,
-    ScenarioError,
-    Script,
-    Task,
-    achieved,
-    at_most_in_all,
-    before,
-    begun,
-    explore,
-    fired,
-    killed,
-    never,
-    never_stuck,
-    report,
-    sent,
+from explorer.scenarios import (
+    BATTERY,
+    CHECK,
+    HEIGHTS,
+    HIGHER,
+    IS_LOW,
+    LIFT,
+    NOTE,
+    RECHARGE,
+    REST,
+    SLIPPED,
+    STEP,
+    WALK,
+    WHERE,
+    found,
+    good,
 )
+
+import tca_explorer as tca
+from tca_explorer import achieved, at_most_in_all, before, begun, fired, killed, never, never_stuck, sent
 from tca_module import Condition, Refused, TaskFailed, TaskKilled, Timeout, this
 from tca_module import Task as ModuleTask
 from tca_wire.messages.controls import DemonMonitor, PointMonitor
@@ -36,14 +36,14 @@ GROUND = PointMonitor("ground", condition=IS_LOW, action=RECHARGE)
 PACE: Variable[int] = Variable("pace", int)
 
 
-def robot(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> Scenario:
+def robot(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> tca.Scenario:
     """A user who walks, a planner that does it in some way, and others who do what they are told."""
-    scenario = Scenario("a robot", *properties)
+    scenario = tca.Scenario("a robot", *properties)
     scenario.module("planner").handles(WALK)(walk)
     module = scenario.module("others", capacity=2)
     results: dict[str, Any] = {WHERE.name: 7, HEIGHTS.name: 7, IS_LOW.name: True}
 
-    def act(task: Task) -> Any:
+    def act(task: tca.Task) -> Any:
         return others[task.message](task) if task.message in others else results.get(task.message)
 
     for message in (STEP, WHERE, HEIGHTS, NOTE, LIFT, REST, CHECK, IS_LOW, RECHARGE, HIGHER):
@@ -53,44 +53,43 @@ def robot(walk: Callable[..., object], *properties: Any, **others: Callable[...,
 
 
 def played(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> None:
-    result = explore(robot(walk, *properties, **others), never_stuck(), limit=5000)
-    assert result.ok, report(result)
+    good(robot(walk, *properties, **others), never_stuck(), limit=5000)
 
 
 def test_a_task_is_the_librarys_own() -> None:
-    assert issubclass(Task, ModuleTask)
-    assert {name for name in vars(Script.__mro__[1]) if not name.startswith("_")} == {"choose", "hang"}
+    assert issubclass(tca.Task, ModuleTask)
+    assert {name for name in vars(tca.Script.__mro__[1]) if not name.startswith("_")} == {"choose", "hang"}
 
 
 def test_blocks_put_tasks_in_order() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         with task.parallel():
             task.command(STEP, 1)
             task.command(STEP, 2)
         task.command(STEP, 3)
 
     played(walk, *(before(achieved(STEP, number), begun(STEP, 3)) for number in (1, 2)))
-    assert explore(robot(walk, before(achieved(STEP, 1), begun(STEP, 2)))).violation is not None
+    found(robot(walk, before(achieved(STEP, 1), begun(STEP, 2))))
 
 
 def test_results_and_failures_come_back() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         with contextlib.suppress(TaskFailed, TaskKilled):
             assert task.command(STEP).result() == "well"
             task.inform(NOTE, "well")
 
-    def step(task: Task) -> str:
+    def step(task: tca.Task) -> str:
         if task.choose("well", "badly") == "badly":
             raise SLIPPED(text="ice")
         return "well"
 
     played(walk, step=step)
     for data in ("well",):
-        assert explore(robot(walk, never(sent(NOTE, data)), step=step)).violation is not None
+        found(robot(walk, never(sent(NOTE, data)), step=step))
 
 
 def test_questions_whose_answers_are_fetched_later() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         where = task.query_send(WHERE)
         task.command(STEP, 1)
         assert where.receive() == 7
@@ -102,7 +101,7 @@ def test_questions_whose_answers_are_fetched_later() -> None:
 
 
 def test_relatives_are_found_by_name() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         task.command(STEP, "left", constraints=[task.handling.end <= this.achieving.start])
         (step,) = task.ref.children(STEP)
         assert step.data(STEP) == "left"
@@ -118,7 +117,7 @@ def test_relatives_are_found_by_name() -> None:
 
 
 def test_scopes_of_kills_and_points() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         later = [task.handling.end <= this.achieving.start]
         second, third = (task.command(STEP, number, constraints=later) for number in (2, 3))
         second.kill(scope=Scope.SIBLINGS)
@@ -132,7 +131,7 @@ def test_scopes_of_kills_and_points() -> None:
 
 
 def test_monitors_of_every_kind() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         kind = task.choose("rocks", "ground", "battery")
         if kind == "rocks":
             rocks = task.monitor(ROCKS, maximum=1)
@@ -143,25 +142,25 @@ def test_monitors_of_every_kind() -> None:
         else:
             task.monitor(BATTERY, period=1.0, for_ever=True).end()
 
-    def lift(task: Task) -> None:
+    def lift(task: tca.Task) -> None:
         with contextlib.suppress(Refused):
             task.monitor_ref.fire(NOTE, "a rock")
 
     played(walk, at_most_in_all(1, fired(NOTE)), lift=lift)
-    assert 'fires rocks {2} with "a rock"' in report(explore(robot(walk, never(sent(NOTE)), lift=lift)))
+    assert 'fires rocks {2} with "a rock"' in found(robot(walk, never(sent(NOTE)), lift=lift))
 
 
 def test_a_listener_knows_what_it_hears() -> None:
     heard = set()
 
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         held = task.command(STEP, 1, constraints=[task.handling.end <= this.achieving.start])
         tap = task.tap(Condition.AFTER_ACHIEVED, held, CHECK)
         task.tap(Condition.AFTER_ACHIEVED, STEP, NOTE)
         tap.remove()
         task.command(STEP, 2)
 
-    def note(task: Task) -> None:
+    def note(task: tca.Task) -> None:
         assert task.tap_event.tapped is not None
         heard.add((task.tap_event.condition, task.tap_event.message))
 
@@ -170,7 +169,7 @@ def test_a_listener_knows_what_it_hears() -> None:
 
 
 def test_variables_and_whether_somebody_is_there() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         assert task.get_variable(PACE, 0) == 0
         task.set_variable(PACE, 3)
         assert task.swap_variable(PACE, 4) == 3
@@ -184,56 +183,55 @@ def test_variables_and_whether_somebody_is_there() -> None:
 
 
 def test_a_suspended_handler_may_hold() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         task.command(STEP)
 
-    def step(task: Task) -> None:
+    def step(task: tca.Task) -> None:
         if task.suspended and not task.cancelled:
             task.query(WHERE)
 
     scenario = robot(walk, step=step)
     scenario.may_suspend(WALK)
-    result = explore(scenario, never_stuck(), limit=3000)
-    assert result.ok, report(result)
-    assert explore(scenario, never(sent(WHERE))).violation is not None
+    good(scenario, never_stuck(), limit=3000)
+    found(scenario, never(sent(WHERE)))
 
 
 # --- what can't be played --------------------------------------------------------------------------------------------
 
 
-def asks_who_is_there(task: Task) -> None:
+def asks_who_is_there(task: tca.Task) -> None:
     task.modules()
 
 
-def replies_later(task: Task) -> Any:
+def replies_later(task: tca.Task) -> Any:
     return task.reply_later()
 
 
-def is_called_back(task: Task) -> None:
+def is_called_back(task: tca.Task) -> None:
     task.query_notify(WHERE, None, lambda *_: None)
 
 
-def waits_for_many(task: Task) -> None:
+def waits_for_many(task: tca.Task) -> None:
     task.multi_query(HEIGHTS, timeout=1.0)
 
 
-def awaits(task: Task) -> Iterator[Any]:
+def awaits(task: tca.Task) -> Iterator[Any]:
     return next(task.command(STEP).__await__())
 
 
-def swallows(task: Task) -> None:
+def swallows(task: tca.Task) -> None:
     with contextlib.suppress(Exception):
         task.handlers(STEP)
 
 
-async def is_async(_: Task) -> None: ...
+async def is_async(_: tca.Task) -> None: ...
 
 
-def sends_the_wrong_data(task: Task) -> None:
+def sends_the_wrong_data(task: tca.Task) -> None:
     task.set_variable(PACE, "fast")  # type: ignore[misc]
 
 
-def decides_for_ever(task: Task) -> None:
+def decides_for_ever(task: tca.Task) -> None:
     while task.choose(True, False) or True:
         pass
 
@@ -253,29 +251,29 @@ def decides_for_ever(task: Task) -> None:
     ],
 )
 def test_what_is_not_explored_is_named(handler: Any, words: str) -> None:
-    with pytest.raises(ScenarioError, match=words):
-        explore(robot(handler))
+    with pytest.raises(tca.ScenarioError, match=words):
+        tca.explore(robot(handler))
 
 
 def test_a_monitor_is_handled_by_central() -> None:
-    with pytest.raises(ScenarioError, match="central carries it out, handle its parts"):
-        Scenario("bad").module("eye").handles(BATTERY)
+    with pytest.raises(tca.ScenarioError, match="central carries it out, handle its parts"):
+        tca.Scenario("bad").module("eye").handles(BATTERY)
 
 
 def test_a_message_that_is_declared_in_two_ways_is_named() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         task.command(Command(STEP.name, int), 3)
 
-    with pytest.raises(ScenarioError, match="two formats for message 'step'"):
-        explore(robot(walk))
+    with pytest.raises(tca.ScenarioError, match="two formats for message 'step'"):
+        tca.explore(robot(walk))
 
 
 def test_time_outs_are_errors_of_the_world() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         try:
             task.query(WHERE, timeout=2.0)
         except Timeout:
             task.inform(NOTE, "late")
 
     played(walk)
-    assert explore(robot(walk, never(sent(NOTE, "late")))).violation is not None
+    found(robot(walk, never(sent(NOTE, "late"))))

@@ -7,19 +7,9 @@ from random import Random
 
 import msgspec
 import pytest
-from explorer.ambler_walk import walk
-from explorer.recoveries import (
-    BATTERY,
-    CHECK,
-    HIGHER,
-    IS_LOW,
-    RECHARGE,
-    ladder,
-    late,
-    polling,
-    suspending,
-)
-from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
+from explorer import scenarios
+from explorer.scenarios import BATTERY, CHECK, HEIGHTS, HIGHER, IS_LOW, NOTE, RECHARGE, SLIPPED, STEP, WALK, WHERE
+from explorer.test_ambler import walk
 from sampling import one_in
 
 from tca_central.control.steering import PendingKill
@@ -81,7 +71,7 @@ def busy() -> Scenario:
 
 
 def killing() -> Scenario:
-    scenario = walking(capacity=2, may_leave=True, slips=True)
+    scenario = scenarios.walking(capacity=2, may_leave=True, slips=True)
     scenario.may_kill(STEP)
     return scenario
 
@@ -129,13 +119,13 @@ def watched() -> Scenario:
 
 SCENARIOS = {
     "watched": (watched, 200),
-    "ladder": (ladder, 250),
-    "suspended": (suspending, 250),
-    "late": (lambda: late(handled=True), 150),
-    "polling": (lambda: polling(BATTERY, maximum=2, fire_every=2), 60),
+    "ladder": (scenarios.ladder, 250),
+    "suspended": (scenarios.suspending, 250),
+    "late": (lambda: scenarios.late(handled=True), 150),
+    "polling": (lambda: scenarios.polling(BATTERY, maximum=2, fire_every=2), 60),
     "busy": (busy, 250),
     "killing": (killing, 250),
-    "arriving": (lambda: walking(arrives_late=True, capacity=2, may_be_lost=1), 200),
+    "arriving": (lambda: scenarios.walking(arrives_late=True, capacity=2, may_be_lost=1), 200),
     "ambler": (lambda: walk(2), 150),
 }
 
@@ -184,8 +174,10 @@ def seen_in(world: World) -> object:
 
 
 @pytest.mark.parametrize(("name", "kind"), one_in(4, SCENARIOS, DETAILS))
-def test_what_follows_equal_states_is_equal(name: str, kind: str) -> None:
+def test_what_follows_equal_states_is_equal(name: str, kind: str, request: pytest.FixtureRequest) -> None:
     (make, number), detail = SCENARIOS[name], DETAILS[kind]
+    if not request.node.get_closest_marker("soak"):
+        number //= 2
     snapshots = Snapshots()
     views: dict[bytes, object] = {}
     known: dict[bytes, set[bytes]] = {}
@@ -227,26 +219,27 @@ def test_the_world_is_as_central_is(name: str) -> None:
                 assert seen.failure == failure, seen
 
 
+def two(one: Callable[[Script], object], *, capacity: int = 1) -> tuple[Scenario, Action, Action]:
+    """Two who do not know each other send a step and a note; and what each of them does first."""
+    scenario = Scenario("two")
+    feet = scenario.module("legs", capacity=capacity)
+    feet.handles(STEP)(lambda _: None)
+    (feet if capacity > 1 else scenario.module("arm")).handles(NOTE)(lambda _: None)
+    scenario.module("one").does(one)
+    scenario.module("other").does(lambda me: [me.inform(NOTE)])
+    step, note = Play(scenario).actions()
+    return scenario, step, note
+
+
 def test_symmetric_orders_are_one_state() -> None:
     """Which of two modules that do not know each other sends first does not matter once both have sent."""
-    scenario = Scenario("two orders")
-    scenario.module("legs").handles(STEP)(lambda _: None)
-    scenario.module("arm").handles(NOTE)(lambda _: None)
-    scenario.module("one").does(lambda me: [me.command(STEP).wait()])
-    scenario.module("other").does(lambda me: [me.inform(NOTE)])
-    first, second = Play(scenario).actions()
+    scenario, first, second = two(lambda me: [me.command(STEP).wait()])
     ends = {fingerprint(play(scenario, path), ()) for path in ((first, second), (second, first))}
     assert len(ends) == 1
 
 
 def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
-    scenario = Scenario("two slots")
-    legs = scenario.module("legs", capacity=2)
-    legs.handles(STEP)(lambda _: None)
-    legs.handles(NOTE)(lambda _: None)
-    scenario.module("one").does(lambda me: [me.command(STEP)])
-    scenario.module("other").does(lambda me: [me.inform(NOTE)])
-    step, note = Play(scenario).actions()
+    scenario, step, note = two(lambda me: [me.command(STEP)], capacity=2)
     ways = [(step, note, Action(ActionKind.STEP, "legs/2")), (note, step, Action(ActionKind.STEP, "legs/1"))]
     first, second = (play(scenario, way) for way in ways)
     assert [task.is_handled for task in (*first.fold.tasks, *second.fold.tasks)] == [True, True]
@@ -255,12 +248,7 @@ def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
 
 
 def test_what_is_older_matters_only_where_messages_are_followed() -> None:
-    scenario = Scenario("two ages")
-    scenario.module("legs").handles(STEP)(lambda _: None)
-    scenario.module("arm").handles(NOTE)(lambda _: None)
-    scenario.module("one").does(lambda me: [me.command(STEP)])
-    scenario.module("other").does(lambda me: [me.inform(NOTE)])
-    step, note = Play(scenario).actions()
+    scenario, step, note = two(lambda me: [me.command(STEP)])
     first, second = play(scenario, (step, note)), play(scenario, (note, step))
     assert fingerprint(first, ()) == fingerprint(second, ())
     assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
@@ -276,7 +264,7 @@ def test_how_long_the_run_has_lasted_matters_only_where_it_is_looked_at() -> Non
 
 
 def test_what_properties_remember_keeps_states_apart() -> None:
-    played = Play(walking())
+    played = Play(scenarios.walking())
     assert fingerprint(played, (True,)) != fingerprint(played, (False,))
 
 

@@ -3,28 +3,24 @@
 from typing import Any
 
 import pytest
-from explorer.recoveries import HIGHER, helped
-from explorer.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, walking
+from explorer.scenarios import HIGHER, NOTE, REST, STEP, WALK, WHERE, found, good, helped, walking
 
+import tca_explorer as tca
+from tca_central.model.resources import Resource
 from tca_explorer import (
-    Scenario,
-    Script,
-    Task,
     achieved,
     at_most,
     before,
     begun,
     eventually,
-    explore,
+    failed,
     handled_by,
     killed,
     never,
     never_stuck,
     planned,
-    report,
 )
-from tca_wire.constraints import Constraint
-from tca_wire.points import THIS, Moment, Point
+from tca_wire.messages.declarations import Command
 
 IN_ORDER = before(achieved(STEP, 0), begun(STEP, 1))
 REST_LAST = before(achieved(WALK), achieved(REST))
@@ -34,46 +30,41 @@ REST_LAST = before(achieved(WALK), achieved(REST))
 
 
 def test_nothing_starts_before_its_constraints() -> None:
-    result = explore(walking(IN_ORDER, REST_LAST, never_stuck(), steps=3, capacity=2))
-    assert result.ok, report(result)
+    good(walking(IN_ORDER, REST_LAST, never_stuck(), steps=3, capacity=2))
 
 
 def test_what_has_no_constraint_may_come_first() -> None:
-    result = explore(walking(before(achieved(STEP, 1), begun(STEP, 2)), steps=3, capacity=2))
-    assert result.violation is not None
+    found(walking(before(achieved(STEP, 1), begun(STEP, 2)), steps=3, capacity=2))
 
 
-def constrained(*properties: Any) -> Scenario:
-    """Each flag, and a constraint between any two points, once."""
-    scenario = Scenario("constrained", *properties)
+def constrained(*properties: Any) -> tca.Scenario:
+    """Each flag once."""
+    scenario = tca.Scenario("constrained", *properties)
     planner = scenario.module("planner", capacity=2)
 
     @planner.handles(WALK)
-    def walk(task: Task) -> None:
-        first = task.goal(REST, 1)
+    def walk(task: tca.Task) -> None:
+        task.goal(REST, 1)
         task.goal(REST, 2, sequential_planning=True)
         task.goal(REST, 3, delay_planning=True)
-        point = Point(first.id, Moment.END_HANDLING)
-        task.command(LIFT, sequential=False, constraints=[Constraint(point, Point(THIS, Moment.START_ACHIEVING))])
 
     @planner.handles(REST)
-    def rest(task: Task, number: int) -> None:
+    def rest(task: tca.Task, number: int) -> None:
         if number < 3:
             task.command(STEP, number)
 
     @scenario.module("legs").handles(STEP)
-    @scenario.module("arm").handles(LIFT)
-    def act(_: Task) -> None: ...
+    def act(_: tca.Task) -> None: ...
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         me.goal(WALK).wait()
 
     return scenario
 
 
 def test_every_flag_holds() -> None:
-    result = explore(
+    good(
         constrained(
             before(planned(REST, 1), begun(REST, 2)),
             before(achieved(REST, 2), begun(REST, 3)),
@@ -82,53 +73,51 @@ def test_every_flag_holds() -> None:
         ),
         limit=3000,
     )
-    assert result.ok, report(result)
 
 
 def test_what_is_planned_first_is_planned_first() -> None:
-    scenario = Scenario("planned first", before(planned(WALK), begun(STEP)), never_stuck())
+    scenario = tca.Scenario("planned first", before(planned(WALK), begun(STEP)), never_stuck())
     scenario.module("legs").handles(STEP)(lambda _: None)
 
     @scenario.module("planner").handles(WALK)
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         task.command(STEP)
         task.command(STEP)
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         me.goal(WALK, plan_first=True).wait()
 
-    result = explore(scenario)
-    assert result.ok, report(result)
+    good(scenario)
 
 
 # --- resources -------------------------------------------------------------------------------------------------------
 
 
-def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) -> Scenario:
+def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) -> tca.Scenario:
     """Three (without *notes* two) who do not know each other want the legs at the same time."""
-    scenario = Scenario("a crowd", *properties)
+    scenario = tca.Scenario("a crowd", *properties)
     feet = scenario.module("legs", capacity=capacity, **legs)
 
     @feet.handles(STEP)
     @feet.handles(WHERE)
     @feet.handles(NOTE)
-    def act(task: Task) -> int | None:
+    def act(task: tca.Task) -> int | None:
         return 7 if task.message == WHERE.name else None
 
     @scenario.module("first").does
-    def steps(me: Script) -> None:
+    def steps(me: tca.Script) -> None:
         me.command(STEP)
         me.command(STEP, sequential=False, priority=1).wait()
 
     @scenario.module("second").does
-    def asks(me: Script) -> None:
+    def asks(me: tca.Script) -> None:
         assert me.query(WHERE) == 7
 
     if notes:
 
         @scenario.module("third").does
-        def tells(me: Script) -> None:
+        def tells(me: tca.Script) -> None:
             me.inform(NOTE)
             me.inform(NOTE)
 
@@ -139,19 +128,18 @@ def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) 
 @pytest.mark.parametrize("capacity", [1, 2])
 def test_a_resource_is_never_over_capacity(capacity: int, notes: bool) -> None:
     scenario = crowd(at_most(capacity, handled_by("legs")), never_stuck(), capacity=capacity, notes=notes)
-    result = explore(scenario)
-    assert result.ok, report(result)
+    good(scenario)
 
 
 def test_a_resource_is_used_to_its_capacity() -> None:
-    assert explore(crowd(at_most(1, handled_by("legs")), notes=False)).violation is not None
+    found(crowd(at_most(1, handled_by("legs")), notes=False))
 
 
-@pytest.mark.parametrize("notes", [False, pytest.param(True, marks=pytest.mark.soak)])
-def test_nor_when_slots_come_and_go(notes: bool) -> None:
-    scenario = crowd(at_most(1, handled_by("legs")), capacity=1, notes=notes, may_leave=True, arrives_late=True)
-    result = explore(scenario, limit=5000)
-    assert result.ok, report(result)
+@pytest.mark.parametrize("late_too", [False, pytest.param(True, marks=pytest.mark.soak)])
+def test_nor_when_slots_come_and_go(late_too: bool) -> None:
+    legs = {"capacity": 1, "may_leave": True, "arrives_late": late_too}
+    scenario = crowd(at_most(1, handled_by("legs")), notes=late_too, **legs)
+    good(scenario, limit=5000)
 
 
 # --- kills and losses ------------------------------------------------------------------------------------------------
@@ -160,9 +148,8 @@ def test_nor_when_slots_come_and_go(notes: bool) -> None:
 def test_a_killed_subtree_releases_its_waiters() -> None:
     scenario = walking(eventually(achieved(REST)), never_stuck(), before(killed(WALK), never_true))
     scenario.may_kill(WALK)
-    result = explore(scenario)
-    assert result.ok, report(result)
-    assert explore(scenario, never(killed(STEP))).violation is not None  # it is killed with what is under it
+    good(scenario)
+    found(scenario, never(killed(STEP)))
 
 
 def never_true(_: object) -> bool:
@@ -170,20 +157,17 @@ def never_true(_: object) -> bool:
 
 
 def test_a_failed_step_ends_the_walk_and_releases_its_waiters() -> None:
-    result = explore(walking(eventually(achieved(REST)), never_stuck(), slips=True))
-    assert result.ok, report(result)
-    assert explore(walking(eventually(achieved(WALK)), slips=True)).violation is not None
+    good(walking(eventually(achieved(REST)), never_stuck(), slips=True))
+    found(walking(eventually(achieved(WALK)), slips=True))
 
 
+@pytest.mark.soak
 def test_a_lost_module_releases_those_who_wait() -> None:
-    result = explore(walking(eventually(achieved(REST)), never_stuck(), steps=1, may_be_lost=1, comes_back=True))
-    assert result.ok, report(result)
+    good(walking(eventually(achieved(REST)), never_stuck(), steps=1, may_be_lost=1, comes_back=True))
 
 
 def test_without_its_legs_it_waits() -> None:
-    result = explore(walking(never_stuck(), may_be_lost=1))
-    assert result.violation is not None
-    assert "queued" in result.violation.why
+    assert "queued" in found(walking(never_stuck(), may_be_lost=1))
 
 
 # --- who waits for an exception handler is helped by somebody ---------------------------------------------------------
@@ -193,13 +177,134 @@ ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(achieved(STEP)))
 
 @pytest.mark.parametrize("may_leave", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over(may_leave: bool) -> None:
-    result = explore(helped(*ALL_ENDS, may_leave=may_leave))
-    assert result.ok, report(result)
-    assert not explore(helped(never(killed(HIGHER)), may_leave=may_leave)).ok
+    good(helped(*ALL_ENDS, may_leave=may_leave))
+    found(helped(never(killed(HIGHER)), may_leave=may_leave))
 
 
 def test_an_exception_handler_that_is_not_passed_over_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tca_central.failing.failures.pass_over", lambda _central, _handler: None)
-    result = explore(helped(*ALL_ENDS))
+    assert "nobody handles 'higher', and the search does not go on" in found(helped(*ALL_ENDS))
+
+
+# --- locks and reservations -------------------------------------------------------------------------------------------
+
+GRIP = Command("grip")
+
+
+def two_arms(first: str, second: str, *properties: tca.Property) -> tca.Scenario:
+    """Two handlers that each need both of two resources; one locks *first* first, the other *second*."""
+    scenario = tca.Scenario("two arms", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("arm").handles(GRIP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        with task.lock("legs"), task.lock("arm"):
+            pass
+
+    @scenario.module("rester").handles(REST)
+    def rest(task: tca.Task) -> None:
+        with task.lock(first), task.lock(second):
+            pass
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.goal(WALK, "there")
+        me.goal(REST, sequential=False)
+
+    return scenario
+
+
+def both(world: tca.World) -> bool:
+    return len(world.held_by) == 2 and len({claim.sender for claim in world.held_by.values()}) == 1
+
+
+def test_who_locks_in_another_order_may_wait_for_ever() -> None:
+    result = tca.explore(two_arms("arm", "legs", never_stuck()))
     assert result.violation is not None
-    assert "nobody handles 'higher', and the search does not go on" in result.violation.why
+    text = tca.report(result)
+    assert "planner in walk {1} waits to lock arm" in text
+    assert "rester in rest {3} waits to lock legs" in text
+
+
+def test_who_locks_in_one_order_does_not() -> None:
+    good(two_arms("legs", "arm", never_stuck()))
+
+
+def test_it_is_seen_who_has_what() -> None:
+    found(two_arms("legs", "arm", never(both)))
+
+
+def reserved() -> tca.Result:
+    """The planner reserves the legs for its own steps, as long as its walk takes: the promises say that none of the
+    user's comes between."""
+    scenario = tca.Scenario("reserved", never_stuck())
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        task.reserve("legs")
+        task.command(STEP, "one")
+        task.command(STEP, "two")
+
+    @scenario.module("user").does
+    def story(me: tca.Script) -> None:
+        me.goal(WALK, "there")
+        me.command(STEP, "other", sequential=False)
+
+    return tca.explore(scenario)
+
+
+def test_a_reservation_lasts_as_long_as_its_task() -> None:
+    assert reserved().ok
+
+
+def test_a_central_that_lets_others_in_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Resource, "admits", lambda _self, _message: True)
+    result = reserved()
+    assert result.violation is not None
+    assert "was given to 'legs' while planner has it reserved" in tca.report(result)
+
+
+def test_a_lock_of_a_module_that_may_be_lost() -> None:
+    """That it is gone is no mistake of the scenario."""
+    scenario = tca.Scenario("a lost base", never_stuck())
+    scenario.module("legs", may_be_lost=1).handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        with task.lock("legs"):
+            pass
+
+    scenario.module("user").does(lambda me: [me.goal(WALK, "there")])
+    good(scenario)
+
+
+def test_a_property_that_can_not_be_asked_is_a_mistake_in_the_scenario() -> None:
+    with pytest.raises(tca.ScenarioError, match="can't be asked: AttributeError"):
+        tca.explore(two_arms("legs", "arm", never(lambda world: world.taks)))
+
+
+def unlocked(*properties: tca.Property) -> tca.Result:
+    """An operator takes the legs from a planner, whether that has them just then or not."""
+    scenario = tca.Scenario("an operator unlocks", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: tca.Task) -> None:
+        with task.lock("legs"):
+            pass
+
+    scenario.module("user").does(lambda me: [me.goal(WALK, "there")])
+    scenario.module("operator").does(lambda me: [me.unlock("legs")])
+    return tca.explore(scenario)
+
+
+def test_a_handler_fails_that_has_lost_its_lock() -> None:
+    result = unlocked(never(failed(WALK)))
+    assert result.violation is not None
+    assert "lock lost" in tca.report(result)
+
+
+def test_a_handler_that_has_lost_its_lock_comes_to_its_end() -> None:
+    assert unlocked(never_stuck()).ok

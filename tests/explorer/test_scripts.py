@@ -3,37 +3,26 @@
 import contextlib
 import signal
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explorer.scenarios import HEIGHTS, LIFT, NOTE, REST, SLIPPED, STEP, WALK, WHERE
+from explorer.accepting import those
+from explorer.scenarios import HEIGHTS, LIFT, NOTE, REST, SLIPPED, STEP, WALK, WHERE, found, good, slips
 
-from tca_explorer import (
-    Scenario,
-    ScenarioError,
-    Script,
-    Task,
-    achieved,
-    eventually,
-    explore,
-    failed,
-    handled,
-    killed,
-    never,
-    never_stuck,
-    report,
-)
+import tca_explorer as tca
+from tca_explorer import achieved, begun, eventually, failed, handled, killed, never, never_stuck, within
 from tca_explorer.scenario.script_connection import ScriptConnection
-from tca_module import QueryFailed, Refused
+from tca_module import QueryFailed, Refused, Stopped, TaskKilled
 from tca_wire.constraints import sequential_achievement
 from tca_wire.messages.declarations import Command, Goal
 from tca_wire.points import THIS
 from tca_wire.vocabulary import Refusal
 
 
-def one(handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).wait()]) -> Scenario:
+def one(handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).wait()]) -> tca.Scenario:
     """A user who walks, a planner that does it in some way, and others who do what they are told."""
-    scenario = Scenario("one", *properties)
+    scenario = tca.Scenario("one", *properties)
     scenario.module("planner").handles(WALK)(handler)
     scenario.module("user").does(story)
     others = scenario.module("others", capacity=2)
@@ -45,16 +34,15 @@ def one(handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).w
 def test_a_script_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed() -> None:
     scenario = one(lambda task: task.command(STEP).result(), never(failed(WALK)))
     scenario.may_kill(WALK)
-    result = explore(scenario)
-    assert result.ok, report(result)
+    good(scenario)
     scenario.may_kill(STEP)
-    assert not explore(scenario).ok
+    found(scenario)
 
 
 def test_a_script_can_do_what_a_module_can() -> None:
     seen = set()
 
-    def everything(task: Task) -> None:
+    def everything(task: tca.Task) -> None:
         here = task.query(WHERE)
         heights = task.multi_query(HEIGHTS)
         task.inform(NOTE, here)
@@ -64,84 +52,80 @@ def test_a_script_can_do_what_a_module_can() -> None:
             task.constrain(sequential_achievement(first.id, second.id))
         seen.add(f"{here} {heights} {second.wait()}")
 
-    result = explore(one(everything, eventually(achieved(WALK)), never_stuck()))
-    assert result.ok, report(result)
+    good(one(everything, eventually(achieved(WALK)), never_stuck()))
     assert seen == {"7 [7] done"}
 
 
 def test_every_choice_is_explored() -> None:
-    def chooses(task: Task) -> None:
+    def chooses(task: tca.Task) -> None:
         if task.choose("well", "badly") == "badly":
             raise SLIPPED(text="ice")
 
     scenario = one(chooses)
-    bad, good = explore(scenario, never(failed(WALK))), explore(scenario, never(achieved(WALK)))
+    bad, good = tca.explore(scenario, never(failed(WALK))), tca.explore(scenario, never(achieved(WALK)))
     assert bad.violation is not None
     assert good.violation is not None
-    assert "planner in walk {1} chooses badly, fails: slipped" in report(bad)
-    assert "planner in walk {1} chooses well, returns" in report(good)
+    assert "planner in walk {1} chooses badly, fails: slipped" in tca.report(bad)
+    assert "planner in walk {1} chooses well, returns" in tca.report(good)
 
 
 def test_a_handler_may_hang() -> None:
-    result = explore(one(lambda task: task.hang(), never_stuck()))
-    assert "planner in walk {1} never goes on" in report(result)
+    result = tca.explore(one(lambda task: task.hang(), never_stuck()))
+    assert "planner in walk {1} never goes on" in tca.report(result)
 
 
 def test_a_killed_handler_is_told() -> None:
-    def obeys(task: Task) -> None:
+    def obeys(task: tca.Task) -> None:
         while not task.cancelled:
             task.query(WHERE)
 
     scenario = one(obeys, never_stuck(), eventually(killed(WALK)), story=lambda me: [me.goal(WALK).kill()])
-    assert explore(scenario, limit=300).violation is None
+    assert tca.explore(scenario, limit=150).violation is None
     deaf = one(lambda task: task.command(STEP) and None, never(handled(STEP)), story=lambda me: [me.goal(WALK).kill()])
-    assert explore(deaf).violation is not None
+    found(deaf)
 
 
 def test_a_failed_query_is_an_error_in_the_script() -> None:
-    def asks(task: Task) -> None:
+    def asks(task: tca.Task) -> None:
         with pytest.raises(QueryFailed, match="query 'where' failed: slipped"):
             task.query(WHERE)
         task.command(STEP)
 
-    def slips(_: Task) -> None:
-        raise SLIPPED(text="ice")
-
     scenario = one(asks, never_stuck(), eventually(handled(STEP)))
     scenario.module("newest").handles(WHERE)(slips)
-    assert explore(scenario).ok
+    good(scenario)
     careless = one(lambda task: task.query(WHERE), eventually(failed(WALK)))
     careless.module("newest").handles(WHERE)(slips)
-    assert explore(careless).ok
+    good(careless)
 
 
 def test_a_refusal_can_be_caught() -> None:
     refusals = set()
 
-    def circle(task: Task) -> None:
+    def circle(task: tca.Task) -> None:
         first, second = task.command(STEP), task.command(STEP)
         try:
             task.constrain(sequential_achievement(second.id, first.id))
         except Refused as error:
             refusals.add(error.refusal)
 
-    assert explore(one(circle, never_stuck())).ok
+    good(one(circle, never_stuck()))
     assert refusals == {Refusal.TOO_LATE}
 
 
-def uses_what_nobody_handles(task: Task) -> None:
+def uses_what_nobody_handles(task: tca.Task) -> None:
     task.command(LIFT)
 
 
-def asks_for_a_circle(task: Task) -> None:
+def asks_for_a_circle(task: tca.Task) -> None:
     task.goal(WALK, constraints=[sequential_achievement(THIS, THIS)])
 
 
-def sends_the_wrong_way(task: Task) -> None:
+def sends_the_wrong_way(task: tca.Task) -> None:
     task.goal(STEP)  # type: ignore[arg-type]
 
 
-def breaks(task: Task) -> None:
+def breaks(task: tca.Task) -> None:
     task.query(WHERE)
     raise KeyError("left")
 
@@ -158,14 +142,14 @@ def breaks(task: Task) -> None:
     ],
 )
 def test_what_cannot_be_played_is_named(handler: Any, words: str) -> None:
-    with pytest.raises(ScenarioError, match=words):
-        explore(one(handler))
+    with pytest.raises(tca.ScenarioError, match=words):
+        tca.explore(one(handler))
 
 
 def test_a_script_that_catches_everything_and_goes_on_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     """Also what ends its runs here: no limit would come, as nothing that is raised in it leaves it."""
 
-    def walk(task: Task) -> object:
+    def walk(task: tca.Task) -> object:
         while True:
             with contextlib.suppress(BaseException):
                 try:
@@ -173,8 +157,8 @@ def test_a_script_that_catches_everything_and_goes_on_is_named(capsys: pytest.Ca
                 except:  # noqa: E722
                     print("asks again")
 
-    with pytest.raises(ScenarioError) as found:
-        explore(one(walk))
+    with pytest.raises(tca.ScenarioError) as found:
+        tca.explore(one(walk))
     line = walk.__code__.co_firstlineno + 4
     assert f"the script of 'walk' in planner ({__file__}, line {line}): it catches what ends a run" in str(found.value)
     assert "write 'except Exception:' instead" in str(found.value)
@@ -182,17 +166,17 @@ def test_a_script_that_catches_everything_and_goes_on_is_named(capsys: pytest.Ca
 
 
 def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         while True:
             with contextlib.suppress(Exception):
                 task.choose()
 
-    with pytest.raises(ScenarioError, match=r"nothing to choose from.*; it catches this, and goes on for ever"):
-        explore(one(walk))
+    with pytest.raises(tca.ScenarioError, match=r"nothing to choose from.*; it catches this, and goes on for ever"):
+        tca.explore(one(walk))
 
 
 def test_a_script_may_catch_everything_for_a_while() -> None:
-    def walk(task: Task) -> object:
+    def walk(task: tca.Task) -> object:
         for _ in range(3):
             try:
                 return task.query(WHERE) and None
@@ -200,7 +184,7 @@ def test_a_script_may_catch_everything_for_a_while() -> None:
                 pass
         return None
 
-    assert explore(one(walk, never_stuck())).ok
+    good(one(walk, never_stuck()))
 
 
 def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration() -> None:
@@ -211,12 +195,12 @@ def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration()
         if states > 100:
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
-    scenario = Scenario("long")
+    scenario = tca.Scenario("long")
     for name in "abcdefgh":
         scenario.module(name).does(lambda me: [me.inform(NOTE, 1) for _ in range(9)])
     scenario.module("others").handles(NOTE)(lambda _: None)
     with pytest.raises(KeyboardInterrupt):
-        explore(scenario, watch=watch)
+        tca.explore(scenario, watch=watch)
     for thread in set(threading.enumerate()) - began:
         thread.join(timeout=30)
         assert not thread.is_alive()
@@ -225,19 +209,19 @@ def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration()
 def test_a_script_that_remembers_is_found_out() -> None:
     runs: list[int] = []
 
-    def remembers(task: Task) -> None:
+    def remembers(task: tca.Task) -> None:
         runs.append(1)
         if len(runs) == 1:
             task.query(WHERE)
         task.command(STEP)
         task.query(WHERE)
 
-    with pytest.raises(ScenarioError, match="does not do the same when it is run again"):
-        explore(one(remembers))
+    with pytest.raises(tca.ScenarioError, match="does not do the same when it is run again"):
+        tca.explore(one(remembers))
 
 
 def test_scenarios_are_checked_when_they_are_written() -> None:
-    scenario = Scenario("bad")
+    scenario = tca.Scenario("bad")
     module = scenario.module("planner")
     module.handles(WALK)(lambda _: None)
     module.does(lambda _: None)
@@ -248,12 +232,140 @@ def test_scenarios_are_checked_when_they_are_written() -> None:
         (lambda: module.handles(REST, resource="arm"), "has no resource 'arm'"),
         (lambda: module.does(lambda _: None), "does something already"),
         (lambda: scenario.may_kill(NOTE), "wants a goal or command"),
-        (lambda: Script(ScriptConnection(())).choose(), "nothing to choose from"),
+        (lambda: tca.Script(ScriptConnection(())).choose(), "nothing to choose from"),
     ):
-        with pytest.raises(ScenarioError, match=words):
+        with pytest.raises(tca.ScenarioError, match=words):
             bad()
     other = scenario.module("other")
     other.handles(Command(WALK.name))(lambda _: None)
-    with pytest.raises(ScenarioError, match="'walk' is a command in other and a goal elsewhere"):
-        explore(scenario)
+    with pytest.raises(tca.ScenarioError, match="'walk' is a command in other and a goal elsewhere"):
+        tca.explore(scenario)
     assert Goal(WALK.name).name == WALK.name
+
+
+# --- whoever is killed while it asks ends at once, and is woken once, as on the robot ---------------------------------
+
+HELD = "arm"
+
+WAITS: dict[str, Callable[[tca.Task], Any]] = {
+    "query": lambda task: task.query(WHERE),
+    "multi-query": lambda task: task.multi_query(HEIGHTS),
+    "receive": lambda task: task.query_send(WHERE).receive(),
+    "a stranger's task": lambda task: [step.wait() for step in task.tasks(STEP)],
+    "subtask": lambda task: task.command(STEP).wait(),
+    "result": lambda task: task.command(STEP).result(),
+    "lock": lambda task: task.lock(HELD),
+    "until handled": lambda task: task.wait_until_handled(LIFT),
+}
+
+
+def some(*names: str) -> list[Any]:
+    return [pytest.param(how, marks=[] if how in names else [pytest.mark.soak]) for how in WAITS]
+
+
+def walk_is_killed(world: tca.World) -> object:
+    return those(world, WALK, "is_killed")
+
+
+def returned(world: tca.World) -> object:
+    """What it waits for may go on for ever, and if that is under it, it ends no sooner."""
+    return [walk for walk in those(world, WALK, "is_killed") if not walk.is_handled]
+
+
+def asking(handler: Callable[[tca.Task], Any], *properties: Any, **planner: Any) -> tca.Scenario:
+    """A walk that asks, and may be killed; nobody answers it, ends what it waits for or frees the arm."""
+    scenario = tca.Scenario("asking", *properties)
+    scenario.module("planner", **planner).handles(WALK)(handler)
+    others = scenario.module("others", capacity=3)
+    for message in (WHERE, HEIGHTS, STEP):
+        others.handles(message)(lambda task: task.hang())
+    scenario.module("arm").handles(REST)(lambda _: None)
+    scenario.module("notes").handles(NOTE)(lambda _: None)
+    scenario.module("boats", arrives_late=True).handles(LIFT)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Any) -> None:
+        me.lock(HELD)
+        me.command(STEP, sequential=False)
+        me.goal(WALK, sequential=False)
+
+    if not planner:
+        scenario.may_kill(WALK)
+    return scenario
+
+
+@pytest.mark.parametrize("how", some("query", "a stranger's task", "lock", "until handled"))
+def test_whoever_is_killed_while_it_asks_ends_at_once(how: str) -> None:
+    scenario = asking(WAITS[how], within(0, walk_is_killed, returned), never(failed(WALK)))
+    result = tca.explore(scenario, limit=20_000)
+    assert result.ok, tca.report(result)
+
+
+@pytest.mark.parametrize("how", some("query", "lock"))
+def test_who_was_woken_may_ask_further(how: str) -> None:
+    def cleans_up(task: tca.Task) -> None:
+        try:
+            WAITS[how](task)
+        except TaskKilled:
+            assert task.cancelled
+            task.wait_until_handled(NOTE)
+            task.inform(NOTE)
+            raise
+
+    result = tca.explore(asking(cleans_up, never(begun(NOTE))), limit=20_000)
+    assert result.violation is not None
+    assert "somebody kills walk" in tca.report(result)
+
+
+def test_who_has_read_that_it_is_killed_is_not_woken() -> None:
+    def waits_on(task: tca.Task) -> None:
+        if task.cancelled:
+            task.query(WHERE)
+
+    result = tca.explore(asking(waits_on, within(0, walk_is_killed, returned)), limit=20_000)
+    assert not result.ok
+    assert "waits for the answer to query where" in tca.report(result)
+
+
+# --- its module ends --------------------------------------------------------------------------------------------------
+
+
+def lost(world: tca.World) -> object:
+    return [walk for walk in those(world, WALK, "failure") if walk.failure == "module lost"]
+
+
+def gone(world: tca.World) -> bool:
+    return "planner" not in world.modules
+
+
+@pytest.mark.parametrize("how", some("lock"))
+def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
+    """With Stopped, as on the robot: the walk fails, and the module can go."""
+    seen = set()
+
+    def asks(task: tca.Task) -> None:
+        try:
+            WAITS[how](task)
+        except Stopped:
+            seen.add(task.cancelled)
+            task.wait_until_handled(NOTE)
+            raise
+
+    result = tca.explore(asking(asks, may_leave=True), limit=20_000)
+    assert result.ok, tca.report(result)
+    assert seen == {True}
+    for never_comes in (lost, gone):
+        assert tca.explore(asking(asks, never(never_comes), may_leave=True), limit=20_000).violation is not None
+
+
+def test_who_knows_that_its_module_ends_and_returns_may_have_done_half_of_it() -> None:
+    def returns(task: tca.Task) -> None:
+        if task.cancelled:
+            return
+        try:
+            task.query(WHERE)
+        except Stopped:
+            return
+
+    result = tca.explore(asking(returns, never(lost), may_leave=True), limit=20_000)
+    assert result.violation is not None

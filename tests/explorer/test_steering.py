@@ -5,36 +5,17 @@ import re
 from typing import Any
 
 import pytest
-from explorer.recoveries import (
-    BATTERY,
-    CHECK,
-    GAUGE,
-    HIGHER,
-    IS_LOW,
-    RECHARGE,
-    ladder,
-    late,
-    polling,
-    suspending,
-    tapped,
-    tapped_late,
-)
-from explorer.scenarios import REST, SLIPPED, STEP, WALK
+from explorer import scenarios
+from explorer.scenarios import BATTERY, CHECK, GAUGE, HIGHER, IS_LOW, RECHARGE, REST, SLIPPED, STEP, WALK, found, good
 
+import tca_explorer as tca
 from tca_explorer import (
-    Result,
-    Scenario,
-    Script,
-    Seen,
-    Task,
-    World,
     achieved,
     at_most,
     at_most_in_all,
     before,
     begun,
     eventually,
-    explore,
     failed,
     fired,
     handled,
@@ -42,26 +23,11 @@ from tca_explorer import (
     never,
     never_stuck,
     recovering,
-    report,
     retried,
     sent,
     suspended,
 )
 from tca_module import Condition, Refused, Timeout, this
-
-
-def good(scenario: Scenario, *properties: Any) -> Result:
-    result = explore(scenario, *properties)
-    assert result.ok, report(result)
-    return result
-
-
-def found(scenario: Scenario, *properties: Any) -> str:
-    """The counterexample; there is one."""
-    result = explore(scenario, *properties)
-    assert result.violation is not None, report(result)
-    return report(result)
-
 
 # --- wiretaps --------------------------------------------------------------------------------------------------------
 
@@ -69,30 +35,30 @@ def found(scenario: Scenario, *properties: Any) -> str:
 @pytest.mark.parametrize("condition", [Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING])
 def test_a_before_tap_holds_what_it_taps_until_its_listener_is_done(condition: Condition) -> None:
     in_turn = [before(achieved(CHECK, number), begun(STEP, number)) for number in (1, 2)]
-    good(tapped(condition), *in_turn, at_most_in_all(2, fired(CHECK)), never_stuck())
+    good(scenarios.tapped(condition), *in_turn, at_most_in_all(2, fired(CHECK)), never_stuck())
 
 
 @pytest.mark.parametrize("safety_arrives_late", [False, True])
 def test_a_tap_that_comes_while_a_step_waits_holds_it(*, safety_arrives_late: bool) -> None:
-    scenario = tapped_late(safety_arrives_late=safety_arrives_late)
+    scenario = scenarios.tapped_late(safety_arrives_late=safety_arrives_late)
     good(scenario, before(achieved(CHECK, 1), begun(STEP, 1)), at_most_in_all(1, fired(CHECK)), never_stuck())
     assert "queued: step {2} for legs" in found(scenario, never(fired(CHECK)))
 
 
 def test_a_when_tap_holds_the_end() -> None:
-    good(tapped(Condition.WHEN_ACHIEVED), before(achieved(CHECK, 1), achieved(STEP, 1)), never_stuck())
+    good(scenarios.tapped(Condition.WHEN_ACHIEVED), before(achieved(CHECK, 1), achieved(STEP, 1)), never_stuck())
 
 
 @pytest.mark.parametrize("condition", [Condition.WHILE_ACHIEVING, Condition.AFTER_ACHIEVED])
 def test_while_and_after_hold_nothing(condition: Condition) -> None:
-    story = found(tapped(condition), before(achieved(CHECK, 1), achieved(STEP, 2)))
+    story = found(scenarios.tapped(condition), before(achieved(CHECK, 1), achieved(STEP, 2)))
     assert "tapped: {1} for step {2}: check {3}" in story
 
 
 # --- failures --------------------------------------------------------------------------------------------------------
 
 
-def is_handled_twice(world: World) -> list[Seen]:
+def is_handled_twice(world: tca.World) -> list[tca.Seen]:
     handlers = [seen.message for seen in world.messages if seen.is_handled]
     return [seen for seen in world.messages if seen.is_handled and handlers.count(seen.message) > 1]
 
@@ -105,24 +71,23 @@ def test_a_recovery_ladder_always_ends() -> None:
         at_most_in_all(4, begun_anew),
         at_most(1, recovering(STEP)),
     )
-    result = good(ladder(), *bounds, never(is_handled_twice), never_stuck())
+    result = good(scenarios.ladder(), *bounds, never(is_handled_twice), never_stuck())
     assert result.longest is not None  # no run goes on for ever
-    found(ladder(), never(failed(WALK)))
-    found(ladder(), eventually(retried(STEP)))  # it may go well
+    found(scenarios.ladder(), eventually(retried(STEP)))  # it may go well
 
 
-def begun_anew(world: World) -> list[Seen]:
+def begun_anew(world: tca.World) -> list[tca.Seen]:
     """Steps that were sent or retried with the last action."""
     return [seen for seen in world.tasks if seen.message == STEP.name and (seen.is_new or seen.is_retried)]
 
 
 def test_a_ladder_without_an_end_is_found() -> None:
-    story = found(ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
+    story = found(scenarios.ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
     assert "here it comes to 3: walk {2}" in story
 
 
 def test_the_steps_of_a_recovery_can_be_read() -> None:
-    story = found(ladder(), never(failed(WALK)))
+    story = found(scenarios.ladder(), never(failed(WALK)))
     for line in (
         "1. user attaches higher for slipped to all step",
         '2. user sends goal walk "straight", with replan for slipped',
@@ -134,13 +99,13 @@ def test_the_steps_of_a_recovery_can_be_read() -> None:
         assert line in story, story
 
 
-def retried_while_running(*properties: Any) -> Scenario:
+def retried_while_running(*properties: Any) -> tca.Scenario:
     """Somebody retries a step whose handler runs."""
-    scenario = Scenario("retried while it runs", *properties)
+    scenario = tca.Scenario("retried while it runs", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         step = me.command(STEP)
         with contextlib.suppress(Refused):  # it has ended
             step.retry(STEP, "again")
@@ -156,15 +121,15 @@ def test_a_retried_task_is_never_handled_twice_at_once() -> None:
 
 
 def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
-    scenario = Scenario("raised from outside")
+    scenario = tca.Scenario("raised from outside")
     scenario.module("legs").handles(STEP)(lambda _: None)
 
     @scenario.module("expert").handles(HIGHER)
-    def higher(task: Task) -> None:
+    def higher(task: tca.Task) -> None:
         task.trouble.failing.kill()
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         step = me.command(STEP, on_failure=[(SLIPPED, HIGHER)])
         step.fail(SLIPPED(text="seen from afar"))
 
@@ -177,12 +142,14 @@ def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
 
 def test_a_suspended_subtree_starts_nothing() -> None:
     """That nothing suspended is given to a handler is checked of every scenario; here something is suspended."""
-    result = good(suspending(), never(starts_suspended), before(achieved(WALK), achieved(REST)), never_stuck())
+    result = good(
+        scenarios.suspending(), never(starts_suspended), before(achieved(WALK), achieved(REST)), never_stuck()
+    )
     assert result.longest is not None
-    assert "somebody suspends walk {1}" in found(suspending(), never(suspended(STEP)))
+    assert "somebody suspends walk {1}" in found(scenarios.suspending(), never(suspended(STEP)))
 
 
-def starts_suspended(world: World) -> list[Seen]:
+def starts_suspended(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in world.tasks if seen.is_suspended and seen.is_new and seen.is_begun]
 
 
@@ -190,37 +157,36 @@ def starts_suspended(world: World) -> list[Seen]:
 
 
 def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_hanging() -> None:
-    assert good(late(), eventually(achieved(REST)), never_stuck()).longest is not None
-    assert good(late(handled=True), eventually(achieved(REST)), never_stuck()).longest is not None
-    assert "5 s pass" in found(late(), never(killed(STEP)))
-    found(late(), never(achieved(STEP)))  # and in time
-
-
-def test_a_retried_task_has_the_deadline_that_it_had() -> None:
-    """It is over: what is retried has no new one."""
-    good(late(handled=True), at_most_in_all(1, retried(STEP)))
+    assert good(scenarios.late(), eventually(achieved(REST)), never_stuck()).longest is not None
+    is_retried_once = at_most_in_all(1, retried(STEP))  # the deadline is over: what is retried has no new one
+    assert (
+        good(scenarios.late(handled=True), eventually(achieved(REST)), is_retried_once, never_stuck()).longest
+        is not None
+    )
+    assert "5 s pass" in found(scenarios.late(), never(killed(STEP)))
+    found(scenarios.late(), never(achieved(STEP)))  # and in time
 
 
 @pytest.mark.parametrize(
     ("options", "fires"), [({"maximum": 2}, 2), ({"maximum": 1, "fire_every": 2}, 1), ({"duration": 2.5}, 3)]
 )
 def test_a_polling_monitor_acts_so_often_and_no_more(options: dict[str, Any], fires: int) -> None:
-    good(polling(BATTERY, **options), at_most_in_all(fires, fired(RECHARGE)), never_stuck())
-    found(polling(BATTERY, **options), at_most_in_all(fires - 1, fired(RECHARGE)))
+    good(scenarios.polling(BATTERY, **options), at_most_in_all(fires, fired(RECHARGE)), never_stuck())
+    found(scenarios.polling(BATTERY, **options), at_most_in_all(fires - 1, fired(RECHARGE)))
 
 
 def test_what_comes_round_for_ever_comes_to_the_same_state_again() -> None:
-    result = good(polling(GAUGE, for_ever=True), at_most(1, sent(GAUGE)))
+    result = good(scenarios.polling(GAUGE, for_ever=True), at_most(1, sent(GAUGE)))
     assert result.longest is None
     assert result.states < 10
 
 
 def test_nothing_starts_before_its_delay() -> None:
-    scenario = Scenario("delays", never_stuck())
+    scenario = tca.Scenario("delays", never_stuck())
     scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         first = me.command(STEP, 1, delay=1.0)
         me.command(STEP, 2, sequential=False, constraints=[first.handling.end + 2.0 <= this.achieving.start])
 
@@ -231,11 +197,11 @@ def test_nothing_starts_before_its_delay() -> None:
 
 
 def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
-    scenario = Scenario("impatient")
+    scenario = tca.Scenario("impatient")
     scenario.module("legs").handles(STEP)(lambda _: None)
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         step = me.command(STEP)
         try:
             step.wait(timeout=2.0)
@@ -250,12 +216,12 @@ def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
 # --- kills -----------------------------------------------------------------------------------------------------------
 
 
-def parting(*properties: Any) -> Scenario:
+def parting(*properties: Any) -> tca.Scenario:
     """A walk that is killed some time after its planning, and leaves things safe."""
-    scenario = Scenario("parting", *properties)
+    scenario = tca.Scenario("parting", *properties)
 
     @scenario.module("planner").handles(WALK)
-    def walk(task: Task) -> None:
+    def walk(task: tca.Task) -> None:
         task.ref.on_termination(REST)
         task.ref.kill(after=task.planning.end, delay=1.0)
         task.command(STEP)
@@ -266,7 +232,7 @@ def parting(*properties: Any) -> Scenario:
     return scenario
 
 
-def walk_is_over(world: World) -> list[Seen]:
+def walk_is_over(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in world.tasks if seen.message == WALK.name and seen.is_killed and seen.is_over]
 
 
@@ -277,7 +243,7 @@ def test_what_is_killed_leaves_things_safe() -> None:
 
 
 def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
-    scenario = Scenario("watched from outside")
+    scenario = tca.Scenario("watched from outside")
     legs, user, watcher = scenario.module("legs"), scenario.module("user"), scenario.module("watcher")
     legs.handles(STEP)(lambda _: None)
     scenario.module("body").handles(IS_LOW)(lambda _: False)
@@ -285,7 +251,7 @@ def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
     too_late = []
 
     @watcher.does
-    def watch(me: Script) -> None:
+    def watch(me: tca.Script) -> None:
         for step in me.tasks(STEP):
             try:
                 me.under(step).monitor(GAUGE, period=1.0)

@@ -8,41 +8,23 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explorer.accepting import EVER, at_once, good, over, those
-from explorer.scenarios import HEIGHTS, NOTE, STEP, WALK, WHERE
+from explorer.accepting import EVER, LOST, at_once, holds, over, those
+from explorer.scenarios import HEIGHTS, NOTE, STEP, WALK, WHERE, nothing
 from sampling import one_in
 
-from tca_explorer import (
-    Scenario,
-    Script,
-    Task,
-    World,
-    accepted,
-    at_most,
-    at_most_in_all,
-    eventually,
-    handled,
-    never,
-    sent,
-    within,
-)
+import tca_explorer as tca
+from tca_explorer import accepted, at_most, at_most_in_all, eventually, handled, never, sent, within
 from tca_module import QueryFailed, Refused, Timeout
 from tca_wire.messages.declarations import Broadcast, Variable
 
 ALARM: Broadcast[Any] = Broadcast("alarm", Any)
 POSITION: Variable[int] = Variable("position", int)
 
-LOST: dict[str, Any] = {"may_be_lost": 1, "comes_back": True}
-
-
-def nothing(*_: object) -> None:
-    """What a handler does whose work does not matter."""
-
 
 # --- messages --------------------------------------------------------------------------------------------------------
 
 
-def asks(me: Script, what: Callable[[Script], Any]) -> None:
+def asks(me: tca.Script, what: Callable[[tca.Script], Any]) -> None:
     """Note what came of it."""
     try:
         me.inform(NOTE, str(what(me)))
@@ -50,13 +32,13 @@ def asks(me: Script, what: Callable[[Script], Any]) -> None:
         me.inform(NOTE, type(error).__name__)
 
 
-def given_up(me: Script) -> str:
+def given_up(me: tca.Script) -> str:
     question = me.query_send(WHERE)
     question.cancel()
     return "given up"
 
 
-ASKED: dict[str, Callable[[Script], Any]] = {
+ASKED: dict[str, Callable[[tca.Script], Any]] = {
     "query": lambda me: me.query(WHERE),
     "query with a timeout": lambda me: me.query(WHERE, timeout=2.0),
     "query that is given up": given_up,
@@ -73,28 +55,28 @@ HOWS: dict[str, dict[str, Any]] = {"lost": LOST, "leaves": {"may_leave": True}, 
 @pytest.mark.parametrize(("name", "how"), one_in(3, ASKED, HOWS))
 def test_whoever_asks_is_answered(name: str, how: str) -> None:
     """What waits for who handles it waits as long as nobody does: one of the two maps stays."""
-    scenario = Scenario(name)
+    scenario = tca.Scenario(name)
     for module in (scenario.module("map"), scenario.module("other map", **HOWS[how])):
         for message in (WHERE, HEIGHTS):
             module.handles(message)(lambda _: 7)
     scenario.module("ear").handles(NOTE)(nothing)
     scenario.module("user").does(lambda me: asks(me, ASKED[name]))
-    good(scenario, eventually(over(NOTE)))
+    holds(scenario, eventually(over(NOTE)))
 
 
 def test_what_is_told_is_handled() -> None:
     """By all, of a broadcast. Who dies while he handles it has had it: nobody is told it twice."""
-    scenario = Scenario("telling")
+    scenario = tca.Scenario("telling")
     for name in ("ear", "other ear"):
         scenario.module(name, **(LOST if name == "ear" else {})).handles(ALARM)(nothing)
     scenario.modules["other ear"].handles(NOTE)(nothing)
 
     @scenario.module("user", may_be_lost=1).does
-    def tell(me: Script) -> None:
+    def tell(me: tca.Script) -> None:
         me.broadcast(ALARM, "fire")
         me.inform(NOTE, "told")
 
-    good(
+    holds(
         scenario,
         within(EVER, sent(NOTE), over(NOTE)),
         within(EVER, sent(ALARM), handled(ALARM)),
@@ -107,52 +89,52 @@ def test_what_is_told_is_handled() -> None:
 
 def test_a_value_that_was_set_comes_to_all_who_watch() -> None:
     """Also to those who come later, or again; whoever set it may be gone."""
-    scenario = Scenario("watching")
+    scenario = tca.Scenario("watching")
     scenario.module("display", arrives_late=True, **LOST).handles(POSITION)(nothing)
 
     @scenario.module("sensor", may_be_lost=1).does
-    def sense(me: Script) -> None:
+    def sense(me: tca.Script) -> None:
         me.set_variable(POSITION, 1)
 
-    good(scenario, within(EVER, accepted("set_variable"), handled(POSITION, 1)))
+    holds(scenario, within(EVER, accepted("set_variable"), handled(POSITION, 1)))
 
 
 def test_a_value_is_swapped_by_one_of_two() -> None:
-    scenario = Scenario("swapping")
+    scenario = tca.Scenario("swapping")
     scenario.module("ear").handles(NOTE)(nothing)
 
     @scenario.module("keeper").at_start
-    def begin(me: Script) -> None:
+    def begin(me: tca.Script) -> None:
         me.set_variable(POSITION, 0)
 
     for name in ("one", "other"):
 
         @scenario.module(name).does
-        def swap(me: Script) -> None:
+        def swap(me: tca.Script) -> None:
             me.inform(NOTE, me.swap_variable(POSITION, 1))
 
-    good(scenario, at_most_in_all(1, sent(NOTE, 0)), eventually(sent(NOTE, 0)), eventually(sent(NOTE, 1)))
+    holds(scenario, at_most_in_all(1, sent(NOTE, 0)), eventually(sent(NOTE, 0)), eventually(sent(NOTE, 1)))
 
 
 # --- resources -------------------------------------------------------------------------------------------------------
 
 
-def locked(task: Task) -> None:
+def locked(task: tca.Task) -> None:
     with task.lock("legs"):
         pass
 
 
-def locked_in_time(task: Task) -> None:
+def locked_in_time(task: tca.Task) -> None:
     with contextlib.suppress(Timeout), task.lock("legs", timeout=1.0):
         pass
 
 
-def reserved(task: Task) -> None:
+def reserved(task: tca.Task) -> None:
     with task.reserve("legs"):
         task.command(STEP, "mine").wait()
 
 
-def reserved_as_long_as_it_takes(task: Task) -> None:
+def reserved_as_long_as_it_takes(task: tca.Task) -> None:
     task.reserve("legs")
     task.command(STEP, "mine")
 
@@ -166,29 +148,29 @@ CLAIMS = {
 LOSES = ("nothing", "its claim", "planner", "legs")
 
 
-def given(world: World) -> bool:
+def given(world: tca.World) -> bool:
     """Who wanted a resource has it; or he is told, as he may be by his own end."""
     return any(held.sender.startswith("planner") for held in world.held_by.values()) or not going_on(world)
 
 
-def going_on(world: World) -> bool:
+def going_on(world: tca.World) -> bool:
     return any(not (walk.is_over or walk.is_killed) for walk in those(world, WALK))
 
 
-def kept_too_long(world: World) -> bool:
+def kept_too_long(world: tca.World) -> bool:
     return bool(world.held_by) and not those(world, WALK)
 
 
 @pytest.mark.parametrize(("claim", "loses"), one_in(4, CLAIMS, LOSES))
 def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses: str) -> None:
     """What waits behind him is done in the end, too, whatever becomes of him and his resource."""
-    scenario = Scenario(f"{claim}, and loses {loses}")
+    scenario = tca.Scenario(f"{claim}, and loses {loses}")
     planner, legs = (scenario.module(name, **(LOST if name == loses else {})) for name in ("planner", "legs"))
     planner.handles(WALK)(CLAIMS[claim])
     legs.handles(STEP)(nothing)
 
     @scenario.module("user").does
-    def story(me: Script) -> None:
+    def story(me: tca.Script) -> None:
         me.goal(WALK)
         me.command(STEP, "others'", sequential=False)
 
@@ -203,4 +185,4 @@ def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses
         properties.append(at_once("unlock", lambda world: not world.held_by))
     if loses in ("nothing", "its claim"):
         scenario.may_kill(WALK)
-    good(scenario, *properties)
+    holds(scenario, *properties)

@@ -13,7 +13,7 @@ from tca_wire.vocabulary import Scope
 START = Moment.START_ACHIEVING
 
 
-@pytest.mark.parametrize("size", [12_000, pytest.param(100_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("size", [8_000, pytest.param(100_000, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("deep", [False, True], ids=["wide", "deep"])
 def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bool, size: int) -> None:
     bench = Steered()

@@ -112,6 +112,6 @@ def blocking(taken: list[tuple[str, int, int, int]]) -> Told:
 
 
 @given(steps)
-@settings(max_examples=180)
+@settings(max_examples=130)
 def test_the_journal_says_who_waits(taken: list[tuple[str, int, int, int]]) -> None:
     blocking(taken)

@@ -88,7 +88,7 @@ def _assert_told(run: Run, failed: Failing, time: float) -> None:
 
 
 @given(st.lists(operation, max_size=50))
-@settings(max_examples=50)
+@settings(max_examples=38)
 def test_no_cause_comes_later_than_its_effect(operations: list[tuple[str, int, int, int, int]]) -> None:
     player = FoldedPlayer()
     life = Life(player)
@@ -98,7 +98,7 @@ def test_no_cause_comes_later_than_its_effect(operations: list[tuple[str, int, i
 
 
 @given(steps)
-@settings(max_examples=40)
+@settings(max_examples=30)
 def test_nor_of_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
     life = Told()
     life.hello("operator")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 from central.player import Player, before, point
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.test_deadlocks import Blocking, free_handlers
 
@@ -272,8 +272,14 @@ def what_is_named_helps(life: Life, node: Node) -> None:
     pytest.fail(f"{node} was not reached by what was named: {told[:20]}")
 
 
+@example(
+    [("send", 0, 0, 0), ("send", 1, 0, 0), ("send", 1, 0, 1), ("return", 0, 0, 0), ("kill", 1, 0, 0)]
+)  # as it runs
+@example(
+    [("send", 0, 0, 0), ("send", 0, 34, 0), ("return", 0, 0, 0), ("retry", 0, 0, 0), ("send", 0, 0, 0)]
+)  # or again
 @given(steps)
-@settings(max_examples=40)
+@settings(max_examples=30)
 def test_what_is_named_is_what_is_waited_for(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 

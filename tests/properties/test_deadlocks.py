@@ -156,7 +156,7 @@ def waits_in(slot: Connection, delivery: Delivery) -> bool:
 
 
 @given(steps)
-@settings(max_examples=60)
+@settings(max_examples=45)
 def test_what_is_called_a_deadlock_would_never_have_ended(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 
@@ -169,7 +169,7 @@ def test_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
 
 
 @given(steps, st.integers(1, 6))
-@settings(max_examples=90)
+@settings(max_examples=65)
 def test_a_search_that_is_interrupted_by_events_finds_the_same(
     taken: list[tuple[str, int, int, int]], few: int
 ) -> None:

@@ -121,7 +121,7 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
 
 
 @given(steps)
-@settings(max_examples=50)
+@settings(max_examples=40)
 def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 
@@ -134,7 +134,7 @@ def test_everything_ends_in_many_lives(taken: list[tuple[str, int, int, int]]) -
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=16)
+@settings(max_examples=12)
 def test_lives_of_all_constructs_end(seed: int) -> None:
     life = Mixed()
     life.go_on(seed, 100)

@@ -21,7 +21,7 @@ from tca_wire.journal.facts import Entry
 
 
 @given(st.lists(operation, max_size=60), st.integers(1, 5))
-@settings(max_examples=25)
+@settings(max_examples=18)
 def test_exports_of_a_random_life(operations: list[tuple[str, int, int, int, int]], tick: int) -> None:
     life = Life(Player(check=False))
     for name, *numbers in operations:

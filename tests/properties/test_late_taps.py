@@ -68,7 +68,7 @@ class CheckedLife(JudgedLife):
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=10, phases=NO_SMALLER_SEED)
+@settings(max_examples=7, phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_about_wiretaps_that_come_late(seed: int) -> None:
     CheckedLife().go_on(seed, 300)
 

@@ -69,37 +69,27 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
         assert seen.is_own_will(path.start), f"the path of {task} begins too late\n{said}"
 
 
-@given(steps)
-@settings(max_examples=50)
-def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
-    check(taken)
-
-
-@example(752)  # killed, but its handler does not heed it
-@example(7511)  # killed before its delay is over
-@example(1789)  # locks that wait for each other in a circle
-@example(1027)  # a question to many is given up while a copy stands in a queue
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=10)
-def test_paths_of_longer_lives_say_what_was_so(seed: int) -> None:
-    check(longer(seed))
-
-
-@pytest.mark.soak
-@given(st.integers(0, 1 << 32))
-@settings(max_examples=500)
-def test_many_paths_of_longer_lives(seed: int) -> None:
-    check(longer(seed))
-
-
 def longer(seed: int) -> list[tuple[str, int, int, int]]:
     """Sixty steps, all as likely as each other."""
     dice = random.Random(seed)
     return [(dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51)) for _ in range(60)]
 
 
+lives = steps | st.integers(0, 1 << 32).map(longer)
+
+
+@example(longer(752))  # killed, but its handler does not heed it
+@example(longer(7511))  # killed before its delay is over
+@example(longer(1789))  # locks that wait for each other in a circle
+@example(longer(1027))  # a question to many is given up while a copy stands in a queue
+@given(lives)
+@settings(max_examples=45)
+def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)
+
+
 @pytest.mark.soak
-@given(steps)
-@settings(max_examples=3_000)
+@given(lives)
+@settings(max_examples=3_500)
 def test_many_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)

@@ -74,7 +74,7 @@ def check(player: WatchedPlayer) -> None:
 
 
 @given(st.lists(operation, max_size=50))
-@settings(max_examples=60)
+@settings(max_examples=45)
 def test_the_past_is_as_it_was(operations: list[tuple[str, int, int, int, int]]) -> None:
     player = WatchedPlayer()
     life = Life(player)

@@ -123,7 +123,7 @@ def assert_lists(history: History) -> None:
 
 
 @given(st.lists(operation, max_size=50))
-@settings(max_examples=100)
+@settings(max_examples=75)
 def test_what_tasks_wait_for_is_what_central_knows(operations: list[tuple[str, int, int, int, int]]) -> None:
     player = ComparedPlayer()
     life = Life(player)
@@ -143,7 +143,7 @@ def test_so_it_is_in_a_long_life(seed: int) -> None:
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=100)
+@settings(max_examples=75)
 def test_and_in_many_long_lives(seed: int) -> None:
     test_so_it_is_in_a_long_life.hypothesis.inner_test(seed)  # type: ignore[attr-defined]
 
@@ -156,7 +156,7 @@ def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: in
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=30)
+@settings(max_examples=24)
 def test_folding_many_long_journals_gives_the_live_tree(seed: int) -> None:
     Life(LivePlayer()).go_on(seed, 5_000)
 
@@ -224,7 +224,7 @@ class Told(Blocking):
 
 
 @given(blocking_steps)
-@settings(max_examples=100)
+@settings(max_examples=75)
 def test_what_is_told_is_what_the_graph_has(taken: list[tuple[str, int, int, int]]) -> None:
     life = Told(looks=True)
     life.hello("operator")
