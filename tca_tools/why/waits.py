@@ -45,22 +45,12 @@ from tca_wire.points import (
     START_HANDLING,
     START_PLANNING,
 )
+from tca_wire.rules import rules_of
 from tca_wire.waits import WaitKind
 
 NO_TIME = 1e-6
 """Seconds: what lasts no longer is no wait to tell of."""
-_BEFORE = {
-    is_goal: {
-        0: 0,
-        START_HANDLING: START_HANDLING | first,
-        START_PLANNING: START_HANDLING | first,
-        END_HANDLING: START_HANDLING | first | END_HANDLING,
-        END_PLANNING: START_HANDLING | first | END_HANDLING | END_PLANNING,
-        START_ACHIEVING: START_HANDLING | first | START_ACHIEVING,
-        END_ACHIEVING: START_HANDLING | first | END_HANDLING | planned | START_ACHIEVING | END_ACHIEVING,
-    }
-    for is_goal, first, planned in ((True, START_PLANNING, END_PLANNING), (False, START_ACHIEVING, END_HANDLING))
-}
+_BEFORE = {is_goal: {0: 0, **rules_of(is_goal).no_later} for is_goal in (True, False)}
 """As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
 _NEXT = {
     State.HELD: START_HANDLING,
