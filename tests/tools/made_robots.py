@@ -7,7 +7,7 @@ from tools.story import THIS, Story
 from tca_wire.constraints import Constraint, delay_planning, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.vocabulary import MessageClass, Outcome
 
 INFORM = MessageClass.INFORM
 
@@ -106,14 +106,14 @@ def recovering() -> Story:
     moves = [story.command("move", "user")]
     story.delivered(moves[0], "legs")
     fail(story.at(2.0), moves[0], "slip", "left foot")
-    helper = caught(story, moves[0])
+    helper = story.rescued(moves[0], "recover", "expert")
     story.at(2.2).say(facts.Retried(TaskId(moves[0]), b"", "user")).returned(helper).reached(helper, *Moment)
     story.say(facts.Delivered(moves[0] + 100, moves[0], "legs", "legs"))
     story.at(3.7).say(facts.Returned(moves[0] + 100, Outcome.DONE, b"")).reached(moves[0], *Moment)
     moves.append(story.at(4.0).command("move", "user"))
     story.delivered(moves[1], "legs")
     fail(story.at(4.5), moves[1], "fall", "")
-    helper = caught(story, moves[1])
+    helper = story.rescued(moves[1], "recover", "expert")
     story.at(4.8).returned(helper).reached(helper, *Moment).say(facts.Recovered(TaskId(moves[1])))
     story.reached(moves[1], *Moment)
     moves.append(story.at(5.0).command("move", "user"))
@@ -126,17 +126,3 @@ def recovering() -> Story:
 
 def fail(story: Story, task: int, failure: str, text: str) -> None:
     story.say(facts.Returned(task, Outcome.FAILED, b""), facts.Failed(task, failure, text))
-
-
-def caught(story: Story, task: int) -> int:
-    """An exception handler of module "expert" is called for a failure."""
-    number, story._next_id = story._next_id, story._next_id + 1
-    story._classes[number] = MessageClass.EXCEPTION
-    story.say(
-        facts.Received(
-            number, "recover", MessageClass.EXCEPTION, "central", TaskId(task), 0, False, b"", [], Role.EXCEPTION, task
-        ),
-        facts.Caught(TaskId(task), TaskId(number), TaskId(task), 1),
-        facts.Delivered(number, number, "expert", "expert"),
-    )
-    return number

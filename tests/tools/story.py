@@ -140,6 +140,15 @@ class Story:
     def failed(self, number: int, failure: str, text: str = "") -> "Story":
         return self.returned(number, Outcome.FAILED).say(facts.Failed(number, failure, text))
 
+    def rescued(self, failed: int, name: str, module: str) -> int:
+        """An exception handler of that module is called for a failure, and runs."""
+        handler = self.received(
+            name, MessageClass.EXCEPTION, "central", failed, origin=0, role=Role.EXCEPTION, about=failed
+        )
+        self.say(facts.Caught(TaskId(failed), TaskId(handler), TaskId(failed), 9)).delivered(handler, module)
+        self.reached(handler, Moment.START_PLANNING)
+        return handler
+
     def reached(self, number: int, *moments: Moment) -> "Story":
         bits = 0
         for moment in moments:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from tools.made_robots import caught, commanding, fail, near, recovering, stepping
+from tools.made_robots import commanding, fail, near, recovering, stepping
 from tools.story import Story, mopping, walking
 
 from tca_tools.analysis.advice import advice
@@ -65,7 +65,7 @@ def test_a_task_that_was_killed_by_its_exception_handler_and_replaced() -> None:
     move = story.command("move", "planner", walk, to="legs")
     story.returned(walk)
     fail(story.at(2.0), move, "slip", "")
-    helper = caught(story, move)
+    helper = story.rescued(move, "recover", "expert")
     story.at(2.1).say(facts.Killed(TaskId(move), "another way"), facts.Recovered(TaskId(move)))
     story.at(3.0).returned(helper).reached(helper, *Moment).reached(move, *Moment).reached(walk, *Moment)
     (kind,) = failures(story.fold())
@@ -78,7 +78,7 @@ def test_a_failure_that_is_dealt_with_before_another_is_raised() -> None:
     story = Story().module("legs", "move").module("expert", "recover")
     move = story.at(1.0).command("move", "user", to="legs")
     story.at(2.0).say(facts.Failed(move, "slow", "", is_beside=True))
-    helper = caught(story, move)
+    helper = story.rescued(move, "recover", "expert")
     story.at(2.5).returned(helper).reached(helper, *Moment).say(facts.Recovered(TaskId(move)))
     fail(story.at(4.0), move, "slip", "")
     story.say(facts.Unhandled(TaskId(move)), facts.Killed(TaskId(move), "slip")).reached(move, *Moment)
@@ -118,7 +118,7 @@ def test_a_deadline_costs_what_was_done_until_then(is_killed: bool) -> None:
     if is_killed:
         story.say(facts.Unhandled(TaskId(dock)), facts.Killed(TaskId(dock), "timeout"))
     else:
-        helper = caught(story, dock)
+        helper = story.rescued(dock, "recover", "expert")
         story.returned(helper).reached(helper, *Moment).say(facts.Recovered(TaskId(dock)))
     run = story.at(1.6).returned(dock).reached(dock, *Moment).fold()
     (kind,) = failures(run)

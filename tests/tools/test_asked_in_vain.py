@@ -93,13 +93,9 @@ def test_the_longest_waits_say_that_they_were_in_vain() -> None:
 
 def test_the_critical_path_goes_on_through_what_was_waited_for() -> None:
     assert path_of(asking()) == [
-        ("where", "map", 0.0, 0.5),
-        ("act", "legs", 0.5, 0.6),
-        ("queued", "map", 0.6, 1.0),
-        ("act", "legs", 1.0, 1.25),
-        ("no handler", "", 1.25, 2.0),
-        ("act", "legs", 2.0, 2.5),
-    ]
+        ("where", "map", 0.0, 0.5), ("act", "legs", 0.5, 0.6), ("queued", "map", 0.6, 1.0),
+        ("act", "legs", 1.0, 1.25), ("no handler", "", 1.25, 2.0), ("act", "legs", 2.0, 2.5),
+    ]  # fmt: skip
 
 
 def test_a_wait_with_a_timeout_for_a_task_that_is_still_handled_leads_into_that() -> None:
@@ -134,19 +130,17 @@ def past_of(player: Player) -> Run:
     return History.until(player.entries)
 
 
-def test_who_has_not_answered_is_named_with_why() -> None:
-    at = RunAt(past_of(asking_all()))
-    assert words.note(at, at.tasks[2]).startswith(
-        "waits for the reply to status {3}, which arm, head and legs (queued, busy with walk {1}) have not answered"
-    )
-    at = RunAt(past_of(asking_all(answers=1)))
-    assert "status {3}, which head and legs (queued, busy with walk {1}) have not answered (1 of 3 has)" in words.note(
-        at, at.tasks[2]
-    )
-    at = RunAt(past_of(asking_all(answers=2)))
-    assert "status {3}, which legs (queued, busy with walk {1}) has not answered (2 of 3 have)" in words.note(
-        at, at.tasks[2]
-    )
+@pytest.mark.parametrize(
+    ("answers", "who"),
+    [
+        (0, "arm, head and legs (queued, busy with walk {1}) have not answered"),
+        (1, "head and legs (queued, busy with walk {1}) have not answered (1 of 3 has)"),
+        (2, "legs (queued, busy with walk {1}) has not answered (2 of 3 have)"),
+    ],
+)
+def test_who_has_not_answered_is_named_with_why(answers: int, who: str) -> None:
+    at = RunAt(past_of(asking_all(answers=answers)))
+    assert f"waits for the reply to status {{3}}, which {who}" in words.note(at, at.tasks[2])
 
 
 def test_the_end_of_the_wait_is_what_the_last_of_them_does() -> None:

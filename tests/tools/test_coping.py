@@ -43,8 +43,7 @@ def asking(*, passed_on: bool = False, task_fails: bool = False, dealt_with: boo
     _fail(story, walk)
     if not dealt_with:
         return story.say(facts.Unhandled(TaskId(walk))).reached(walk, *Moment).at(5.0)
-    handler = story.received("help", MessageClass.EXCEPTION, "central", 0)
-    story.say(facts.Caught(TaskId(walk), TaskId(handler), TaskId(walk), 9)).delivered(handler, "expert")
+    handler = story.rescued(walk, "help", "expert")
     story.at(4.5).returned(handler).reached(handler, *Moment).say(facts.Recovered(TaskId(walk)))
     return story.reached(walk, *Moment).at(5.0)
 
@@ -146,8 +145,8 @@ def test_a_helper_that_fails_when_all_is_decided_is_no_step_of_the_failure() -> 
     story = Story().module("legs", "walk").module("expert", "help").at(1.0)
     walk = story.goal("walk", "user")
     _fail(story.delivered(walk, "legs").at(2.0), walk)
-    helper = story.received("help", MessageClass.EXCEPTION, "central", 0)
-    story.say(facts.Caught(TaskId(walk), TaskId(helper), TaskId(walk), 9)).delivered(helper, "expert").at(3.0)
+    helper = story.rescued(walk, "help", "expert")
+    story.at(3.0)
     story.say(facts.Retried(TaskId(walk), b"", by="user")).at(4.0).delivered(walk, "legs").at(5.0)
     _fail(story, helper).at(6.0).say(facts.Killed(TaskId(walk), "enough", "user")).returned(walk).reached(walk, *Moment)
     run = story.fold()
@@ -228,9 +227,8 @@ def test_of_two_failures_the_first_is_not_dealt_with_because_the_second_came() -
     story = Story().module("legs", "step").module("expert", "help").at(1.0)
     step = story.goal("step", "user")
     _fail(story.delivered(step, "legs").at(2.0), step)
-    handler = story.received("help", MessageClass.EXCEPTION, "central", 0)
-    story.say(facts.Caught(TaskId(step), TaskId(handler), TaskId(step), 9)).delivered(handler, "expert").at(3.0)
-    story.say(facts.Failed(step, "hot", "")).at(4.0)
+    story.rescued(step, "help", "expert")
+    story.at(3.0).say(facts.Failed(step, "hot", "")).at(4.0)
     run = story.say(facts.Killed(TaskId(step), "too much", "expert")).reached(step, *Moment).fold()
     (kinds,) = [[case.fate for kind in failures(run) for case in kind.cases]]
     assert kinds == [Fate.KILLED, Fate.NOT_HANDLED]

@@ -46,14 +46,10 @@ def test_planning_and_acting_in_turn() -> None:
     """Where the time went, and why no step began sooner."""
     run = stepping().fold()
     assert path_of(run) == [
-        ("walk", "planner", 1.0, 1.3),
-        ("step", "planner", 1.3, 2.3),
-        ("move", "legs", 2.3, 4.3),
-        ("step", "planner", 4.3, 5.3),
-        ("move", "legs", 5.3, 7.3),
-        ("step", "planner", 7.3, 8.3),
+        ("walk", "planner", 1.0, 1.3), ("step", "planner", 1.3, 2.3), ("move", "legs", 2.3, 4.3),
+        ("step", "planner", 4.3, 5.3), ("move", "legs", 5.3, 7.3), ("step", "planner", 7.3, 8.3),
         ("move", "legs", 8.3, 10.3),
-    ]
+    ]  # fmt: skip
     path = critical_path(run, Causes(run), run.tasks[1])
     told = [(share.name, share.where, share.steps, *near(share.seconds)) for share in shares(run, path)]
     assert told == [("move", "legs", 3, 6.0), ("step", "planner", 3, 3.0), ("walk", "planner", 1, 0.3)]
@@ -66,16 +62,10 @@ def test_planning_and_acting_in_turn() -> None:
 
 def test_a_handler_that_asks_and_commands_and_waits() -> None:
     assert path_of(commanding().fold()) == [
-        ("walk", "planner", 1.0, 1.1),
-        ("where", "eye", 1.1, 1.5),
-        ("walk", "planner", 1.5, 1.6),
-        ("move", "legs", 1.6, 3.6),
-        ("walk", "planner", 3.6, 3.7),
-        ("where", "eye", 3.7, 4.1),
-        ("walk", "planner", 4.1, 4.2),
-        ("move", "legs", 4.2, 6.2),
-        ("walk", "planner", 6.2, 6.3),
-    ]
+        ("walk", "planner", 1.0, 1.1), ("where", "eye", 1.1, 1.5), ("walk", "planner", 1.5, 1.6),
+        ("move", "legs", 1.6, 3.6), ("walk", "planner", 3.6, 3.7), ("where", "eye", 3.7, 4.1),
+        ("walk", "planner", 4.1, 4.2), ("move", "legs", 4.2, 6.2), ("walk", "planner", 6.2, 6.3),
+    ]  # fmt: skip
 
 
 def test_through_an_exception_handler_and_a_retry() -> None:
@@ -94,11 +84,8 @@ def test_a_delay_and_a_missing_handler() -> None:
     story.at(2.0).achieved(first).at(5.0).say(facts.TimedOut(delay)).queued(second)
     story.at(7.0).module("eye", "look").delivered(second, "eye").at(8.0).achieved(second)
     assert path_of(story.fold()) == [
-        ("move", "legs", 1.0, 2.0),
-        ("delay", "", 2.0, 5.0),
-        ("no handler", "", 5.0, 7.0),
-        ("look", "eye", 7.0, 8.0),
-    ]
+        ("move", "legs", 1.0, 2.0), ("delay", "", 2.0, 5.0), ("no handler", "", 5.0, 7.0), ("look", "eye", 7.0, 8.0),
+    ]  # fmt: skip
 
 
 def test_a_run_that_is_not_over_leads_to_what_goes_on() -> None:
@@ -144,12 +131,9 @@ def test_a_suspended_task_of_which_nothing_ran_stood_in_a_queue_before() -> None
     story.say(facts.SuspendedOrResumed(TaskId(walk), False)).queued(fly).at(7.0).acted(fly, "a", 1.0)
     story.reached(walk, Moment.END_ACHIEVING)
     assert path_of(story.fold()) == [
-        ("walk", "a", 1.0, 1.5),
-        ("no handler", "", 1.5, 3.0),
-        ("suspended", "", 3.0, 5.0),
-        ("no handler", "", 5.0, 7.0),
-        ("fly", "a", 7.0, 8.0),
-    ]
+        ("walk", "a", 1.0, 1.5), ("no handler", "", 1.5, 3.0), ("suspended", "", 3.0, 5.0),
+        ("no handler", "", 5.0, 7.0), ("fly", "a", 7.0, 8.0),
+    ]  # fmt: skip
 
 
 def test_the_longest_task_and_the_last() -> None:
@@ -279,8 +263,6 @@ def test_a_task_that_is_suspended_twice_and_killed_by_its_deadline() -> None:
     story.at(4.0).say(facts.SuspendedOrResumed(TaskId(walk), True))
     story.at(6.0).say(facts.Killed(TaskId(walk), "late")).reached(walk, *Moment)
     assert path_of(story.fold()) == [
-        ("walk", "a", 1.0, 2.0),
-        ("suspended", "", 2.0, 3.0),
-        ("not known", "", 3.0, 4.0),
+        ("walk", "a", 1.0, 2.0), ("suspended", "", 2.0, 3.0), ("not known", "", 3.0, 4.0),
         ("suspended", "", 4.0, 6.0),
-    ]
+    ]  # fmt: skip

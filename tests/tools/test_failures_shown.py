@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from central.player import Player
 from click.testing import Result
-from tools.made_robots import caught, fail
+from tools.made_robots import fail
 from tools.runs import OPENED, encoded
 from tools.story import Story
 from tools.test_coping import replacing
@@ -86,8 +86,8 @@ def recovering() -> Story:
     move = told.command("move", "user", to="legs")
     told.at(2.0)
     fail(told, move, "slip", "on ice")
-    caught(told, move)
-    caught(told.at(3.0), move)
+    told.rescued(move, "recover", "expert")
+    told.at(3.0).rescued(move, "recover", "expert")
     return told.at(4.5)
 
 
@@ -107,9 +107,7 @@ def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: 
 def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
     told = recovering()
     for entry in told.entries:
-        entry.facts[:] = [
-            one for one in entry.facts if getattr(one, "message_class", None) is not MessageClass.EXCEPTION
-        ]
+        entry.facts[:] = [one for one in entry.facts if getattr(one, "task", getattr(one, "id", 1)) == 1]
     at = RunAt(told.fold())
     line = next(line for line in tree_lines(at, whole_outline(at)) if line.startswith("move {1}"))
     assert "slip: on ice; waits until somebody has dealt with its failure" in line

@@ -19,20 +19,11 @@ from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.points import ROOT, Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.vocabulary import Outcome
 
 PATIENT, TREAT, INFUSE, TRANSFER = 1, 2, 3, 4
 KILLED = "was killed: transferred (by safety)"
 NIL = msgspec.msgpack.encode(None)
-
-
-def help_for(story: Story, failed: int, name: str, module: str = "safety") -> int:
-    """An exception handler is called for a failure, and runs."""
-    handler = story.received(
-        name, MessageClass.EXCEPTION, "central", failed, origin=0, role=Role.EXCEPTION, about=failed
-    )
-    story.say(facts.Caught(TaskId(failed), TaskId(handler), TaskId(failed), 9)).delivered(handler, module)
-    return handler
 
 
 def treating() -> Story:
@@ -42,7 +33,7 @@ def treating() -> Story:
     treat = story.goal("treat", "ward", patient)
     story.command("infuse", "ward", treat)
     story.delivered(treat, "ward").at(2.0).failed(treat, "allergy", "rash")
-    help_for(story, treat, "transfer")
+    story.rescued(treat, "transfer", "safety")
     return story.at(3.0)
 
 
@@ -74,7 +65,7 @@ def test_who_is_killed_by_an_exception_handler_is_told_for_which_failure(asked: 
 def test_of_a_handler_that_was_called_for_another_one_that_failed_the_first_failure_is_told() -> None:
     story = treating()
     story.failed(TRANSFER, "no bed", "full")
-    give_up = help_for(story, TRANSFER, "give up")
+    give_up = story.rescued(TRANSFER, "give up", "safety")
     story.at(3.5).say(*(killed(task, asker=give_up) for task in (PATIENT, TREAT)))
     run = story.at(4.0).returned(give_up).fold()
     assert [text for _, text in told(run, PATIENT)][:4] == [
@@ -95,7 +86,7 @@ def of_two_handlers() -> Story:
     story = treating()
     other = story.goal("visit", "user")
     story.say(facts.Failed(other, "lost", ""))
-    help_for(story, other, "call")
+    story.rescued(other, "call", "safety")
     return kill(story.at(3.5), PATIENT, TREAT, INFUSE)
 
 

@@ -14,7 +14,7 @@ from tca_tools.why.story import story
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, TaskId
-from tca_wire.vocabulary import Condition, MessageClass, Outcome, Role
+from tca_wire.vocabulary import Condition, MessageClass, Outcome
 
 
 def told(history: History, message: int) -> list[str]:
@@ -40,8 +40,7 @@ def test_a_failure_that_is_handled_by_another_try() -> None:
     tale = Story().module("legs", "move").module("expert", "recover")
     move = tale.command("move", "user", to="legs")
     tale.at(1.0).failed(move, "slip", "")
-    recover = tale.received("recover", MessageClass.EXCEPTION, "central", move, role=Role.EXCEPTION, about=move)
-    tale.say(facts.Caught(TaskId(move), TaskId(recover), TaskId(0), 9)).delivered(recover, "expert")
+    recover = tale.rescued(move, "recover", "expert")
     tale.at(1.5).say(facts.Retried(TaskId(move), b"\x07", "user")).returned(recover).reached(recover, *Moment)
     tale.delivered(move, "legs").at(2.0).achieved(move)
     history = tale.fold()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.made_robots import caught, fail
+from tools.made_robots import fail
 from tools.story import Story
 from tools.test_coping import asking, replacing
 
@@ -145,7 +145,7 @@ def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look,
     move = story.command("move", "user")
     story.delivered(move, "legs").at(2.0)
     fail(story, move, "slip", "on ice")
-    caught(story, move)
+    story.rescued(move, "recover", "expert")
     page = look(story.at(3.5).write(tmp_path / "walk"))
     told = page.locator(".row.recovering .why")
     expect(told).to_have_text("slip: on ice; until recover {2} has dealt with its failure, for 1.5 s")
