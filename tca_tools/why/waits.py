@@ -339,7 +339,14 @@ def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float
     wanted = _moments(message, node.moment, time)
     last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
     under = _subtasks(run, message, last, time) if last else ()
-    return [*(one for one in waits if one.holds & wanted), *under]
+    found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
+    return [*found, *under]
+
+
+def _resumes(task: Task, wait: Wait, time: float) -> bool:
+    """Whether it is for a task to be resumed that, as was decided meanwhile, is to be handled once more."""
+    begun = wait.kind is WaitKind.RESUME and task.time_of(START_HANDLING) <= time
+    return begun and _is_to_be_handled_again(task, time)
 
 
 def _delivery(wait: Wait) -> int:

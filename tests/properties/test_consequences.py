@@ -278,6 +278,7 @@ def what_is_named_helps(life: Life, node: Node) -> None:
 @example(
     [("send", 0, 0, 0), ("send", 0, 34, 0), ("return", 0, 0, 0), ("retry", 0, 0, 0), ("send", 0, 0, 0)]
 )  # or again
+@example([("send", 0, 0, 38), ("suspend", 0, 0, 1), ("retry", 0, 0, 0)])  # once it is resumed
 @given(steps)
 @settings(max_examples=30)
 def test_what_is_named_is_what_is_waited_for(taken: list[tuple[str, int, int, int]]) -> None:
