@@ -49,7 +49,7 @@ class Central(State):
     def __init__(self, epoch: str = "test") -> None:
         super().__init__(epoch)
         agenda = self.agenda
-        # What comes out of the agenda, and who takes it; in this order, and all of one kind before the next.
+        # The agenda's items and their handlers, in this order: all of one kind before the next.
         self._outputs: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
             (agenda.taps_to_fire, lambda tapped: taps.fire_before(self, *tapped)),
             (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
@@ -293,7 +293,7 @@ class _Kind(NamedTuple):
     name: str
     has_number: bool
     origin: Callable[[Any], int] | None
-    """What reads, from one, the delivery whose handler sends it."""
+    """Reads the delivery whose handler sends such a header; None if it has none."""
 
 
 def _kind_of(header: type[msgspec.Struct]) -> _Kind:

@@ -57,7 +57,7 @@ class Record(msgspec.Struct, frozen=True):
 
     entry: Entry
     failed: dict[int, str] = {}
-    """What failed in it, by the id in the facts, in words for people."""
+    """The parts of it that failed, in words for people, by their ids in the facts."""
 
 
 Effect = Record | Transmit

@@ -269,7 +269,7 @@ def _check_handled_wait(wait: PresenceWait) -> None:
 
 
 def _check_limits(resource: ModuleResource, name: str) -> None:
-    """Of a message with a pending limit no more wait than may, and the limit counts what waits."""
+    """Check that no more messages wait than their pending limit allows, and that it counts those that do."""
     for message, limit in resource.limits.items():
         waiting = {delivery for delivery in resource.queued() if delivery.message.name == message}
         assert limit.waiting.keys() == waiting, f"{name}: counts {len(limit.waiting)} of '{message}'"

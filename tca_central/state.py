@@ -111,7 +111,7 @@ class FailureContext:
 
     @property
     def header(self) -> Trouble:
-        """What the handler is told."""
+        """The handler's context: the failure, and the tasks that it is about."""
         attempts = self.failing.more.attempts
         invocations = self.at.more.invocations.get(self.attached.id, 0)
         name, text, *_ = self.failure

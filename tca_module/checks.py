@@ -28,7 +28,7 @@ BRIEF = 1.0
 """Seconds: central takes a wait with a shorter timeout for no deadlock."""
 
 HIGHEST_PRIORITY = 1_000_000
-MOST_PENDING = 10_000  # what central keeps for one resource anyway
+MOST_PENDING = 10_000  # central's own limit for one resource
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 1e7  # seconds; the longest is some months
 
 EXECUTED: dict[type[Message[Any, Any]], str] = {
@@ -194,7 +194,7 @@ def check_handles(failure: Any, handler: Any) -> None:
 def check_function(
     what: str, function: Any, wanted: str, possible: Sequence[int] = (), *, may_be_async: bool = False
 ) -> int:
-    """How many arguments a function takes, of the *possible* numbers; *wanted* shows them, such as "(sender, reply)".
+    """The number of arguments a function takes, of the *possible* ones; *wanted* shows them, such as "(sender, reply)".
     Raises MisuseError for what can't be called so, or must be awaited.
     """
     if not callable(function):

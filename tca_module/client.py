@@ -35,7 +35,7 @@ class Client(Sender):
         return self._connection().transport.address
 
     def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
-        """What central knows of a topic, as plain values: "status", "modules", "messages", "tree", "variables", "load"
+        """Central's report on a topic, as plain values: "status", "modules", "messages", "tree", "variables", "load"
         (how busy everything is, and the longest waits) or "attached" (exception handlers, wiretaps and monitors, at
         most 10,000 of each). Raises Timeout.
         """

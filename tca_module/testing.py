@@ -165,7 +165,7 @@ class LocalTransport:
         return is_woken or not self.incoming.empty()
 
     def fileno(self) -> int:
-        """Of a file that becomes readable when a packet arrives."""
+        """A file that becomes readable when a packet arrives."""
         return self.waker().fileno()
 
     def waker(self) -> Waker:

@@ -1,4 +1,4 @@
-"""Where central listens and keeps its journals when nobody says so: a socket and folders of its user's own."""
+"""Central's default address and journal folder: a socket and folders of its user's own."""
 
 import os
 from hashlib import sha256

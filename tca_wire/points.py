@@ -15,7 +15,7 @@ THIS = TaskId(-1)
 
 
 class Interval(StrEnum):
-    """What a task is doing (TCA 8.5 manual, temporal constraints): three spans that overlap."""
+    """The intervals of a task (TCA 8.5 manual, temporal constraints): three spans that overlap."""
 
     HANDLING = "handling"  # its handler runs
     PLANNING = "planning"  # it and everything under it is being expanded into subtasks
@@ -43,7 +43,7 @@ class Moment(IntFlag):
 START_HANDLING, END_HANDLING = int(Moment.START_HANDLING), int(Moment.END_HANDLING)
 START_PLANNING, END_PLANNING = int(Moment.START_PLANNING), int(Moment.END_PLANNING)
 START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACHIEVING)
-"""The same as plain integers, for sets of moments: combining members of an IntFlag costs a microsecond each."""
+"""The moments as plain integers, for sets of them: combining members of an IntFlag costs a microsecond each."""
 
 MOMENTS = tuple(Moment)
 ALL_MOMENTS = 63

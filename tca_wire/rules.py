@@ -35,7 +35,7 @@ class TaskRules:
         self.order = order
         """Moments, each with those that come directly before it, in an order in which one pass reaches all."""
         self.no_later = {int(moment): 0 if moment & at_birth else self._no_later(moment) for moment in MOMENTS}
-        """Of each moment, it and all that are reached no later; nothing of those reached at birth."""
+        """Each moment with all that are reached no later; nothing for those reached at birth."""
 
     def _no_later(self, moment: int) -> int:
         found = moment | (self.delivery if moment & self.delivery else 0)
@@ -81,7 +81,7 @@ CHILDREN_FIRST = END_PLANNING | END_ACHIEVING
 # --- wiretaps --------------------------------------------------------------------------------------------------------
 
 DELIVERED, RETURNED, SENT, SUCCESS, FAILURE, REPLIED, KILLED = (64 << i for i in range(7))
-"""What happens to a message beside its moments, as further bits: a wiretap may be fired by it."""
+"""Further events of a message beside its moments, as bits: a wiretap may be fired by them."""
 
 _ANY = frozenset(MessageClass)
 _REPLIES = frozenset(one for one in MessageClass if one.has_reply)
@@ -91,14 +91,14 @@ _GOALS = frozenset(one for one in _TASKS if one.is_goal)
 
 
 class TapRule(NamedTuple):
-    """What a wiretap's condition means."""
+    """The meaning of a wiretap's condition."""
 
     classes: frozenset[MessageClass]
-    """What can be tapped so."""
+    """The message classes that can be tapped so."""
     before: int = 0
     """The moment of the tapped task that waits until the listener has been sent."""
     at: int = 0
-    """What has happened when the listener is sent: a moment, or a bit of those above."""
+    """The event at which the listener is sent: a moment, or a bit of those above."""
     holds_until: int = 0
     """The listener's moment that the tapped task's moment waits for."""
     is_child: bool = False

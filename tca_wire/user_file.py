@@ -49,6 +49,6 @@ def _look_beside(path: Path) -> None:
 
 
 def _places(module: ModuleType) -> list[str]:
-    """Where a module lies; a folder without ``__init__.py`` has several places and no file."""
+    """The place of a module; a folder without ``__init__.py`` has several places and no file."""
     file = getattr(module, "__file__", None)
     return [file] if file else [*getattr(module, "__path__", ())]

@@ -10,7 +10,7 @@ _TRAITS = (
 
 
 class MessageClass(StrEnum):
-    """How a message is routed and whether it becomes a task (TCA 8.5, message classes): one row each."""
+    """The routing of a message, and whether it becomes a task (TCA 8.5, message classes): one row each."""
 
     is_task: bool
     """It becomes a node of the task tree."""
@@ -99,7 +99,7 @@ class Role(StrEnum):
 
 
 class Outcome(StrEnum):
-    """How a message or task ended."""
+    """The outcome of a message or task."""
 
     DONE = "done"
     FAILED = "failed"
@@ -119,8 +119,8 @@ class Refusal(StrEnum):
 
 
 class Condition(StrEnum):
-    """When a wiretap sends its listener (TCA 8.5: msgTap.c). *Before* holds the tapped task's interval back until the
-    listener's has ended, *when* holds its end; *while* and *after* hold nothing.
+    """The event at which a wiretap sends its listener (TCA 8.5: msgTap.c). *Before* holds the tapped task's interval
+    back until the listener's has ended, *when* holds its end; *while* and *after* hold nothing.
     """
 
     WHEN_SENT = "when sent"
@@ -144,7 +144,7 @@ class Condition(StrEnum):
 
 
 class Scope(StrEnum):
-    """What a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE)."""
+    """The tasks that a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE)."""
 
     TASK = "task"  # with everything under it
     DESCENDANTS = "descendants"  # everything under it, not the task itself
@@ -152,7 +152,7 @@ class Scope(StrEnum):
 
 
 class Due(StrEnum):
-    """What central waits for time to pass for."""
+    """The kinds of central's timers."""
 
     RELEASE = "release"  # a constraint's delay is over
     DEADLINE = "deadline"  # a task's point should have been reached

@@ -1,4 +1,4 @@
-"""What something waits for, as data: the kinds of waits, and one wait as people are told of it.
+"""Waits as data: their kinds, and one wait as shown to people.
 
 Central (for `tca status` and the texts of errors) and the tools (for all that explains a run) use the same kinds.
 The words stand in text/waits_in_words.py.
@@ -32,60 +32,60 @@ class WaitKind(StrEnum):
 
 
 class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One thing that is waited for, as people are told of it. Fields that do not apply have their defaults."""
+    """One wait, as shown to people. Fields that do not apply have their defaults."""
 
     kind: WaitKind
     number: int = 0
     """The task, message or claim that is waited for. Of RUNNING 0 is the waiting task's own handler."""
     name: str = ""
-    """What that is called: "move leg"; of LOCK and LOCKED "lock" or "reservation"; of CONDITION the query that is
-    asked, "" of a demon monitor.
+    """Its name: "move leg"; of LOCK and LOCKED "lock" or "reservation"; of CONDITION the query that is asked, "" of a
+    demon monitor.
     """
     moment: int = 0
-    """What the task has to reach (a Moment); 0: its end, however it comes."""
+    """The moment that the task has to reach (a Moment); 0: its end, however it comes."""
     module: str = ""
-    """Whose resource, or handler, it is; of LOCKED, and of LOCK among what keeps a resource: who has or wants it. Of
-    RESUME who suspended the task, of LISTENER who added the wiretap.
+    """The module of the resource or handler; of LOCKED, and of LOCK in *because*, the one that has or wants it. Of
+    RESUME the one that suspended the task, of LISTENER the one that added the wiretap.
     """
     resource: str = ""
     seconds: float | None = None
-    """Of DELAY: when it is over, on the journal's clock; after a point that has not come: how long after."""
+    """Of DELAY: its end, on the journal's clock; after a point that has not come, its length."""
     holds: bool | None = None
-    """Of CONDITION: how the last test came out; None: there was none."""
+    """Of CONDITION: the result of the last test; None: there was none."""
     answered: int = 0
-    """Of REPLY to a multi-query: how many have answered; *because* has the others."""
+    """Of REPLY to a multi-query: the number of answers; *because* has the others."""
     more: int = 0
-    """How many more of the same kind and moment are waited for, which are not told one by one; of RESOURCE how many
-    others would do as well.
+    """The number of further waits of this kind and moment, not listed one by one; of RESOURCE the number of others that
+    would do as well.
     """
     because: "tuple[WaitFor, ...]" = ()
-    """What keeps that busy, in turn. Of RESOURCE and LOCK: who is in it (RUNNING), has it (LOCKED) or wants it first
-    (LOCK), or that it has no slot now (HANDLER). Of LOCKED and of such a LOCK: for which message (RUNNING; TASK, if it
-    is not handled any more). Of REPLY: where the query is (HANDLER, RESOURCE, RUNNING). Of RUNNING: what it waits for.
+    """The causes in turn. Of RESOURCE and LOCK: its user (RUNNING), its holder (LOCKED), an earlier claim (LOCK), or
+    that it has no slot now (HANDLER). Of LOCKED and of such a LOCK: the message that it is for (RUNNING; TASK, if it is
+    not handled any more). Of REPLY: the query's place (HANDLER, RESOURCE, RUNNING). Of RUNNING: its own waits.
     """
 
 
 class Waiter(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Somebody who waits, as central tells it: a task or message, one that a handler is at, or a whole module."""
+    """A waiter, as central reports it: a task or message, one with a handler, or a whole module."""
 
     number: int = 0
     """The task or message; 0: what the module does outside of handlers."""
     name: str = ""
     module: str = ""
-    """Where it is handled: the handler waits."""
+    """The module that handles it: the handler waits."""
     more: int = 0
-    """How many more wait behind it."""
+    """The number of others that wait behind it."""
     seconds: float = 0.0
-    """How long it has waited."""
+    """The time that it has waited."""
     killed: str = ""
-    """Why the task was killed; it waits for its end."""
+    """The reason why the task was killed; it waits for its end."""
     waits: tuple[WaitFor, ...] = ()
     end: WaitFor | None = None
-    """What it waits for in the end, where that is something else."""
+    """The last cause of its waits, where that is something else."""
 
 
 class CommonEnd(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Something that so many tasks wait for in the end."""
+    """The last cause of the waits of so many tasks."""
 
     tasks: int
     wait: WaitFor

@@ -19,7 +19,7 @@ MOST_KEPT = 10_000
 """Tasks that all modules together may keep, living ones too."""
 
 KEPT_BYTES = 64 << 20
-"""What the records of ended tasks may hold; the oldest go first."""
+"""The limit on the records of ended tasks; the oldest go first."""
 
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:

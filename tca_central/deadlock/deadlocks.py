@@ -52,7 +52,7 @@ class Scan:
     def __init__(self, central: State) -> None:
         self.search = Search(central, SLICE, list)
         self.starts: list[Node | Connection] = [*central.blocked]
-        """What is still to be looked at, the next last."""
+        """The nodes still to be checked, the next one last."""
         self.starts.extend(Releasing(claim) for claim in central.claims.values() if claim.is_granted)
         self.starts.reverse()
 

@@ -34,7 +34,7 @@ LONGEST_REASON = 500
 
 MOST_KINDS = 32
 MOST_NESTED = 8
-"""How deep in handlers that one attachment called it may be called once more: a handler that fails with the failure
+"""The greatest depth of calls of one exception handler within its own: a handler that fails with the failure
 that it handles would go on for ever."""
 
 NEWLINE = "\n"

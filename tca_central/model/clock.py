@@ -50,7 +50,7 @@ class Clock:
 
     @property
     def next(self) -> float | None:
-        """When something is due next."""
+        """The time at which something is due next."""
         while self._queue and self._queue[0][2].is_cancelled:
             heapq.heappop(self._queue)
             self._cancelled -= 1

@@ -19,7 +19,7 @@ MESSAGES = 10_000
 """Names of messages that may be declared."""
 
 VARIABLE_BYTES = 64 << 20
-"""What the values of all variables may hold together. Their number is bounded by that of the messages."""
+"""The limit on the values of all variables together. Their number is bounded by that of the messages."""
 
 
 class Registry:

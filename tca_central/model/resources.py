@@ -34,7 +34,7 @@ VOID_ENTRIES = 64
 INSIDE = 1 << 62
 """Higher than any priority: of who claims a resource from inside it."""
 
-S = TypeVar("S")  # what stands for a slot
+S = TypeVar("S")  # a slot's type
 Q = TypeVar("Q", bound=Queueable)
 
 
@@ -144,7 +144,7 @@ class Resource(Generic[S, Q]):
 
     @property
     def capacity(self) -> int:
-        """How many messages it handles at a time."""
+        """The number of messages that it handles at a time."""
         return len(self.slots)
 
     @property

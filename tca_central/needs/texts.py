@@ -16,7 +16,7 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitFor, WaitKind
 
 _FAILURES = 20
-"""Of a multi-query, that are told one by one."""
+"""The failures of a multi-query that are listed one by one."""
 
 
 def end_of_wait(central: State, connection: Connection, number: int, answer_to: int) -> tuple[Answer, bytes]:

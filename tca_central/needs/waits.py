@@ -208,7 +208,7 @@ def replies_to(central: State, collector: Collector) -> WaitFor:
 
 
 def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
-    """Where a message is: with a handler, in a queue, nowhere."""
+    """The place of a message: with a handler, in a queue, nowhere."""
     if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
         because = tuple(_of_handler(central, delivery)) if is_first else ()
         return WaitFor(WaitKind.RUNNING, module=resource.module, resource=resource.name, because=because)

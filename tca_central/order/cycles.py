@@ -29,7 +29,7 @@ from tca_wire.points import (
 _DRAWN = object()
 
 ENDS_OF_HANDLING = (END_HANDLING, END_PLANNING)
-"""What comes after the start of a task's handling where that has been reached before: the first that is not past."""
+"""The points after a start of handling that was reached before: the first that is not past counts."""
 
 
 class Place(NamedTuple):
@@ -223,7 +223,7 @@ def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
 
 
 Each = Callable[[Iterable[Any]], Iterable[Any]]
-"""How something that may change is walked: as it is (``iter``), or as it was then (``list``)."""
+"""The way to walk a collection that may change: as it is (``iter``), or as it was then (``list``)."""
 
 
 def predecessors(tree: TaskTree, place: Place, each: Each = iter, *, below: bool = True) -> Iterator[Place]:

@@ -84,7 +84,7 @@ def tell_sender(central: State, connection: Connection, message: MessageType) ->
 def _say_route(central: State, connection: Connection, message: MessageType) -> None:
     route = message.route
     if connection.resource is not None and any(slot.resource is connection.resource for slot in route):
-        route = ()  # what a resource asks itself is handled inside its wait: that needs central
+        route = ()  # a resource handles its own query inside its wait: that needs central
     for slot in route:
         _watch(connection, slot)
     entrances = [slot.entrance for slot in route if slot.entrance is not None]

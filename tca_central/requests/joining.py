@@ -39,7 +39,7 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         _announce(central, module, MODULE_JOINED, Arrival(module.name, header.process))
     session = f"{header.incarnation}/{header.connection}"
     connection = module.connections.get(session)
-    if connection is not None:  # the same one, reconnected before its loss was noticed
+    if connection is not None:  # it reconnected before its loss was noticed
         del registry.connections[connection.id]
         connection.id = connection_id
         registry.connections[connection_id] = connection

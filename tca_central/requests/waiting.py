@@ -33,7 +33,7 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
 
 
 def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, bytes] | None:
-    """How a task ended; None if that is forgotten."""
+    """The outcome of an ended task; None if it is forgotten."""
     if (record := central.kept.get(task_id)) is not None:
         return record.outcome
     if task_id <= central.forgotten and task_id not in central.outcomes:

@@ -23,7 +23,7 @@ WRITE_LATER = 256 << 10
 
 
 class Sync(StrEnum):
-    """When entries are safe, and from what."""
+    """The time at which entries are safe, and from which failures."""
 
     ALWAYS = "always"  # on the disk before anything they justify leaves: survives a power cut
     BATCH = "batch"  # with the kernel before, on the disk within a second: survives any death of central

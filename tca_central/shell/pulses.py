@@ -13,11 +13,11 @@ LATE = 20
 nowhere any more, as when the computer of the central before went down, and connects it anew at least every 5 s.
 """
 _REMEMBERED = 1000
-"""Of so many that have left it is remembered that their lines were there."""
+"""The number of lines remembered of those that have left."""
 
 
 class Pulses:
-    """How many beats each pulse has left unanswered. Knows no socket and no clock."""
+    """Counts the unanswered beats of each pulse. Knows no socket and no clock."""
 
     def __init__(self, patience: int) -> None:
         """*patience*: so many beats without a word are too many."""

@@ -185,7 +185,7 @@ class Server:
             try:
                 self.journal.flush()
             except CentralError:
-                self._outboxes.clear()  # what could not be recorded must not be said
+                self._outboxes.clear()  # nothing unrecorded may be sent
                 self._dirty.clear()
                 raise
         for connection, outbox in list(self._dirty.items()):

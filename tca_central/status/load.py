@@ -23,7 +23,7 @@ SHOWN_WAITS = 50
 LOOKED_AT = 10_000
 """Living tasks, the oldest, among which those that are held are looked for and counted: nothing need be noted of it."""
 _EDGES = 10_000
-"""Of the graph of needs, that are looked at for what tasks wait for in the end."""
+"""Edges of the graph of needs, visited to find the last causes of waits."""
 _ENDS = 10
 
 _SINCE = attrgetter("since")

@@ -221,7 +221,7 @@ def _monitor(central: State, task: Task) -> dict[str, Any]:
 
 
 def _place(place: Task | MessageType) -> dict[str, Any]:
-    """Where something is attached: at a task (with its message; the root has none), or at a message."""
+    """The place of an attachment: a task (with its message; the root has none), or a message."""
     if isinstance(place, MessageType):
         return {"task": 0, "message": place.name}
     return {"task": int(place.id), "message": place.message.name if place.id else ""}

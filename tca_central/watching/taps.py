@@ -136,7 +136,7 @@ def _add(
     rule = CONDITIONS[condition]
     tap.before, tap.at, tap.watch = rule.before, rule.at, header.watch
     if rule.before and not tapped.message_class.is_task:
-        tap.before, tap.at = 0, DELIVERED  # what is no task can't be held
+        tap.before, tap.at = 0, DELIVERED  # only a task can be held
     others.append(tap)
     central.taps[tap.id] = tap
     task = TaskId(place.id) if isinstance(place, Task) else ROOT

@@ -45,7 +45,7 @@ class Watch:
 
     @property
     def header(self) -> Watching:
-        """What the handlers of its messages are told."""
+        """The context of its messages: the monitor and its action."""
         action = self.parts[_ACTION]
         return Watching(involved(self.task), action.name if action is not None else "")
 

@@ -29,7 +29,7 @@ _MOST_MISSING = 2000  # numbers; senders have fewer on their way
 
 
 class InboxSocket(Protocol):
-    """Where packets of many senders arrive."""
+    """A socket on which packets of many senders arrive."""
 
     is_paused: bool
     """Packets stay where they are."""

@@ -1,4 +1,4 @@
-"""Which messages a connection may send directly, as central tells it, and the paths they take.
+"""The routes on which a connection may send directly, as central gives them, and their paths.
 
 A message goes through central until an entrance of its route has answered a greeting, and whenever none can be reached.
 Paths are kept while a route leads there or a query is open.

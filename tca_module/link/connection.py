@@ -385,7 +385,7 @@ def ask(
     connection: Connection, header: ToCentral, what: str, body: bytes = b"",
     within: float | None = ACKNOWLEDGED_WITHIN,
 ) -> bytes:  # fmt: skip
-    """What central itself answers, at once. Raises Timeout if that does not come *within* so many seconds."""
+    """The immediate answer of central itself. Raises Timeout if it does not come *within* so many seconds."""
     return answered(connection, header, what, body, within).answers[-1][1]
 
 

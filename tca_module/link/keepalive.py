@@ -40,7 +40,7 @@ class KeepAlive:
             return
         self._log.info("module '%s' has stopped, and handles nothing any more", self._link.session.module)
         self._link.session.is_to_withdraw = True
-        self._link.transport.wake()  # who waits on the connection has it to himself, and says it
+        self._link.transport.wake()  # the thread that waits on the connection reports it
         self._tend()
         while not self._is_left.wait(TEND_PERIOD):
             self._tend()

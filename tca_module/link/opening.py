@@ -28,7 +28,7 @@ class CentralNearby(Protocol):
 
 
 CentralAddress = str | CentralNearby | None
-"""Where central is: a ZeroMQ address, one in this process, or None: $TCA_CENTRAL or the default socket."""
+"""Central's address: of ZeroMQ, in this process, or None: $TCA_CENTRAL or the default socket."""
 
 
 def open_connection(

@@ -1,4 +1,4 @@
-"""What central itself answers: variables, locks, and who is there."""
+"""Services of central itself: variables, locks, and the directory."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches

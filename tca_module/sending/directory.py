@@ -16,7 +16,7 @@ class ResourceInfo(msgspec.Struct, frozen=True):
     """The module that has locked it, if one has."""
     reserved_by: str = ""
     claims: int = 0
-    """How many wait to lock or reserve it."""
+    """Number of locks and reservations that wait for it."""
 
 
 class ModuleInfo(msgspec.Struct, frozen=True):
@@ -24,7 +24,7 @@ class ModuleInfo(msgspec.Struct, frozen=True):
 
     name: str = msgspec.field(name="module")
     process: str
-    """Where it runs: "host:pid"."""
+    """Its process: "host:pid"."""
     handles: tuple[str, ...]
     """Names of messages."""
     resources: tuple[ResourceInfo, ...]
@@ -36,10 +36,10 @@ class HandlerInfo(msgspec.Struct, frozen=True):
     module: str
     resource: str
     capacity: int
-    """How many messages its resource takes at a time; 0 while the module is about to come or go."""
+    """Number of messages its resource takes at a time; 0 while the module is about to come or go."""
     pool: str
     pending: int
-    """How many of the message may wait for it (0: no such limit)."""
+    """The most messages of this name that may wait for it (0: no limit)."""
     waiting: int
     """Number of messages that wait for its resource."""
     direct: bool = False

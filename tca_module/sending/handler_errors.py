@@ -1,4 +1,4 @@
-"""How a Python error that ends a handler becomes a failure."""
+"""Turns a Python error that ends a handler into a failure."""
 
 import asyncio
 import traceback

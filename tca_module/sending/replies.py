@@ -112,7 +112,7 @@ class PendingReplies(Iterator[R], Generic[R]):
                 came = self._connection.wait(
                     self._request, patience, name_of(self._message), lambda: bool(self._request.answers)
                 )
-                if not came and not self._has_reply:  # what has come of it instead?
+                if not came and not self._has_reply:  # a failure may have come instead
                     self._connection.give_up(self._request)
             except (TaskKilled, Stopped):
                 self._is_cancelled = True

@@ -35,7 +35,7 @@ _TASK = checks.Kind("a task that was sent or found, such as tasks(WALK)[0]", lam
 
 
 class TaskOptions(TypedDict, total=False):
-    """How a new task relates to its siblings."""
+    """The relation of a new task to its siblings."""
 
     sequential: bool
     """It is achieved after the sibling before it (SEQ_ACH); True unless said otherwise."""
@@ -66,7 +66,7 @@ _OPTIONS = dict.fromkeys(TaskOptions.__annotations__, checks.FLAG) | {
     "deadline": checks.DURATION_OR_NONE,
     "delay": checks.SECONDS,
 }
-"""What each option must be."""
+"""The kind of value that each option takes."""
 
 _FLAGS = {
     "sequential_planning": Flags.SEQ_PLANNING,

@@ -22,7 +22,7 @@ from tca_wire.vocabulary import Outcome, Scope
 
 
 class TaskInfo(NamedTuple):
-    """How a task stands, or how a kept task has ended."""
+    """The state of a task, or the end of a kept one."""
 
     id: TaskId
     message: str
@@ -41,7 +41,7 @@ class TaskInfo(NamedTuple):
     outcome: str
     """"" while it lives; of an ended one that is kept "done", "failed" or "killed"."""
     result: bytes
-    """Of an ended one: what its handler returned, or the failure's data."""
+    """The handler's result, or the failure's data, of an ended task."""
 
     @classmethod
     def known_from(cls, row: dict[str, Any], epoch: str) -> "TaskInfo":
@@ -264,7 +264,7 @@ class TaskRef(TaskIntervals):
     # --- relatives -------------------------------------------------------------------------------------------------
 
     def info(self) -> TaskInfo | None:
-        """How the task stands; None if it has ended and is not kept."""
+        """The state of the task; None if it has ended and is not kept."""
         return next((info for info, _ in self._relatives("self")), None)
 
     def data(self, message: Message[D, Any]) -> D:
@@ -319,7 +319,7 @@ class SentTask(TaskRef, Generic[R]):
         self._message = message
 
     def result(self, timeout: float | None = None) -> R:
-        """What the handler returned, at the task's end. Raises TaskFailed, TaskKilled, or Timeout after *timeout* s."""
+        """The handler's result, at the task's end. Raises TaskFailed, TaskKilled, or Timeout after *timeout* s."""
         is_new = self._end is None
         answer, body = self._ended(timeout)
         if is_new and answer.outcome is not Outcome.DONE:

@@ -20,10 +20,10 @@ from tca_wire.vocabulary import Condition
 
 
 class Watched(TypedDict, total=False):
-    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times are in seconds, above 0; None is as if not given."""
+    """The options of a monitor (TCA 8.5: CreateMonitorOptions). Times in seconds, above 0; None is as if not given."""
 
     period: float
-    """Of a polling monitor: from one test of its condition to the next."""
+    """The time between a polling monitor's tests of its condition."""
     maximum: int | None
     """It ends after so many actions."""
     fire_every: int
@@ -39,10 +39,10 @@ class Watched(TypedDict, total=False):
 
 
 class MonitorOptions(Watched, total=False):
-    """How a monitor watches, and when."""
+    """All options of a new monitor."""
 
     sequential: bool
-    """Of a point monitor: it tests after the sibling before it has been achieved; True unless said otherwise."""
+    """A point monitor tests after the sibling before it has been achieved; True unless said otherwise."""
     constraints: list[Constraint]
 
 

@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class _Timer:
-    """When something is due: at *start* plus a multiple of *period*, or without period once, at *start*."""
+    """A time at which something is due: *start* plus a multiple of *period*, or *start* alone."""
 
     def __init__(self, start: float, period: float) -> None:
         self.due = start + period
@@ -53,7 +53,7 @@ class Timers(Generic[T]):
         self._timers.pop(thing, None)
 
     def next(self) -> float:
-        """When something becomes due; infinity if nothing ever does."""
+        """The next time at which something is due; infinity if there is none."""
         return min((timer.due for timer in self._timers.values()), default=math.inf)
 
     def take_due(self, now: float) -> list[T]:

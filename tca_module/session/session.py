@@ -238,7 +238,7 @@ class Session:
         """Central was restarted and has lost its tree."""
         for number, request in list(self._requests.items()):
             if request.settled is not None:
-                del self._requests[number]  # what was renewed is told anew
+                del self._requests[number]  # a renewed request is sent anew
                 continue
             named = first_foreign(numbers_in(request.header), self.epoch)
             if named is not None or refers_to_tasks(request.header):
@@ -335,7 +335,7 @@ class Session:
 
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
         if (request := self._requests.get(header.number)) is not None:
-            request.was_sent = request.repeated  # who says so has not done it; and what left once, no other has got
+            request.was_sent = request.repeated  # it was not done; and if sent only once, by nobody else
         if self.is_welcome:
             self.break_off()
 

@@ -46,7 +46,7 @@ class _DirectSocket:
         return bool(int(self._socket.getsockopt(EVENTS)) & event)
 
     def fileno(self) -> int:
-        """Of the file that becomes readable when something arrives."""
+        """The file that becomes readable when something arrives."""
         return int(self._socket.getsockopt(zmq.FD))
 
     def has_arrived(self) -> bool:

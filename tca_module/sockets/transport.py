@@ -36,7 +36,7 @@ class Beside(Protocol):
     """Something that is waited for together with packets from central."""
 
     def fileno(self) -> int:
-        """Of a file that becomes readable when there may be something: ask ``has_arrived`` before each wait for it."""
+        """A file that becomes readable when there may be something: ask ``has_arrived`` before each wait for it."""
 
     def has_arrived(self) -> bool:
         """Whether there is something to do."""
@@ -76,7 +76,7 @@ class Waker:
         self._is_set = False
 
     def fileno(self) -> int:
-        """Of the file that is readable when it is set."""
+        """The file that is readable when it is set."""
         return self._near.fileno()
 
     def set(self) -> None:
@@ -223,7 +223,7 @@ class DealerTransport:
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
 
     def fileno(self) -> int:
-        """Of a file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
+        """A file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
         return self._together().fileno()
 
     def waker(self) -> Waker:

@@ -50,7 +50,7 @@ def lines_of(text: str, columns: int, most: int) -> list[str]:
 
 
 def span(task: TaskAt, interval: Interval) -> tuple[float, float | None] | None:
-    """From when until when (None: it goes on); None before. A command is a leaf: of its planning nothing is told."""
+    """The start and end of an interval (end None: it goes on); None before it, and for a command's planning."""
     start = task.reached.get(moment_of(interval, Edge.START))
     end = task.reached.get(moment_of(interval, Edge.END))
     is_leaf = interval is Interval.PLANNING and not task.message_class.is_goal

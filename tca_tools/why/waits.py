@@ -197,7 +197,7 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
 
 
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
-    """None of its moments that begin something is reached meanwhile; nor is it handled once more."""
+    """The wait of a suspended task: it neither begins an interval nor is handled once more."""
     start = suspension.start
     holds = _BEFORE[task.message_class.is_goal][START_ACHIEVING] & ~_past(task, start)
     if not holds and _is_to_be_handled_again(task, start):

@@ -1,1 +1,1 @@
-"""What the journal records, and its bytes."""
+"""The journal's facts, and its bytes."""

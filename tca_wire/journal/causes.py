@@ -1,4 +1,4 @@
-"""What an entry of the journal came from: one type a kind of cause."""
+"""The causes of the journal's entries: one type for each kind."""
 
 import msgspec
 
@@ -6,7 +6,7 @@ from tca_wire.vocabulary import Due
 
 
 class _Cause(msgspec.Struct, frozen=True, array_like=True):
-    """What all causes share: an array whose first element is the kind."""
+    """The base of all causes: an array whose first element is the kind."""
 
 
 class Request(_Cause, frozen=True, tag="request"):
@@ -15,11 +15,11 @@ class Request(_Cause, frozen=True, tag="request"):
     module: str
     """Its name; "?" if it has not said hello."""
     connection: int
-    """Which of the module's connections: 0 is its own, the others handle messages."""
+    """The module's connection: 0 is its own, the others handle messages."""
     number: int
-    """Of the request, as the connection counts them (0: it wants no answer)."""
+    """The request's number on its connection (0: it wants no answer)."""
     message: str
-    """Which message of the protocol: "Send", "Kill"; "" for bytes that are none."""
+    """The message of the protocol: "Send", "Kill"; "" for bytes that are none."""
     origin: int = 0
     """The delivery whose handler asked, while it ran (0: code outside of handlers did)."""
 

@@ -1,4 +1,4 @@
-"""What the journal records: one type a fact; the field order is the order on disk.
+"""The facts that the journal records: one type each; the field order is the order on disk.
 
 A fact says what happened, never what follows from it: tools fold facts and re-run no rule. Every message accepted by
 central has an *id* from one counter; a goal's or command's id is its task. A *delivery* is one message on its way to
@@ -22,7 +22,7 @@ EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 
 class _Fact(msgspec.Struct, frozen=True, array_like=True):
-    """What all facts share: an array whose first element is the kind."""
+    """The base of all facts: an array whose first element is the kind."""
 
 
 # --- the journal ------------------------------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ class Received(_Fact, frozen=True, tag="received"):
     constraints: list[Constraint]
     role: Role = Role.NONE
     about: int = 0
-    """Where central made it: the failing, tapped, killed or monitoring task."""
+    """Of central's own messages: the failing, tapped, killed or monitoring task."""
 
 
 class Queued(_Fact, frozen=True, tag="queued"):
@@ -159,7 +159,7 @@ class Delivered(_Fact, frozen=True, tag="delivered"):
     module: str
     resource: str
     slot: int = 0
-    """Which of the resource's slots has it, from 1."""
+    """The resource's slot that has it, from 1."""
     is_nested: bool = False
     """The slot has another message, and waits: this one is handled within that wait."""
     priority: int = 0

@@ -105,7 +105,7 @@ class JournalReader:
 
     def __iter__(self) -> Iterator[Entry]:
         """The entries from ``offset`` on. Raises JournalDamaged, naming the byte, where there are no more of them."""
-        self._window = b""  # what came since
+        self._window = b""  # bytes that came since
         while True:
             payload = self._payload()
             if payload is None:
@@ -159,7 +159,7 @@ class JournalReader:
         return self._window[at : at + size]
 
     def _length(self, place: int) -> int | None:
-        """What a frame says of the size of its payload; None if there is no frame."""
+        """The size of the payload, as its frame gives it; None if there is no frame."""
         frame = self._bytes(place, _FRAME.size)
         if len(frame) < _FRAME.size:
             return None

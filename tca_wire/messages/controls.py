@@ -19,7 +19,7 @@ from tca_wire.packets.parts import MessageFormat
 from tca_wire.vocabulary import MessageClass
 
 Action = Goal[Any] | Command[Any, Any] | Inform[Any] | Broadcast[Any]
-"""What a monitor may send."""
+"""The messages that a monitor may send."""
 
 
 class ExceptionHandler(Message[D, None]):
@@ -51,7 +51,7 @@ class Monitor(Message[D, None]):
 
     @property
     def format(self) -> MessageFormat:
-        """What central is told of this monitor."""
+        """The monitor's format, as registered with central."""
         names = [part.name if part is not None else "" for part in self.parts]
         return msgspec.structs.replace(super().format, parts=names)
 

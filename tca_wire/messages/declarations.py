@@ -50,7 +50,7 @@ class Message(Generic[D, R]):
 
     @property
     def format(self) -> MessageFormat:
-        """What central is told of this message."""
+        """The message's format, as registered with central."""
         return MessageFormat(self.name, self.message_class, self.data.schema, self.reply.schema)
 
     def encode_data(self, data: D) -> bytes:

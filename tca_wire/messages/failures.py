@@ -7,7 +7,7 @@ HANDLER_ERROR = "handler error"
 """A handler let an error pass. What failed elsewhere, and it let pass, is a kind of this."""
 
 BAD_DATA = "bad data"
-"""What a handler was given, or returned, does not fit the declaration."""
+"""A handler's data or result does not fit the declaration."""
 
 TIMEOUT = "timeout"
 OVERLOAD = "overload"

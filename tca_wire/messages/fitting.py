@@ -24,7 +24,7 @@ _ANYTHING: dict[str, Any] = {}
 
 
 def first_misfit(sent: str, wanted: str) -> str | None:
-    """Which values of the format *sent* (as JSON Schema) can't be read as *wanted*: ``"$.x: integer here, string
+    """The first misfit of the format *sent* (a JSON Schema) to *wanted*: ``"$.x: integer here, string
     there"``, where "here" is what is wanted; None if all can, as far as formats tell.
     """
     if sent == wanted:
@@ -58,7 +58,7 @@ class _Fitting:
         self._misfits: dict[tuple[str, str], str] = {}
 
     def misfit(self, sent: Any, wanted: Any) -> str | None:
-        """Where and why a value of *sent* can't be read as *wanted*: ``".x: integer here, string there"``."""
+        """The first misfit of *sent*, its place and reason: ``".x: integer here, string there"``."""
         pair = (sent.get("$ref", ""), wanted.get("$ref", ""))
         if not all(pair):
             return self._resolved(self._resolve(0, sent), self._resolve(1, wanted))
@@ -88,7 +88,7 @@ class _Fitting:
         return None
 
     def _single(self, sent: Any, wanted: Any) -> str | None:
-        """Of two that are no unions."""
+        """The misfit of two schemas that are no unions."""
         if _is_open(sent) or _is_open(wanted):
             return None
         if "enum" in sent or "enum" in wanted:
@@ -149,7 +149,7 @@ class _Fitting:
 
 
 def _alternatives(schema: Any) -> list[Any]:
-    """What a value may be, one by one."""
+    """The alternatives of a schema, one by one."""
     if len(schema.get("enum", ())) > 1:
         return [{"enum": [value]} for value in schema["enum"]]
     whole: list[Any] = schema.get("anyOf", [schema])
@@ -185,7 +185,7 @@ def _takes_form(sent: Any, wanted: Any) -> bool:
 
 
 def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
-    """Which bound that is wanted is not kept."""
+    """The wanted bound that is not kept."""
     for key in (*_AT_LEAST, *_AT_MOST, *_EQUAL):
         mine, yours = wanted.get(key), sent.get(key, 0 if key in _LENGTHS else None)
         if key == "maxItems" and yours is None and "prefixItems" in sent:
@@ -199,7 +199,7 @@ def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
 
 
 def _values(schema: Any) -> Any:
-    """What the values of a mapping are; None of what has fields, and no others."""
+    """The schema of a mapping's values; None for a type with fields only."""
     return schema.get("additionalProperties", _ANYTHING) if "properties" not in schema else None
 
 

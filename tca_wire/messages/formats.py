@@ -77,7 +77,7 @@ def _schema_of_custom(kind: Any) -> dict[str, Any]:
 
 
 class Format(Generic[T]):
-    """How values of one type travel: checked, as MessagePack.
+    """The encoding of values of one type: checked, as MessagePack.
 
     Accepts what msgspec does (dataclasses, Structs, TypedDicts, enums, containers, optionals, datetimes, ...) and
     numpy arrays. Raises BadFormat for a type that it can't encode.
@@ -135,7 +135,7 @@ _NO_MATTER = frozenset({"title", "description", "default", "examples", "$defs"})
 
 
 def first_difference(one: str, other: str) -> str | None:
-    """Where two formats (JSON Schema texts) differ: ``"$.radius: number here, string there"``; None if they agree.
+    """The difference of two formats (JSON Schema texts): ``"$.radius: number here, string there"``; None if they agree.
 
     Names of types, descriptions and defaults may differ; fields, their types and which are required may not.
     """

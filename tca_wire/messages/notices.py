@@ -23,7 +23,7 @@ class Arrival(msgspec.Struct, frozen=True):
     module: str
     """Its name, unique among those connected."""
     process: str
-    """Where it runs: "host:pid"."""
+    """Its process: "host:pid"."""
 
 
 class Departure(msgspec.Struct, frozen=True):

@@ -1,1 +1,1 @@
-"""What modules and central send each other, and its bytes."""
+"""The headers that modules and central exchange, and their bytes."""

@@ -28,7 +28,7 @@ def plain(value: Any) -> int:
 
 _encode = msgspec.msgpack.Encoder(enc_hook=plain).encode
 
-# What msgspec raises on hostile bytes; the last two are no MsgspecError.
+# The errors of msgspec on hostile bytes; the last two are no MsgspecError.
 _BAD_BYTES = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 
@@ -77,7 +77,7 @@ def _split(packet: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def unpacker(kinds: Any, what_it_is_not: str) -> Callable[[bytes], list[tuple[Any, bytes]]]:
-    """What takes packets with headers of these *kinds* apart. It raises ProtocolError, whatever the bytes."""
+    """A function that unpacks packets with headers of these *kinds*. It raises ProtocolError, whatever the bytes."""
     decode = msgspec.msgpack.Decoder(kinds).decode
 
     def unpack(packet: bytes) -> list[tuple[Any, bytes]]:
@@ -101,7 +101,7 @@ _decode_header = msgspec.msgpack.Decoder(ToCentral).decode
 
 
 def misfit(header: Any) -> str:
-    """What is wrong with the fields of a header, as central would see it; "" if nothing is."""
+    """The error in the fields of a header, as central would see it; "" if there is none."""
     try:
         _decode_header(_encode(header))
     except UnicodeEncodeError:

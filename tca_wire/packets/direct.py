@@ -1,4 +1,4 @@
-"""What two modules say to each other when a message goes directly: headers and packets of that way.
+"""Headers and packets of direct messages between two modules.
 
 The sender connects to a slot's entrance (routes.py), greets with its key, and numbers what it sends. The packets are
 made as those to and from central are (codec.py).
@@ -11,7 +11,7 @@ from tca_wire.packets.headers import Answer, Closing, GiveUp, Refused, Unknown
 
 
 class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """What all headers share: an array on the wire, whose first element is the kind."""
+    """The base of all headers: an array on the wire, whose first element is the kind."""
 
 
 class Greet(_Header, frozen=True, tag=96):
@@ -38,7 +38,7 @@ class Direct(_Header, frozen=True, tag=97):
 
 
 class Greeting(_Header, frozen=True, tag=98):
-    """Of the sender's numbers up to *newest* those *missing* never arrived, and those *open* are queries that will be
+    """Of the sender's numbers up to *newest*, *missing* ones never arrived; *open* ones are queries that will be
     answered. Answers to any others were given, or are forgotten.
     """
 

@@ -21,7 +21,7 @@ PROTOCOL_VERSION = 3
 
 
 class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """What all headers share: an array on the wire, whose first element is the kind."""
+    """The base of all headers: an array on the wire, whose first element is the kind."""
 
 
 # --- what a module says ----------------------------------------------------------------------------------------------
@@ -36,15 +36,15 @@ class Hello(_Header, frozen=True, forbid_unknown_fields=False, tag=1):
     version: int
     module: str
     incarnation: str
-    """The same for all connections of one run of a module, and no other."""
+    """The id of one run of a module, shared by all its connections."""
     connection: int = 0
-    """Which of that module's connections this is: 0 is its own, the others handle messages."""
+    """The module's connection: 0 is its own, the others handle messages."""
     resource: str = ""
     """The resource whose messages this connection handles, if any: one at a time."""
     process: str = ""
-    """Where the module runs, for people: "host:pid"."""
+    """The module's process, for people: "host:pid"."""
     entrance: Entrance | None = None
-    """Where this slot takes messages directly, if it does."""
+    """This slot's entrance for direct messages, if it takes any."""
     pulse: bytes = b""
     """Routing id of the socket on which this process sends back central's beats, if it has one."""
 
@@ -78,21 +78,21 @@ class Send(_Header, frozen=True, tag=4):
     blocking: bool = False
     """The sender's connection does nothing else until the answer is there."""
     maximum: int = 0
-    """Of a multi-query: how many replies are wanted (0: from every handler)."""
+    """The number of replies that a multi-query wants (0: from every handler)."""
     attachments: list[Attachment] = []
     """Exception handlers of the new task, each newer than the one before it."""
     deadline: float = 0
     """Seconds within which the task must be achieved, or the failure "timeout" is raised on it (0: no such bound)."""
     watch: WatchOptions | None = None
-    """How a monitor watches."""
+    """The options of a monitor."""
     when_killed: bool = False
     """Not now, but when *parent* is killed after it has been started and before it is achieved."""
     if_handled: bool = False
     """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5: MaybeExecute)."""
     keep: bool = False
-    """Of a task: the sender's module keeps it, as with Keep (TDL: PERSISTENT)."""
+    """The sender's module keeps the task, as with Keep (TDL: PERSISTENT)."""
     brief: bool = False
-    """Where *blocking*: it waits for so short a time that nobody need look whether it would wait for ever."""
+    """The *blocking* wait is too short to be checked for a deadlock."""
 
 
 class Reply(_Header, frozen=True, tag=5):
@@ -167,7 +167,7 @@ class Kill(_Header, frozen=True, tag=10):
 
 
 class Ask(_Header, frozen=True, tag=11):
-    """What central knows of a topic; answered with a MessagePack map as body."""
+    """Ask central about a topic; answered with a MessagePack map as body."""
 
     number: int
     topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
@@ -238,7 +238,7 @@ class Deadline(_Header, frozen=True, tag=18):
 
 
 class Inspect(_Header, frozen=True, tag=19):
-    """What central knows of a task and its relatives; answered with a MessagePack list of maps."""
+    """Ask central about a task and its relatives; answered with a MessagePack list of maps."""
 
     number: int
     task: TaskId
@@ -256,7 +256,7 @@ class Lock(_Header, frozen=True, tag=23):
     number: int
     resource: str
     module: str = ""
-    """Whose resource it is; "" if only one module has a resource of that name."""
+    """The resource's module; "" if only one has a resource of that name."""
     reserve: bool = False
     origin: int = 0
     timeout: float = -1
@@ -290,12 +290,12 @@ class Tap(_Header, frozen=True, tag=64):
     task: TaskId = TaskId(0)
     """The task that is tapped, where *message* is ""."""
     watch: WatchOptions | None = None
-    """How a listener that is a monitor watches."""
+    """The options of a listener that is a monitor."""
     origin: int = 0
 
 
 class Fire(_Header, frozen=True, tag=65):
-    """What a demon monitor watches for has happened; the body is the data of its action.
+    """Fire a demon monitor: its event has happened; the body is the data of its action.
 
     Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done.
     """
@@ -342,7 +342,7 @@ class Release(_Header, frozen=True, tag=28):
 
 
 class GetVariable(_Header, frozen=True, tag=20):
-    """What is the value of a variable? The body of the Answer is; it is empty if the variable was never set."""
+    """Get the value of a variable, as the body of the Answer; it is empty if the variable was never set."""
 
     number: int
     variable: str
@@ -365,7 +365,7 @@ class WaitUntilHandled(_Header, frozen=True, tag=22):
     number: int
     messages: list[str]
     promised: list[str] = []
-    """What the sender will handle as soon as that is so."""
+    """The messages that the sender will handle as soon as all those are."""
 
 
 ToCentral = (
@@ -411,8 +411,8 @@ class Answer(_Header, frozen=True, tag=36):
     failure: str = ""
     text: str = ""
     more: bool = False
-    """Of a multi-query: further answers follow; the one without *more* is the end. It has no body and is *done*, or is
-    the first failure where all who were asked failed: the first line of its text names them all."""
+    """Further answers to a multi-query follow; the one without *more* is the end. It has no body and is *done*, or is
+    the first failure if all handlers failed: the first line of its text names them all."""
 
 
 class Deliver(_Header, frozen=True, tag=37):
@@ -423,7 +423,7 @@ class Deliver(_Header, frozen=True, tag=37):
     task: TaskId = TaskId(0)
     """The task that it is (0: it belongs to no tree)."""
     context: Trouble | Tapped | Watching | None = None
-    """What it is about, where central made it."""
+    """The reason for it, if central made it."""
     suspended: bool = False
     own: bool = False
     """A slot of its resource waits for the answer, and this one takes messages directly: handle it within another."""
@@ -445,7 +445,7 @@ class Unknown(_Header, frozen=True, tag=40):
     """Central does not know this connection: say Hello again, then repeat what is not acknowledged."""
 
     number: int = 0
-    """Of the request that it answers, which is not done: whoever sent that only once knows that nobody has it."""
+    """The request that it answers, which is not done: if it was sent only once, nobody has it."""
 
 
 class Closing(_Header, frozen=True, tag=41):
@@ -462,7 +462,7 @@ class Suspended(_Header, frozen=True, tag=42):
 
 
 class Taken(_Header, frozen=True, tag=43):
-    """What the Lock with this number got was taken away: *text* says by whom, or why."""
+    """The resource of the Lock with this number was taken away: *text* says by whom, or why."""
 
     number: int
     text: str

@@ -1,4 +1,4 @@
-"""What travels inside of headers: formats, options, and what a delivery is about."""
+"""The parts of headers: formats, options, and the contexts of deliveries."""
 
 import msgspec
 
@@ -7,7 +7,7 @@ from tca_wire.vocabulary import Condition, MessageClass
 
 
 class _Part(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """What all parts share: an array on the wire."""
+    """The base of all parts: an array on the wire."""
 
 
 class MessageFormat(_Part, frozen=True):
@@ -30,7 +30,7 @@ class HandlerFormat(_Part, frozen=True):
     pending: int = 0
     """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
     direct: bool = False
-    """Where nothing speaks against it, they come from their senders directly."""
+    """They come from their senders directly, if nothing speaks against it."""
 
 
 class Attachment(_Part, frozen=True):
@@ -42,12 +42,12 @@ class Attachment(_Part, frozen=True):
 
 
 class WatchOptions(_Part, frozen=True):
-    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds."""
+    """The options of a monitor (TCA 8.5: CreateMonitorOptions). Times in seconds."""
 
     period: float = 0
-    """Of a polling monitor: from one test of the condition to the next."""
+    """The time between a polling monitor's tests of its condition."""
     maximum: int = 0
-    """How many actions end it (0: any number)."""
+    """The number of actions that end it (0: any number)."""
     fire_every: int = 1
     """Every how many times that the condition holds, or that it is fired, an action is sent."""
     initial_wait: bool = False
@@ -68,7 +68,7 @@ class Involved(_Part, frozen=True):
 
 
 class Trouble(_Part, frozen=True, tag="trouble"):
-    """What an exception handler is called for; the body of the delivery is the failure's data."""
+    """The context of an exception handler; the body of the delivery is the failure's data."""
 
     failure: str
     text: str
@@ -76,13 +76,13 @@ class Trouble(_Part, frozen=True, tag="trouble"):
     attached: Involved
     """The task that the exception handler is attached to (task 0: the root)."""
     attempts: int
-    """How often the failing task has been handled."""
+    """The number of times that the failing task has been handled."""
     invocations: int
-    """How often this exception handler has been called for the task that it is attached to, this time included."""
+    """The number of calls of this exception handler for the task that it is attached to, this one included."""
 
 
 class Tapped(_Part, frozen=True, tag="tapped"):
-    """What a listener is sent for."""
+    """The context of a listener."""
 
     condition: Condition
     tapped: Involved

@@ -1,4 +1,4 @@
-"""What modules and central say of messages that go from module to module directly: where to, and what came of them.
+"""Headers between modules and central about direct messages: their routes and outcomes.
 
 The lists of all headers are in headers.py; docs/protocol.md tells the story.
 """
@@ -12,11 +12,11 @@ MOST_NOTES = 1000
 
 
 class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """What all headers and their parts share: an array on the wire."""
+    """The base of all headers and their parts: an array on the wire."""
 
 
 class Entrance(_Header, frozen=True):
-    """Where a slot takes messages directly: the ZeroMQ address of a ROUTER socket, and what opens it.
+    """A slot's entrance for direct messages: the ZeroMQ address of a ROUTER socket, and its key.
 
     Central gives the key to those who send such messages, and to nobody else; no journal has it.
     """
@@ -38,7 +38,7 @@ class Note(_Header, frozen=True):
     ago: float
     """Seconds between the end of its handler and this report."""
     seconds: float
-    """How long its handler took."""
+    """The time that its handler took."""
     outcome: Outcome = Outcome.DONE
     failure: str = ""
 
@@ -51,7 +51,7 @@ class Loss(_Header, frozen=True):
 
 
 class Noted(_Header, frozen=True, tag=80):
-    """What became of direct messages; for the journal."""
+    """The outcomes of direct messages, for the journal."""
 
     notes: list[Note]
     losses: list[Loss] = []

@@ -16,7 +16,7 @@ _DEEPEST = 100
 
 
 def plain_data(body: bytes) -> Any:
-    """What *body* holds, as values that JSON has: strings for numbers it has not, objects for bytes and arrays."""
+    """The content of *body* as JSON values: strings for numbers JSON lacks, objects for bytes and arrays."""
     try:
         return _plain(decode_untyped(body), 0)
     except BadData as error:
@@ -24,7 +24,7 @@ def plain_data(body: bytes) -> Any:
 
 
 def data_text(body: bytes) -> str:
-    """What *body* holds, on one line and safe for a terminal; "" for nothing. Very long data is cut."""
+    """The content of *body* on one line, safe for a terminal; "" for nothing. Very long data is cut."""
     data = plain_data(body)
     if data is None:
         return ""

@@ -11,7 +11,7 @@ from tca_wire.points import ROOT, Point, describe_moments
 from tca_wire.vocabulary import CENTRAL, Due, Scope
 
 _COMMAND = "tca "
-"""How the modules are called that commands of the command line are: "tca kill"."""
+"""The first part of the module names of command-line tools: "tca kill"."""
 
 GAVE_UP = "its sender gave up"
 """Why a message was dropped whose sender waits no longer; central may say after a colon where the message was then."""
@@ -25,7 +25,7 @@ class Wording:
         self._known = known
 
     def words(self, fact: facts.Fact) -> str:
-        """What a fact says, without its kind and body."""
+        """A fact in words, without its kind and body."""
         if isinstance(fact, facts.Received):
             self._names[fact.id] = fact.message
         elif isinstance(fact, facts.Delivered | facts.Queued):
@@ -34,7 +34,7 @@ class Wording:
         return say(self, fact) if say else ""
 
     def cause(self, cause: Cause) -> str:
-        """What an entry came from: ``Kill by user, in the handler of walk {1}``."""
+        """The cause of an entry: ``Kill by user, in the handler of walk {1}``."""
         if isinstance(cause, TimeOver):
             return _DUE[cause.due] + (f" of {self.name(cause.about)}" if cause.about else "")
         if isinstance(cause, ConnectionLost):
@@ -51,13 +51,13 @@ class Wording:
         return f"{_moments(point.moment)} of {self.name(point.task)}"
 
     def before(self, constraint: Constraint) -> str:
-        """What a constraint waits for: ``end handling of walk {1} + 2 s``; a time where that is all."""
+        """The point and delay that a constraint waits for: ``end handling of walk {1} + 2 s``, or the delay alone."""
         if constraint.before.task == ROOT:
             return _seconds(constraint.delay)
         return self.point(constraint.before) + (f" + {_seconds(constraint.delay)}" if constraint.delay else "")
 
     def claim(self, fact: facts.Claimed) -> str:
-        """Who wants a lock or reservation; it is known by that name from now on."""
+        """The lock or reservation and its claimant; its id has that name from now on."""
         kind = "reservation" if fact.is_reserved else "lock"
         self._names[fact.id] = f"{kind} of {place(fact.module, fact.resource)}"
         return f"{self.name(fact.id)} by {self.sender(fact.sender, fact.origin)}"
@@ -205,7 +205,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.MonitorTested: lambda say, fact: f"{say.name(fact.monitor)}: {'holds' if fact.holds else 'does not hold'}",
     facts.MonitorEnded: lambda say, fact: f"{say.name(fact.monitor)}: {fact.why}",
 }
-"""What is said of each kind of fact."""
+"""The wording of each kind of fact."""
 
 
 def fields_of(fact: facts.Fact) -> dict[str, object]:
@@ -225,25 +225,25 @@ def subject_of(fact: facts.Fact) -> int:
 
 
 def called(module: str) -> str:
-    """What a module calls itself: of several copies of a program the others are known as ``legs#2``, ``legs#3``."""
+    """A module's own name: further copies of a program are known as ``legs#2``, ``legs#3``."""
     return module.partition("#")[0]
 
 
 def by_whom(by: str) -> str:
-    """Who asked for something: " by legs", " by the command 'tca kill'"; "" of what central does of its own."""
+    """The requester in words: " by legs", " by the command 'tca kill'"; "" for central itself."""
     if by.startswith(_COMMAND):
         return f" by the command '{called(by)}'"
     return f" by {by}" if by not in ("", CENTRAL) else ""
 
 
 def kill_reason(why: str, by: str) -> str:
-    """Why a task was killed, and who wanted that; what central does of its own, the reason tells."""
+    """The reason for a kill and its requester, unless that is central."""
     whom = by_whom(by).strip()
     return f"{why} ({whom})" if why and whom else why or whom
 
 
 def raised_by(by: str) -> str:
-    """Who raised a failure beside the handler: " (raised by the command 'tca raise')"; "" for central."""
+    """The origin of a failure from outside the handler: " (raised by the command 'tca raise')"; "" for central."""
     whom = by_whom(by)
     return f" (raised{whom})" if whom else ""
 

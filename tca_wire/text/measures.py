@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 _NAMED = 3
-"""How many of several are named."""
+"""The number of names listed of several."""
 
 
 def duration(seconds: float) -> str:

@@ -46,7 +46,7 @@ _LONGEST_SHOWN = 40
 
 
 class Bare:
-    """What somebody typed for a value: JSON where that fits, else the text itself."""
+    """A value as typed: JSON where that fits, else the text itself."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -145,7 +145,7 @@ class _Fitting:
         return schema.get("type", "object") == "object" and "enum" not in schema
 
     def field(self, schema: Any, path: Sequence[str]) -> list[Any]:
-        """What the field at *path* may be, a schema each; raises BadData where there is none."""
+        """The schemas that the field at *path* may have; raises BadData where there is none."""
         found = self._options(schema)
         for depth, name in enumerate(path):
             known = [key for option in found for key in option.get("properties", ())]
@@ -206,7 +206,7 @@ class _Fitting:
                 return self.fit(option, value, path)
             except BadData as error:
                 errors.append((option, error))
-        if isinstance(value, dict):  # what is wrong with its fields says more than that it is none of them
+        if isinstance(value, dict):  # an error in its fields says more than "none of them"
             with_fields = [error for option, error in errors if self.takes_fields(option)]
             if len(with_fields) == 1:
                 raise with_fields[0]

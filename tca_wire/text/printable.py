@@ -9,7 +9,7 @@ def printable(text: str) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """The same of several lines, which stay lines."""
+    """*text* made printable line by line."""
     return "\n".join(map(printable, text.splitlines()))
 
 

@@ -19,7 +19,7 @@ _REACHED = {
 _OF_SEVERAL = {"is": "are", "has": "have"}
 
 _CAUSES = 3
-"""How many causes of one wait are named."""
+"""The number of causes named for one wait."""
 
 Waits = Sequence[WaitFor]
 
@@ -30,12 +30,12 @@ def in_words(wait: WaitFor, now: float | None = None) -> str:
 
 
 def several_in_words(waits: Iterable[WaitFor], now: float | None = None) -> str:
-    """Several, those of one kind and moment together: ``until a {1} and b {2} are achieved, and for legs``."""
+    """Several waits, grouped by kind and moment: ``until a {1} and b {2} are achieved, and for legs``."""
     return ", and ".join(clauses(waits, now))
 
 
 def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
-    """The same, one by one."""
+    """A clause for each group of waits."""
     groups: dict[object, list[WaitFor]] = {}
     for wait in dict.fromkeys(waits):
         is_plain = wait.kind in _TOGETHER and not wait.because
@@ -44,7 +44,7 @@ def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
 
 
 def waiter_in_words(waiter: Waiter) -> str:
-    """Who waits: ``walk {3}``, ``walk {3} in planner``, ``module panel``, ``step {5} and 2 more``."""
+    """The waiter: ``walk {3}``, ``walk {3} in planner``, ``module panel``, ``step {5} and 2 more``."""
     if not waiter.number:
         return f"module {waiter.module}"
     where = f" in {waiter.module}" if waiter.module else ""
@@ -52,7 +52,7 @@ def waiter_in_words(waiter: Waiter) -> str:
 
 
 def whereabouts(query: WaitFor) -> str:
-    """Where a query is that has no answer yet: ``no module handles it``, ``it is queued for arm``."""
+    """The place of a query without an answer: ``no module handles it``, ``it is queued for arm``."""
     if len(query.because) > 1 or query.answered:
         return not_answered(query)
     where = query.because[0]
@@ -76,7 +76,7 @@ def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
     longest = sorted(lengths, key=lambda wait: -lengths[wait])[:_CAUSES]
     named = [wait for wait in lengths if wait in longest]
     told = [f"{in_words(named[0])} ({duration(lengths[named[0]])})"]
-    for wait in named[1:]:  # what is the same as of the first is not said again
+    for wait in named[1:]:  # words shared with the first are not repeated
         is_same = wait.kind in (WaitKind.RESOURCE, WaitKind.LOCK) and wait.because and named[0].kind is wait.kind
         told.append(f"{_keepers(wait.because) if is_same else in_words(wait)} ({duration(lengths[wait])})")
     if more := [seconds for wait, seconds in lengths.items() if wait not in longest]:
@@ -85,7 +85,7 @@ def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
 
 
 def reached(moment: int, number: int = 1) -> str:
-    """What so many tasks do when they reach a moment: ``is achieved``, ``have been handled``."""
+    """The verb of so many tasks that reach a moment: ``is achieved``, ``have been handled``."""
     verb, rest = _REACHED[moment]
     return f"{verb if number == 1 else _OF_SEVERAL[verb]} {rest}"
 
@@ -133,7 +133,7 @@ def _lock(waits: Waits) -> str:
 
 
 def _kept(because: Waits) -> str:
-    """What keeps others out of a resource: ``, busy with walk {3} and 2 more``, ``, which panel has locked``."""
+    """The users that block a resource: ``, busy with walk {3} and 2 more``, ``, which panel has locked``."""
     return f", {_keepers(because)}" if because else ""
 
 
