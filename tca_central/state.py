@@ -18,7 +18,7 @@ from tca_wire.packets.headers import Answer, ToModule
 from tca_wire.packets.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import Dropping, MessageClass, Outcome
 
 Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
 """A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
@@ -141,9 +141,9 @@ def cancelled_header(delivery: Delivery) -> headers.Cancelled:
     return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
 
 
-def dropped_fact(delivery: Delivery, why: str, where: str = "") -> facts.Dropped:
+def dropped_fact(delivery: Delivery, why: str, where: str = "", dropping: Dropping = Dropping.OTHER) -> facts.Dropped:
     """The fact that a message, or a copy of it for one receiver, is dropped."""
-    return facts.Dropped(delivery.id, delivery.message.name, why, delivery.copy_of, where)
+    return facts.Dropped(delivery.id, delivery.message.name, why, delivery.copy_of, where, dropping)
 
 
 def deliver_header(delivery: Delivery) -> headers.Deliver:

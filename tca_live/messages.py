@@ -243,7 +243,8 @@ def _ask(
         try:
             reply = client.query(message, value, timeout=within)
         except Timeout as error:
-            raise click.ClickException(str(error).removesuffix("timeout=") + "--timeout") from None
+            advice = "; to wait longer give --timeout" if error.can_wait else ""
+            raise click.ClickException(error.what + advice) from None
         click.echo(show(reply))
         return
     replies = []

@@ -86,7 +86,12 @@ class VariableNotSet(TcaError, LookupError):
 
 
 class Timeout(TcaError, TimeoutError):
-    """An answer did not come in time."""
+    """An answer did not come in time: *what* says so, without advice; *can_wait*: the call's timeout= sets the time."""
+
+    def __init__(self, what: str, *, can_wait: bool = False) -> None:
+        super().__init__(f"{what}; to wait longer give timeout=" if can_wait else what)
+        self.what = what
+        self.can_wait = can_wait
 
 
 class RequestFailed(TcaError):

@@ -118,6 +118,14 @@ class Refusal(StrEnum):
     DEADLOCK = "deadlock"  # whoever waits would wait for himself, for ever
 
 
+class Dropping(StrEnum):
+    """What a message was dropped for, where more than people's words must tell it."""
+
+    OTHER = ""
+    GIVEN_UP = "given up"  # its sender waits no longer
+    DEADLOCK = "deadlock"  # its sender would have waited for ever
+
+
 class Condition(StrEnum):
     """The event at which a wiretap sends its listener (TCA 8.5: msgTap.c). *Before* holds the tapped task's interval
     back until the listener's has ended, *when* holds its end; *while* and *after* hold nothing.

@@ -31,7 +31,7 @@ from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets.headers import Refused
 from tca_wire.points import END_ACHIEVING
 from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
-from tca_wire.vocabulary import Due, Refusal, Role
+from tca_wire.vocabulary import Dropping, Due, Refusal, Role
 from tca_wire.waits import Waiter, WaitFor, WaitKind
 
 PATIENCE = 1000
@@ -172,7 +172,7 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
         refused = [wait for wait in waits if wait not in goes_first] or waits
         connection, number = max(refused, key=lambda node: node.connection.waits[node.number].since)
         central.facts.append(facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text))
-        give_up(central, connection, number, DEADLOCK)
+        give_up(central, connection, number, Dropping.DEADLOCK)
         central.send(connection, number, Refused(number, Refusal.DEADLOCK, text))
     else:
         return _raise_or_revoke(central, kept, search, text)

@@ -126,7 +126,7 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
         direct_routes.review_slots(central, connection)
         direct_routes.tell_slot_gone(central, connection, why, lost=lost)
-    _forget_if_gone(central, module, why)
+    _forget_if_gone(central, module, why, lost=lost)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             _fail_or_drop(central, delivery, module, why, lost=lost)
@@ -144,7 +144,7 @@ def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
         del connection.late[next(iter(connection.late))]
 
 
-def _forget_if_gone(central: State, module: Module, why: str) -> None:
+def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> None:
     """A module has lost a connection. If that was the last, all that it handled, had and kept is gone."""
     if module.connections:
         if not module.handlers and not module.has_slots:  # it only sends
@@ -156,7 +156,7 @@ def _forget_if_gone(central: State, module: Module, why: str) -> None:
     release_all(central, module)
     central.registry.forget_module(module)
     central.tree.forget_module(module.name)
-    central.facts.append(facts.ModuleLeft(module.name, why))
+    central.facts.append(facts.ModuleLeft(module.name, why, lost))
     _announce(central, module, MODULE_LEFT, Departure(module.name, why))
 
 

@@ -8,9 +8,11 @@ from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
 from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_fact
 from tca_wire.journal import facts
+from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets import headers
-from tca_wire.text.facts_in_words import GAVE_UP
-from tca_wire.vocabulary import Outcome, Refusal
+from tca_wire.vocabulary import Dropping, Outcome, Refusal
+
+_GIVEN_UP = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
 
 
 def on_await_point(central: State, connection: Connection, header: headers.AwaitPoint, _: bytes) -> None:
@@ -85,8 +87,11 @@ def on_release(central: State, connection: Connection, header: headers.Release, 
     central.accept(connection, header.number, had)
 
 
-def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP, where: str = "") -> None:
+def give_up(
+    central: State, connection: Connection, number: int, dropping: Dropping = Dropping.GIVEN_UP, where: str = ""
+) -> None:
     """Forget that an answer is due; a query that no handler has yet is dropped. *where* it was, for the journal."""
+    why = _GIVEN_UP[dropping]
     central.unblock(connection, number)
     due = connection.outstanding.pop(number, None)
     if isinstance(due, TaskWait):
@@ -100,10 +105,10 @@ def give_up(central: State, connection: Connection, number: int, why: str = GAVE
     elif isinstance(due, Collector):
         for delivery in due.pending.values():
             _abandon(central, delivery)
-        central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where))
+        central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where, dropping=dropping))
     elif isinstance(due, Delivery):
         _abandon(central, due)
-        central.facts.append(dropped_fact(due, why, where))
+        central.facts.append(dropped_fact(due, why, where, dropping))
 
 
 def _abandon(central: State, delivery: Delivery) -> None:

@@ -20,7 +20,7 @@ QUERY_TIMEOUT = 30.0  # seconds that a query waits for its reply where nobody sa
 def not_answered(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:
     """The Timeout of a query without a reply in time; *why* says where it was ("": unknown)."""
     where = f": {why}" if why else ""
-    return Timeout(f"{name_of(message)} was not answered within {timeout:g} s{where}; to wait longer give timeout=")
+    return Timeout(f"{name_of(message)} was not answered within {timeout:g} s{where}", can_wait=True)
 
 
 class PendingReply(Generic[R]):

@@ -145,7 +145,7 @@ class TaskRef(TaskIntervals):
         if not self._connection.wait(request, timeout, f"the wait for {what}"):
             why = self._connection.give_up(request)
             where = f": {why}" if why else ""
-            raise Timeout(f"{what} was not reached within {timeout:g} s{where}; to wait longer give timeout=")
+            raise Timeout(f"{what} was not reached within {timeout:g} s{where}", can_wait=True)
         return request.answers[-1]
 
     def _ask(

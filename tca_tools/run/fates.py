@@ -15,7 +15,6 @@ from operator import attrgetter, itemgetter
 from tca_tools.run.records import OVER, Handling, Message, State, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import Moment
-from tca_wire.text.facts_in_words import GAVE_UP
 from tca_wire.vocabulary import Outcome, Role
 
 _SINCE, _START = itemgetter(0), attrgetter("start")
@@ -219,8 +218,8 @@ def _why_untold(run: Run, failed: Failing, time: float) -> str:
     """
     handling = failed.by
     if isinstance(failed, Message):
-        if why := failed.was("dropped", time):
-            return "its sender had given up" if why == GAVE_UP else "nobody waited for the answer any more"
+        if failed.was("dropped", time):
+            return "its sender had given up" if failed.was_given_up else "nobody waited for the answer any more"
         if failed.answered is not None and failed.answered < time:
             return "its sender had enough answers"
         if (monitor := _monitor(run, failed)) and _stopped_watching(run, monitor, failed.received, time):

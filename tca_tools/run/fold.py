@@ -17,7 +17,7 @@ from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.text.facts_in_words import called
-from tca_wire.vocabulary import Outcome, Refusal, Role
+from tca_wire.vocabulary import Dropping, Outcome, Role
 
 
 @contextmanager
@@ -303,8 +303,9 @@ class History(ReactionFold):
             self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         if message := self.messages.get(fact.id):
-            circle = self.deadlocks.get((self.time, message.sender), "") if fact.why == Refusal.DEADLOCK else ""
+            circle = self.deadlocks.get((self.time, message.sender), "") if fact.dropping is Dropping.DEADLOCK else ""
             self._change(message, "dropped", circle or fact.why)
+            message.dropping = fact.dropping
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))

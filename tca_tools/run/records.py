@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, Self, TypeVar
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.text.facts_in_words import GAVE_UP, kill_reason, place
-from tca_wire.vocabulary import MessageClass, Outcome, Role, Scope
+from tca_wire.text.facts_in_words import kill_reason, place
+from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Role, Scope
 
 
 class State(StrEnum):
@@ -296,6 +296,7 @@ class Message:
     failure: Failure = NO_FAILURE
     """The failure raised on it; none again when it is handled anew."""
     dropped: str = ""
+    dropping: Dropping = Dropping.OTHER
     result: bytes = b""
     failure_data: bytes = b""
     role: Role = Role.NONE
@@ -315,7 +316,7 @@ class Message:
     @property
     def was_given_up(self) -> bool:
         """Whether its sender waited no longer for the answer."""
-        return self.dropped == GAVE_UP
+        return self.dropping is Dropping.GIVEN_UP
 
     def was(self, name: str, moment: float) -> Any:
         """What one of its fields was at a moment."""

@@ -39,8 +39,6 @@ _LONGEST_FAILURE = 2000
 """Characters that a tooltip has of it."""
 _BAD = ("failed", "killed", "dropped", "refused", "module left", "unhandled")
 """Facts that nobody likes to see."""
-_GOODBYE = "it said goodbye"
-"""Why a module left whose work was done."""
 
 
 def message_answer(reading: Reading, message_id: int, moment: float) -> Data | None:
@@ -204,7 +202,7 @@ def messages_answer(reading: Reading, place: int, before: int, after: int) -> li
             for fact in entry.facts:
                 data = data_text(getattr(fact, "body", b""))
                 line = {"place": number, "time": run.times[number], "kind": kind_of(fact), "id": subject_of(fact)}
-                line["isBad"] = kind_of(fact) in _BAD and getattr(fact, "why", "") != _GOODBYE
+                line["isBad"] = kind_of(fact) in _BAD and getattr(fact, "lost", True)
                 lines.append(line | {"text": wording.words(fact), "data": data[:_LONGEST_DATA]})
     return lines
 

@@ -13,7 +13,7 @@ import msgspec
 from tca_wire.constraints import Constraint
 from tca_wire.journal.causes import Cause
 from tca_wire.points import ROOT, Point, TaskId
-from tca_wire.vocabulary import CENTRAL, Condition, MessageClass, Outcome, Refusal, Role, Scope
+from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Refusal, Role, Scope
 
 JOURNAL_VERSION = 2
 """Goes up whenever a fact or an entry changes: journals of another version are refused."""
@@ -55,10 +55,11 @@ class ModuleJoined(_Fact, frozen=True, tag="module joined"):
 
 
 class ModuleLeft(_Fact, frozen=True, tag="module left"):
-    """A module closed its connection or was lost."""
+    """A module said goodbye, or was *lost*; *why* is for people."""
 
     module: str
     why: str
+    lost: bool = False
 
 
 class ResourceChanged(_Fact, frozen=True, tag="resource"):
@@ -182,7 +183,7 @@ class Answered(_Fact, frozen=True, tag="answered"):
 class Dropped(_Fact, frozen=True, tag="dropped"):
     """A message came to nothing, or only what one receiver was to get: a copy of message *copy_of*.
 
-    *where* says, of a query whose sender gave up, where it was then.
+    *why* is for people; *where* says, of a query whose sender gave up, where it was then.
     """
 
     id: int
@@ -190,6 +191,7 @@ class Dropped(_Fact, frozen=True, tag="dropped"):
     why: str
     copy_of: int = 0
     where: str = ""
+    dropping: Dropping = Dropping.OTHER
 
 
 class HandledDirectly(_Fact, frozen=True, tag="direct"):

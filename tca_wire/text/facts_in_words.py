@@ -13,9 +13,6 @@ from tca_wire.vocabulary import CENTRAL, Due, Scope
 _COMMAND = "tca "
 """The first part of the module names of command-line tools: "tca kill"."""
 
-GAVE_UP = "its sender gave up"
-"""Why a message was dropped whose sender waits no longer; central may say after a colon where the message was then."""
-
 
 class Wording:
     """Facts in words; a name stays known as long as facts about it may come. *known* names what was sent before."""

@@ -24,7 +24,7 @@ from tca_wire.constraints import Flags, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
+from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Refusal, Role
 from tca_wire.waits import WaitKind
 
 
@@ -33,17 +33,19 @@ def asking() -> Run:
     tale = Story().module("legs", "act").module("map", "where").module("eyes")
     act = tale.command("act", "user", to="legs")
     first = tale.received("where", QUERY, "legs", origin=act, blocking=True, to="map")
-    tale.at(0.5).say(facts.Dropped(first, "any", "its sender gave up"))
+    tale.at(0.5).say(facts.Dropped(first, "any", "its sender gave up", dropping=Dropping.GIVEN_UP))
     second = tale.at(0.6).received("where", QUERY, "legs", origin=act, blocking=True)
     tale.queued(second, "map").at(1.0)
     tale.say(
-        facts.Unqueued(second), facts.Dropped(second, "any", "its sender gave up", where="it is queued for map")
+        facts.Unqueued(second),
+        facts.Dropped(second, "any", "its sender gave up", dropping=Dropping.GIVEN_UP, where="it is queued for map"),
     ).at(1.25)
     third = tale.received("look", QUERY, "legs", origin=act)
     tale.queued(third).at(1.5).say(facts.Awaited(third)).at(2.0)
-    tale.say(facts.Unqueued(third), facts.Dropped(third, "any", "its sender gave up", where="no module handles it")).at(
-        2.5
-    )
+    tale.say(
+        facts.Unqueued(third),
+        facts.Dropped(third, "any", "its sender gave up", dropping=Dropping.GIVEN_UP, where="no module handles it"),
+    ).at(2.5)
     return tale.achieved(act).at(3.0).returned(first).fold()
 
 
@@ -253,11 +255,11 @@ def given_up() -> Run:
     story = Story().module("user").module("m", "go").module("eye", "look", "all").at(1.0)
     go = story.command("go", "user", to="m")
     look = story.at(2.0).received("look", QUERY, "m", origin=go, blocking=True, to="eye")
-    story.at(3.0).say(facts.Dropped(look, "any", "its sender gave up")).at(4.0)
+    story.at(3.0).say(facts.Dropped(look, "any", "its sender gave up", dropping=Dropping.GIVEN_UP)).at(4.0)
     every = story.received("all", MessageClass.MULTI_QUERY, "m", origin=go, blocking=True)
     story._next_id += 1
     story.say(facts.Queued(every + 1, every, "eye", "eye")).at(5.0).say(
-        facts.Dropped(every, "any", "its sender gave up")
+        facts.Dropped(every, "any", "its sender gave up", dropping=Dropping.GIVEN_UP)
     )
     story.at(6.0).returned(go).reached(go, END).at(8.0).returned(look)
     return story.at(9.0).fold()
@@ -336,7 +338,7 @@ def _asked(told: Story, go: int) -> Story:
     ask = told.at(4.0).received("ask", QUERY, "m", origin=go, blocking=True, to="n")
     back = told.at(4.05).received("back", QUERY, "n", origin=ask, blocking=True)
     told.queued(back, "m").say(facts.RequestRefused("n", Refusal.DEADLOCK, CIRCLE), facts.Unqueued(back))
-    told.say(facts.Dropped(back, "any", "deadlock")).at(4.1)
+    told.say(facts.Dropped(back, "any", "deadlock", dropping=Dropping.DEADLOCK)).at(4.1)
     return told.returned(ask, data=-1).say(facts.Answered(ask))
 
 

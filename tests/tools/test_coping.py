@@ -18,7 +18,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Role
 
 Tca = Callable[..., Result]
 LOOKED, ASKED = 2, 3
@@ -84,7 +84,9 @@ def given_up() -> Story:
     walk = story.at(1.0).goal("walk", "user", to="planner")
     where = story.received("where", QUERY, "planner", origin=walk, blocking=True, to="maps")
     look = story.at(1.2).received("look", QUERY, "maps", origin=where, blocking=True, to="eye")
-    story.at(2.0).say(facts.ModuleLeft("maps", "fog"), facts.Dropped(look, "any", "its sender gave up"))
+    story.at(2.0).say(
+        facts.ModuleLeft("maps", "fog"), facts.Dropped(look, "any", "its sender gave up", dropping=Dropping.GIVEN_UP)
+    )
     _fail(story.say(facts.Failed(where, "blind", "fog"), facts.Answered(where)), walk)
     story.say(facts.Unhandled(TaskId(walk)), facts.Killed(TaskId(walk), "blind", "central")).reached(walk, *Moment)
     return _fail(story.at(9.0), look).at(10.0)

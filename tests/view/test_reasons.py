@@ -188,7 +188,7 @@ def test_a_traceback_keeps_its_lines_and_loses_its_carets(look: Look, tmp_path: 
 def test_a_module_whose_work_is_done_did_not_fail(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").module("eyes", "look").at(1.0)
     story.say(facts.ModuleLeft("legs", "it said goodbye")).at(2.0).say(
-        facts.ModuleLeft("eyes", "its connection closed")
+        facts.ModuleLeft("eyes", "its connection closed", lost=True)
     )
     page = look(story.write(tmp_path / "gone"))
     page.locator("#tab-messages").click()
