@@ -240,7 +240,7 @@ def _named(connection: Connection | None) -> tuple[str, int]:
 
 
 def _first_of(startable: list[Task]) -> list[Task]:
-    """Those of several startable tasks that go before all others: all of one kind."""
+    """The startable tasks that go before all others: all of one kind."""
     stranded = [task for task in startable if task.is_stranded]
     return stranded or [task for task in startable if task.message.message_class.is_monitor] or startable
 

@@ -36,7 +36,7 @@ class ConnectionLost(msgspec.Struct, frozen=True):
 
 
 class Tick(msgspec.Struct, frozen=True):
-    """Time has passed: what is due by now happens, as it does before any other event."""
+    """Time has passed: due timers fire, as they do before any other event."""
 
     time: float
 

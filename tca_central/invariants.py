@@ -49,7 +49,7 @@ def _is_alive(central: State, task: Task | Delivery) -> bool:
 
 
 def _check_waits(central: State) -> None:
-    """Whoever blocks has asked something that is open; what a coroutine awaits is awaited as a whole."""
+    """Check that blocked connections have open requests, and that a coroutine's waits are complete."""
     connections = central.registry.connections.values()
     assert {one for one in connections if one.waits} == set(central.blocked), "who blocks is not who waits"
     for connection in central.blocked:
@@ -261,7 +261,7 @@ def _check_what_lies_ahead(central: State) -> None:
 
 
 def _check_handled_wait(wait: PresenceWait) -> None:
-    """Whoever waits for handlers is connected, and lacks one."""
+    """Check that a module waiting for handlers is connected, and lacks one."""
     missing = [message.name for message in wait.messages if not message.serving]
     assert wait.missing == len(missing) > 0, f"'{wait.connection.module.name}' waits for {wait.missing} of {missing}"
     assert all(wait in message.awaited_by for message in wait.messages), "a wait is known to some of its messages"
@@ -284,7 +284,7 @@ def _check_connections(central: State) -> None:
 
 
 def _check_kept(central: State) -> None:
-    """Records are of ended tasks that connected modules keep, and hang under what is there."""
+    """Check that records are of ended tasks that connected modules keep, under parents that exist."""
     tree, kept, modules = central.tree, central.kept, central.registry.modules.values()
     for record in kept.values():
         parent = record.parent
@@ -315,7 +315,7 @@ def _check_variables(central: State) -> None:
 
 
 def _check_routes(central: State) -> None:
-    """Whoever is told of a message's route, or of a slot's end, is connected; and both sides know it."""
+    """Check that those told of a message's route, or a slot's end, are connected, and that both sides know it."""
     connections = set(central.registry.connections.values())
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"

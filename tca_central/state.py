@@ -55,7 +55,7 @@ class TaskWait:
         self.answer(central, central.outcome(task))
 
     def answer(self, central: "State", outcome: tuple[Outcome, str, str, bytes]) -> None:
-        """Tell who waits how the task stands."""
+        """Send the waiter the task's outcome."""
         if self.connection.outstanding.pop(self.number, None) is not None:
             central.facts.append(facts.WaitEnded(self.connection.module.name, self.origin, self.task_id))
             result, failure, text, body = outcome
@@ -238,7 +238,7 @@ class State:
         self.messages.append(Transmit(connection.id, header, body))
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:
-        """Answer that a request was done; *made* is the id of what it made, or is about."""
+        """Answer that a request was done; *made* is the id that it made, or is about."""
         self.send(connection, number, headers.Accepted(number, TaskId(made)))
 
     def living(self, connection: Connection, number: int, task_id: TaskId, refused: str) -> Task | None:

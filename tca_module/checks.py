@@ -1,4 +1,4 @@
-"""Checks of what users give to calls, before anything leaves: a MisuseError says what, which, and what it must be."""
+"""Checks of users' arguments, before anything leaves: a MisuseError names the call, the value, and the remedy."""
 
 import contextlib
 import inspect
@@ -157,7 +157,7 @@ def name_of(message: Message[Any, Any]) -> str:
 
 
 def check_message(message: Any) -> None:
-    """Raise MisuseError for what is no message, such as its name."""
+    """Raise MisuseError for a value that is no message, such as its name."""
     if not isinstance(message, Message):
         raise MisuseError(f"{message!r:.60} is no message: give the declaration, such as Goal('walk', Path)")
 

@@ -45,7 +45,7 @@ class LocalCentral:
         self._clock.start()
 
     def _tick(self) -> None:
-        """Let time pass: what is due happens."""
+        """Let time pass: due timers fire."""
         with self._due:
             while not self._is_closed:
                 due, now = self.core.clock.next, time.monotonic() - self._began

@@ -25,4 +25,4 @@ class BadFormat(WireError):
 
 
 class JournalDamaged(WireError):
-    """A journal cannot be read any further; what was read before is good."""
+    """A journal cannot be read any further; all read before is good."""

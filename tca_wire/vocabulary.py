@@ -172,7 +172,7 @@ class Due(StrEnum):
 
 
 CENTRAL = "central"
-"""The sender of what central makes itself, and who did what it does for reasons of its own."""
+"""The sender of central's own messages, and the author of its own actions."""
 
 LONGEST_TIME = 3.2e8
 """Seconds, ten years: nothing can be asked for later than this."""

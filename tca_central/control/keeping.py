@@ -23,7 +23,7 @@ KEPT_BYTES = 64 << 20
 
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
-    """A module keeps a task from now on, or no longer; to let go what is not kept is no error."""
+    """A module keeps a task from now on, or no longer; letting go a task that is not kept is no error."""
     task = central.tree.task(header.task)
     record = central.kept.get(header.task)
     if header.release:

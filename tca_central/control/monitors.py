@@ -34,7 +34,7 @@ _FIRST, _ACTION = 0, 1  # which part of a monitor
 
 
 def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageClass]) -> None:
-    """Raises RequestError if the parts of a monitor are not what it needs; *new* are messages declared with it."""
+    """Raises RequestError if the parts of a monitor don't fit it; *new* are messages declared with it."""
     message_class = declared.message_class
     wanted = 0 if not message_class.is_monitor else 2 if message_class.has_condition else 3
     if len(declared.parts) != wanted:

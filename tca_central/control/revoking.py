@@ -16,7 +16,7 @@ from tca_wire.packets import headers
 
 
 def on_unlock(central: State, connection: Connection, header: headers.Unlock, _: bytes) -> None:
-    """Somebody frees a resource, whoever has it."""
+    """A module frees a resource that any module has."""
     claim = find_resource(central, header.resource, header.module).held_by
     if claim is not None:
         by = f"by module '{connection.module.name}'"

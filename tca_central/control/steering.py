@@ -1,5 +1,5 @@
-"""Tasks that exist are steered: killed now, later or after a point, bounded in time, suspended; and what is sent when
-they are killed. What lies ahead of a task is bounded in number, and forgotten when the task ends.
+"""Steering of existing tasks: kills now, later or after a point, deadlines, suspension, and messages sent when a task
+is killed. Planned ones are bounded in number, and forgotten when the task ends.
 """
 
 import msgspec

@@ -1,1 +1,1 @@
-"""Waits that can never end: the graph of who waits for whom, the search, and what is done about it."""
+"""Waits that can never end: the search for them in the graph of needs, and the remedy."""

@@ -58,7 +58,7 @@ class Scan:
 
 
 def check_suspects(central: State) -> None:
-    """See whether what has just begun to wait will ever get what it waits for."""
+    """Check whether new waits can ever end."""
     if not central.look_after:
         central.suspects.clear()
     search = Search(central, PATIENCE)
@@ -160,7 +160,7 @@ def _resolve_all(central: State, search: Search, start: Node) -> Search:
 
 
 def _resolve(central: State, circle: list[Node], search: Search) -> bool:
-    """End a wait or a claim of a circle, or raise a failure for it; False if what was raised is being seen to."""
+    """End a wait or a claim of a circle, or raise a failure for it; False if its failure is being handled."""
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
     kept = [node.claim for node in circle if isinstance(node, Releasing) and is_kept(node.claim)]
@@ -203,7 +203,7 @@ def _is_being_handled(task: Task, search: Search) -> bool:
 
 
 def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
-    """The nodes of a circle that belong to recovery or safe ends: their tasks, what is under these, and their waits."""
+    """The nodes of a circle that belong to recovery or safe ends: their tasks, the subtrees, and their waits."""
     found: set[Node] = set()
     known: dict[Task, bool] = {}
     before = circle[-1]

@@ -124,7 +124,7 @@ class Search:
                 self._to_do.append(user)
 
     def _confirm(self, start: Node) -> bool:
-        """Whether all by which *start* is stuck is so at this moment; what is not is looked at anew."""
+        """Whether all causes that *start* is stuck still hold; changed ones are looked at anew."""
         met, trail, changed = {start}, [start], []
         for node in trail:  # grows while it is walked
             group = self._at[node]

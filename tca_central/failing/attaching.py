@@ -108,6 +108,6 @@ def _remove(central: State, attached: AttachedHandler, by: str) -> None:
 
 
 def forget_task(central: State, task: Task) -> None:
-    """A task has ended, and what is attached to it is gone."""
+    """A task has ended, and its attachments are gone."""
     for attached in task.rare.attached if task.rare else ():
         del central.attached[attached.id]

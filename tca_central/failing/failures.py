@@ -79,7 +79,7 @@ def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
 
 
 def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = CENTRAL) -> None:
-    """Raise a failure on a task beside its handler, as *by* wants: who has the task goes on."""
+    """Raise a failure on a task for *by*, from outside its handler, which goes on."""
     central.note_failure(task, failure, is_beside=True, by=by)
     _search(central, task, failure)
 
@@ -248,7 +248,7 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
 
 
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
-    """Send what was kept for termination, end the watch, and kill the listeners of a killed task."""
+    """Send the messages kept for termination, end the watch, and kill the listeners of a killed task."""
     assert task.rare is not None
     if task.reached & START_HANDLING:
         for message, body in task.rare.farewells:

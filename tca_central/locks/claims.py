@@ -85,7 +85,7 @@ def _check(resource: ModuleResource, claim: Claim[Connection]) -> None:
 
 
 def tell_granted(central: State, claim: Claim[Connection]) -> None:
-    """A claim has got its resource: tell who asked."""
+    """A claim has got its resource: tell the claimant."""
     central.clock.cancel(claim.timer)
     central.facts.append(facts.Granted(claim.id))
     if claim.slot.outstanding.pop(claim.number, None) is not None:
@@ -102,7 +102,7 @@ def on_time_out(central: State, claim: Claim[Connection]) -> None:
 
 
 def refuse_claim(central: State, claim: Claim[Connection], refusal: Refusal, text: str) -> None:
-    """A claim waits in vain: tell who asked."""
+    """A claim waits in vain: tell the claimant."""
     _fail(central, claim, text, Refused(claim.number, refusal, text))
 
 
@@ -113,13 +113,13 @@ def _fail(central: State, claim: Claim[Connection], why: str, answer: ToModule) 
 
 
 def give_up_claim(central: State, connection: Connection, number: int, why: str) -> None:
-    """A module gives up what it has or wants."""
+    """A module gives up a claim, granted or not."""
     if (claim := central.claims.get((connection, number))) is not None:
         _end(central, claim, "released" if claim.is_granted else why)
 
 
 def end_claims_of(central: State, delivery: Delivery, how: str) -> None:
-    """A task or message has ended, or its handler has failed: so has what was claimed for it."""
+    """A task or message has ended, or its handler has failed: end its claims."""
     for claim in central.claimed_for.pop(delivery, ()):
         if claim.is_granted:
             _end(central, claim, f"{delivery.message.message_class} '{delivery.message.name}': {how}")
@@ -161,13 +161,13 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
 
 
 def suspect_kept_claims(central: State, delivery: Delivery) -> None:
-    """A handler has returned and has not released what it has: from now on that waits for the end of the task."""
+    """A handler has returned without releasing its claims: they now last until the end of the task."""
     if central.claimed_for:
         central.suspects.extend(claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted)
 
 
 def end_claims_of_connection(central: State, connection: Connection) -> None:
-    """A connection is gone: so is what it had."""
+    """A connection is gone: end its claims."""
     for claim in [one for one in central.claims.values() if one.slot is connection]:
         if claim.is_granted:
             _note_loss(connection, claim, "the connection to central was lost")

@@ -65,7 +65,7 @@ class Clock:
         return timer
 
     def pending(self) -> list[Timer]:
-        """All that is due later, in no particular order; for checks."""
+        """All timers due later, in no particular order; for checks."""
         return [timer for _, _, timer in self._queue if not timer.is_cancelled]
 
 

@@ -119,7 +119,7 @@ class Handler:
 
 
 class MessageType:
-    """A declared message: its format, who uses it, who handles it, and what waits because nobody does."""
+    """A declared message: its format, users, handlers, and deliveries that wait for a handler."""
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
         self.redefine(declared, by)
@@ -208,7 +208,7 @@ class Delivery:
         self.context: Any = None  #: what it is about, where central made it
         self.sender = sender  #: who wants the answer; None when it is gone
         self.sent_by: object = sender.module if sender is not None else None
-        """The module that sent it; of what central made, who sent the message that it was made for (None: nobody)."""
+        """The module that sent it; if central made it, the sender of the message it was made for (None: nobody)."""
         self.origin = 0  #: of what is no task: the delivery whose handler sent it (0: nobody's, or not known)
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0

@@ -57,7 +57,7 @@ class Registry:
         return name in self._names
 
     def forget_connection(self, connection: Connection) -> None:
-        """A connection is gone; what it asked and was told is kept for a while."""
+        """Remove a connection; its requests and answers are kept for a while."""
         del self.connections[connection.id]
         del connection.module.connections[connection.session]
         self.lost[connection.session] = connection
@@ -109,7 +109,7 @@ def _check_notice(declared: MessageFormat, module: Module) -> None:
 
 
 def _refuse_difference(declared: MessageFormat, module: Module, known: MessageFormat, there: str) -> None:
-    """Raise RequestError where a declaration differs from what is known *there*."""
+    """Raise RequestError where a declaration differs from the one known *there*."""
     if known.message_class != declared.message_class:
         difference = f"a {declared.message_class} here, a {known.message_class} there"
     else:

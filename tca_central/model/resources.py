@@ -1,4 +1,4 @@
-"""Resources: how many messages a part of a module takes at a time, who is next, and who has it to itself.
+"""Resources: the slots of a part of a module, the queue for them, and locks.
 
 Knows capacity and order; knows nothing of constraints, messages' meaning or sockets (TCA 8.5: res.c; capacity is the
 number of messages delivered and not yet completed, not the length of a queue).
@@ -25,7 +25,7 @@ class Queueable(Protocol):
 
     @property
     def sent_by(self) -> object:
-        """Whoever sent it, as a reservation knows him."""
+        """The sender, as reservations compare it."""
 
 
 VOID_ENTRIES = 64
@@ -86,7 +86,7 @@ class Queue(Generic[Q]):
         return None
 
     def __iter__(self) -> Iterator[Q]:
-        """All that wait, in no particular order."""
+        """All waiting entries, in no particular order."""
         return (one for _, _, ticket, one in self._heap if one.ticket == ticket)
 
 
@@ -195,7 +195,7 @@ class Resource(Generic[S, Q]):
         return longest_free
 
     def free_slot(self, slot: S) -> None:
-        """That slot's message is completed."""
+        """Mark a slot free: its message is completed."""
         self._free[slot] = None
 
     # --- those that wait -------------------------------------------------------------------------------------------
@@ -259,7 +259,7 @@ class Resource(Generic[S, Q]):
     # --- claims ----------------------------------------------------------------------------------------------------
 
     def join_copies(self, other: "Resource[S, Q]") -> None:
-        """It is another copy's: who has that one for himself, or wants it, does so with this one."""
+        """Become a copy of another resource: its locks and claims cover this one too."""
         self.copies = other.copies
         self.copies.append(self)
         self.held_by = other.held_by
@@ -267,7 +267,7 @@ class Resource(Generic[S, Q]):
             self._wait(claim)
 
     def leave_copies(self) -> "Resource[S, Q] | None":
-        """Its copy has gone; another one, if there is one, which goes on with the claims."""
+        """Leave the copies; another one, if there is one, goes on with the claims and is returned."""
         self.copies.remove(self)
         if not self.copies:
             self.copies = [self]
@@ -280,14 +280,14 @@ class Resource(Generic[S, Q]):
         return newest
 
     def _may_have(self, claim: Claim[S]) -> bool:
-        """Whether it is a claim's turn here and in all copies, with nobody in them but who asks."""
+        """Whether it is a claim's turn here and in all copies, with nobody in them but the claimant."""
         if any(one._first_in_line() is not claim for one in self.copies):  # noqa: SLF001 - its copies
             return False
         inside = [slot for one in self.copies for slot in one.slots if not one.is_free(slot)]
         return not inside or inside == [claim.slot]
 
     def add_claim(self, claim: Claim[S]) -> None:
-        """Somebody wants the resource. Who is in it goes first: it will not be idle before he has returned."""
+        """Add a claim. A slot in use that claims goes first: the resource is not idle before its handler returns."""
         if any(claim.slot in one.slots and not one.is_free(claim.slot) for one in self.copies):
             claim.priority = INSIDE
         for one in self.copies:
@@ -298,7 +298,7 @@ class Resource(Generic[S, Q]):
         self._queue.put(claim)
 
     def end_claim(self, claim: Claim[S]) -> None:
-        """Somebody wants the resource no more."""
+        """Withdraw a claim."""
         if self.held_by is not claim:
             self._leave_queues(claim)
             return

@@ -156,7 +156,7 @@ class Task(Delivery):
             task = task.parent
 
     def above(self, number: int) -> "Task | None":
-        """The task of that number, if it is this one or above it. Stops at what is older: that has an older parent."""
+        """The task of that number, if it is this one or above it. Stops at an older task: its parent is older still."""
         task: Task | None = self
         while task is not None and task.id > number:
             task = task.parent
@@ -220,7 +220,7 @@ class KeptTask:
         return self.parent.more.kept if isinstance(self.parent, Task) else self.parent.kept
 
     def lineage(self) -> Iterator["Task | KeptTask"]:
-        """This record, what it hangs under and so on; the root left out."""
+        """This record and its ancestors, without the root."""
         one: Task | KeptTask | None = self
         while one is not None and one.id != ROOT:
             yield one
@@ -331,7 +331,7 @@ class TaskTree:
 
 
 def taps_of(delivery: Delivery) -> list[Wiretap]:
-    """The wiretaps of a task and of its message; none for what was itself sent for a wiretap."""
+    """The wiretaps of a task and of its message; none for a listener of a wiretap."""
     taps = delivery.message.taps
     if isinstance(delivery, Task) and delivery.rare is not None and delivery.rare.taps:
         taps = delivery.rare.taps + taps

@@ -100,7 +100,7 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
 
 
 def _of_handler(_: State, node: Returning, each: Each) -> Groups:
-    """A handler needs all that it, or anything nested in it, blocks for; a coroutine any of what it awaits."""
+    """The needs of a handler: all waits of it and of those nested in it; any one of a coroutine's."""
     slot = node.delivery.slot
     if slot is not None:
         given = slot.handling[node.delivery]

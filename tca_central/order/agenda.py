@@ -32,7 +32,7 @@ from tca_wire.text.facts_in_words import kill_reason
 
 
 class Agenda:
-    """The temporal side of the tree. The core takes what comes out: ``startable``, ``ended`` and ``ended_waits``."""
+    """The temporal side of the tree. The core takes its results: ``startable``, ``ended`` and ``ended_waits``."""
 
     def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
         self.tree = tree
@@ -238,7 +238,7 @@ class Agenda:
         return not new
 
     def taps_fired(self, task: Task) -> None:
-        """The wiretaps before a task went on have been fired; what was made of them may hold it."""
+        """The wiretaps before a task went on have been fired; their listeners may hold it."""
         task.more.is_tapped = False
         self._look_at.append(task)
 

@@ -67,7 +67,7 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
 
 
 class PathSearch:
-    """A search from both ends; with *borders* it passes by what is below most tasks."""
+    """A search from both ends; with *borders* it passes by the subtrees of most tasks."""
 
     def __init__(self, tree: TaskTree, start: Place, goal: Place, borders: "Borders | None" = None) -> None:
         self.path: list[Place] | None = None
@@ -167,7 +167,7 @@ def _above(task: Task) -> Iterator[Task]:
 
 
 def _way_up(start: Place, goal: Place) -> list[Place]:
-    """From a point to the end of a task above."""
+    """The path from a point to the end of a task above."""
     task, moment = start
     path = [start]
     while moment != END_ACHIEVING:

@@ -102,7 +102,7 @@ class Dispatcher:
         return False
 
     def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
-        """Take out what has waited longest where more wait than may."""
+        """Queue within a pending limit: the longest waiting delivery above it is dropped."""
         if (oldest := limit.add(newest)) is not None:
             self.withdraw(oldest)
             what, where = newest.message.name, resource.name
@@ -156,7 +156,7 @@ class Dispatcher:
         self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: Claim[Connection]) -> None:
-        """A claim is given up, or what it got is released: others may get in."""
+        """End a claim, given up or released: others may get in."""
         claim.resource.end_claim(claim)
         self.to_offer.extend((copy, None) for copy in claim.resource.copies)
 
@@ -221,7 +221,7 @@ class Dispatcher:
         message.serving += change
 
     def add_handler(self, handler: Handler) -> None:
-        """Add a handler: it takes over what waits for its message."""
+        """Add a handler: it takes over the waiting deliveries of its message."""
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
         message.handlers.append(handler)
@@ -275,7 +275,7 @@ def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
 
 
 def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
-    """Whether it is plain that what waits will be handled: a handler that nothing blocks is before it."""
+    """Whether waiting messages will surely be handled: an unblocked handler is before them."""
     if resource.held_by is not None or resource.claims:
         return False
     for slot in resource.slots:  # any() costs twice as much

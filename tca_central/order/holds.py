@@ -43,7 +43,7 @@ _SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
 _BEGINNINGS = sum(_COUNTER << shift for moment, shift in _SHIFT.items() if moment & STARTS)
 
 VOID_ENTRIES = 32
-"""Entries of who waits for whom that may be kept when they are void, beyond as many as there are others."""
+"""The void entries of waits that may be kept, beyond as many as there are others."""
 
 _NOW = Point(ROOT, Moment.START_ACHIEVING)  # in the journal: the clock's 0
 
@@ -137,7 +137,7 @@ class Holds:
         return True
 
     def _refuse_cycles(self, constraint: Constraint, after: Place, before: Place) -> None:
-        """Raises RequestError if a constraint can never be met. From a killed task what it waited for is inherited."""
+        """Raises RequestError if a constraint can never be met. The constraints of a killed task are inherited."""
         self._refuse_cycle(constraint, after, before)
         if before.task.killed:
             for (_, its_moment), leader in self._what_holds(*before, _KilledTogether(set(), {})).items():

@@ -67,7 +67,7 @@ def review_slots(central: State, slot: Connection) -> None:
 
 
 def review_copies(central: State, resource: Resource[Connection, Delivery]) -> None:
-    """Somebody wants a resource for himself, in all copies of its module, or does no longer."""
+    """Review the slots of all copies of a resource: a claim on it has come or gone."""
     for copy in resource.copies:
         if (slot := next(iter(copy.slots), None)) is not None:
             review_slots(central, slot)
@@ -97,7 +97,7 @@ def _watch(connection: Connection, slot: Connection) -> None:
 
 
 def forget_sender(connection: Connection) -> None:
-    """A connection is gone, or may have missed what it was told: it knows no routes any more."""
+    """Forget the routes of a connection that is gone, or may have missed some."""
     for message in connection.routes:
         del message.senders_told[connection]
     for slot in connection.watches:

@@ -107,7 +107,7 @@ def on_bye(central: State, connection: Connection, _header: headers.Bye, _: byte
 
 
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
-    """A connection is gone. What it had been given and not finished failed (*lost*) or goes to another handler."""
+    """A connection is gone. Its unfinished messages have failed (*lost*) or go to another handler."""
     module = connection.module
     central.registry.forget_connection(connection)
     direct_routes.forget_sender(connection)

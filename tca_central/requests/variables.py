@@ -40,7 +40,7 @@ def _value(central: State, message: MessageType) -> bytes:
 
 
 def on_get_variable(central: State, connection: Connection, header: headers.GetVariable, _: bytes) -> None:
-    """A module asks for the value. The answer is not kept: who has to repeat the question wants the newest value."""
+    """A module asks for the value. The answer is not kept: a repeated question gets the newest value."""
     _check_number(header)
     central.tell(connection, Answer(header.number), _value(central, _variable(central, header.variable)))
 

@@ -79,7 +79,7 @@ def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _
 
 
 def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
-    """The sender no longer needs what it has locked or reserved."""
+    """The sender releases its lock or reservation."""
     connection.lost_claims.pop(header.request, None)
     claim = central.claims.get((connection, header.request))
     had = claim.id if claim is not None and claim.is_granted else 0

@@ -37,7 +37,7 @@ class Pulses:
         return pulses
 
     def listen(self, connections: Iterable[Connection]) -> None:
-        """Note who has been heard: any word from a process is a sign of life."""
+        """Note the pulses that were heard: any word from a process is a sign of life."""
         for connection in connections:
             pulse = connection.pulse
             if pulse in self._unanswered and (pulse in self.heard or connection.id in self.heard):

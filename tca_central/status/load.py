@@ -143,7 +143,7 @@ def _waiter(central: State, task: Task, since: float, waits: tuple[WaitFor, ...]
 
 
 def _suspended(central: State) -> list[Waiter]:
-    """The topmost suspended tasks (what is under them is, too), the longest first."""
+    """The topmost suspended tasks (those under them are, too), the longest first."""
     noted = ((central.tree.tasks[number], *how) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
     return [
         _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by),))
@@ -163,7 +163,7 @@ def _presence(central: State) -> list[Waiter]:
 
 
 def _killed(central: State) -> list[Waiter]:
-    """Killed tasks whose handler still runs, and what it waits for as far as central knows."""
+    """Killed tasks whose handler still runs, with its waits as far as central knows."""
     return [
         _waiter(central, one, one.since, (_handler_of(central, one, one.slot),))
         for one in central.dispatcher.running.values()
@@ -172,7 +172,7 @@ def _killed(central: State) -> list[Waiter]:
 
 
 def _handler_of(central: State, task: Task, slot: Connection) -> WaitFor:
-    """The handler of a task, with what it blocks for or, where it does not, what it asked last."""
+    """The handler of a task, with its waits or, if it has none, its last request."""
     because = tuple(waits_of(central, Returning(task)))
     asked = [
         number for number, due in slot.outstanding.items() if getattr(due, "origin", task.given_as) == task.given_as

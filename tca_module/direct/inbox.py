@@ -41,11 +41,11 @@ class InboxSocket(Protocol):
         """Whether it left."""
 
     def close(self) -> None:
-        """Close; what was sent still leaves."""
+        """Close; packets already sent still leave."""
 
 
 class _RemoteSender:
-    """One sender, and what came from it."""
+    """One sender, and its messages."""
 
     def __init__(self, address: bytes, greet: Greet) -> None:
         self.address = address
@@ -106,7 +106,7 @@ class Inbox:
         return bool(self._waiting)
 
     def listen(self) -> None:
-        """Take in what has arrived."""
+        """Take in arrived packets."""
         for _ in range(PACKETS):
             self._socket.is_paused = len(self._waiting) >= MOST_WAITING or self._bytes >= MOST_BYTES
             if self._socket.is_paused or (arrived := self._socket.receive()) is None:
@@ -236,5 +236,5 @@ class Inbox:
         self._socket.close()
 
     def drop(self) -> None:
-        """Close without a word: what was begun has failed."""
+        """Close without a word: begun messages have failed."""
         self._socket.close()

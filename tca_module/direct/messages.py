@@ -54,7 +54,7 @@ class DirectMessages:
         return isinstance(header, Send) and self._routes.tell(header, body, self._clock())
 
     def listen(self) -> None:
-        """Take in what has arrived; nothing of it is handled yet."""
+        """Take in arrived packets; none is handled yet."""
         self._routes.listen(self._clock)
         if self._inbox is not None:
             self._inbox.listen()
@@ -123,7 +123,7 @@ class DirectMessages:
             self._notes.report(self._session, self._clock(), at_once=True)
 
     def close(self) -> None:
-        """Close everything; without ``shut`` before, what was begun has failed."""
+        """Close everything; without ``shut`` before, begun messages have failed."""
         self._routes.close()
         if self._inbox is not None:
             self._inbox.drop()

@@ -1,4 +1,4 @@
-"""Notes for central on direct messages, sent in batches: what was handled, what was lost."""
+"""Notes for central on direct messages handled or lost, sent in batches."""
 
 from collections import Counter
 

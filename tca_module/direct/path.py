@@ -31,7 +31,7 @@ class LineSocket(Beside, Protocol):
 
     @property
     def is_connected(self) -> bool:
-        """Whether what is sent now is taken."""
+        """Whether the socket takes a packet now."""
 
     def receive(self) -> bytes | None:
         """The next packet; None if there is none."""
@@ -40,7 +40,7 @@ class LineSocket(Beside, Protocol):
         """Whether it left."""
 
     def close(self) -> None:
-        """Close; what was sent still leaves."""
+        """Close; packets already sent still leave."""
 
 
 class DirectPath:
@@ -144,7 +144,7 @@ class DirectPath:
         return requests
 
     def receive(self) -> None:
-        """Take in what has arrived."""
+        """Take in arrived packets."""
         for _ in range(PACKETS):
             packet = self.socket.receive()
             if packet is None:

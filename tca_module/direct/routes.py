@@ -69,7 +69,7 @@ class DirectRoutes:
         return bool(self._paths)
 
     def listen(self, clock: Callable[[], float]) -> None:
-        """Take in direct answers and central's routes; send what is due."""
+        """Take in direct answers and central's routes; send due packets."""
         if not self._paths and not self._session.routing:
             return
         self._now = now = clock()

@@ -291,7 +291,7 @@ class Connection:
     # --- waiting ---------------------------------------------------------------------------------------------------
 
     def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None) -> None:
-        """Handle what is delivered until *is_over*, however long central is silent. *idle* is called in between, with
+        """Handle deliveries until *is_over*, however long central is silent. *idle* is called in between, with
         the seconds that it may take; False: it did nothing.
         """
         self.check_thread()

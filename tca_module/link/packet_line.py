@@ -50,7 +50,7 @@ very long; or no central listens there, but another program"
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
 
     def catch_up(self) -> None:
-        """Take in what has arrived. So a caller that never waits notices a cut, and comes back."""
+        """Take in arrived packets. So a caller that never waits notices a cut, and comes back."""
         while self.listen(0.0):
             pass
         now = self._clock()

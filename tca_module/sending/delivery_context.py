@@ -49,14 +49,14 @@ class TapEvent:
 
 
 class MonitorRef(TaskRef, Generic[D]):
-    """A monitor; *action* is the name of what it sends, "" if it sends nothing."""
+    """A monitor; *action* is the name of the message that it sends, "" if none."""
 
     def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int, action: str) -> None:
         super().__init__(connection, message, task_id, origin)
         self.action = action
 
     def fire(self, action: Message[A, Any] | None = None, data: A = NOTHING) -> bool:
-        """Send the *action* of a demon monitor, with these data: what it watches for has happened.
+        """Send the *action* of a demon monitor, with these data: the event that it watches for has happened.
 
         Returns False if the monitor has ended or does not watch yet (TCM: a warning). Raises MisuseError for another
         message than its action.

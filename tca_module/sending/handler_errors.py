@@ -15,7 +15,7 @@ _TRACEBACK_LIMIT = 8000  # characters
 
 
 class Misfit(Exception):
-    """Data that a handler was given, or what it returned, does not fit the declaration."""
+    """A handler's data or result does not fit the declaration."""
 
 
 class Reissued(Exception):

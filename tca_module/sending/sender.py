@@ -160,7 +160,7 @@ class Sender(Watching):
         return self._ordering.sequence(plan_ahead)
 
     def parallel(self) -> AbstractContextManager[None]:
-        """A block of subtasks without order: each comes after what was sent before; what follows waits for all."""
+        """A block of subtasks without order: each comes after those sent before the block; later ones wait for all."""
         return self._ordering.parallel()
 
     def constrain(self, *constraints: Constraint) -> None:

@@ -83,17 +83,17 @@ class Task(Sender, TaskIntervals):
 
     @property
     def trouble(self) -> Trouble:
-        """In an exception handler: the failure that it handles."""
+        """The failure that this exception handler handles."""
         return self._context(Trouble, "exception handler")
 
     @property
     def tap_event(self) -> TapEvent:
-        """In a listener of a wiretap: what was tapped."""
+        """The event that this listener of a wiretap was sent for."""
         return self._context(TapEvent, "listener of a wiretap")
 
     @property
     def monitor_ref(self) -> MonitorRef[Any]:
-        """In a message sent by a monitor: that monitor."""
+        """The monitor that sent this message."""
         return self._context(MonitorRef, "message of a monitor")
 
     def _context(self, kind: type[C], what: str) -> C:

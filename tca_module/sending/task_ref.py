@@ -73,7 +73,7 @@ class AttachmentRef:
         return self._standing.number if self._standing is not None else self._number
 
     def remove(self) -> None:
-        """Take it away for good, unless another module wants it too. What it has sent stays."""
+        """Take it away for good, unless another module wants it too. Messages that it has sent stay."""
         connection = self._connection
         if self._standing is not None:
             self._attachments.forget(self._standing, connection.session.epoch)
@@ -218,7 +218,7 @@ class TaskRef(TaskIntervals):
         return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
     def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
-        """Kill what is under the task, except monitors of others, and handle it again, when that and the calling
+        """Kill all under the task, except monitors of others, and handle it again, when that and the calling
         exception handler have ended. With its *message* it gets new *data*. Returns False if the task had ended or been
         killed.
         """
@@ -234,7 +234,7 @@ class TaskRef(TaskIntervals):
     # --- suspending ------------------------------------------------------------------------------------------------
 
     def suspend(self) -> bool:
-        """Start nothing more of the task and what is under it. Handlers are told. False if the task had ended."""
+        """Start nothing more of the task and its subtasks. Handlers are told. False if the task had ended."""
         return self._steer(headers.Suspend(0, self.id, origin=self._origin), f"suspending {self}")
 
     def resume(self) -> bool:

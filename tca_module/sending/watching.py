@@ -35,7 +35,7 @@ class Watched(TypedDict, total=False):
     until: Point | None
     """It ends when this point is reached."""
     for_ever: bool
-    """It does not end with what it watches over: the other tasks under its parent."""
+    """It does not end with the other tasks under its parent."""
 
 
 class MonitorOptions(Watched, total=False):

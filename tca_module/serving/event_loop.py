@@ -132,7 +132,7 @@ class EventLoop:
         self._end_wait()
 
     def _listen(self) -> float:
-        """Do what has come up; the seconds of central's silence."""
+        """Do all pending work; the seconds of central's silence."""
         connection = self._connection
         silence = connection.tend(self._since, 0.0)
         while connection.has_news:

@@ -18,7 +18,7 @@ RESTARTED = "central was restarted and has forgotten its tree"
 
 
 class EpochNumber(int):
-    """A number from the central of *epoch*; *what* names what was numbered, for people."""
+    """A number from the central of *epoch*; *what* names its object, for people."""
 
     epoch: str
     what: str

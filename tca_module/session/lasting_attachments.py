@@ -32,7 +32,7 @@ class LastingAttachment:
 
 
 def is_lasting(header: Any) -> bool:
-    """Whether a request attaches something to a message or to the root; what is attached to a task ends with it."""
+    """Whether a request attaches something to a message or to the root; an attachment to a task ends with it."""
     if isinstance(header, Attach):
         return bool(header.message) or header.task == ROOT
     return isinstance(header, Tap) and bool(header.message)
@@ -66,7 +66,7 @@ class LastingAttachments:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
     def unknown_to(self, epoch: str) -> list[LastingAttachment]:
-        """Those that the central of that epoch must be told, oldest first; and newer ones, to keep the order."""
+        """The attachments that the central of that epoch lacks, oldest first, with newer ones to keep the order."""
         with self._lock:
             wanted = list(self._wanted.values())
         first = next((i for i, one in enumerate(wanted) if one.number.epoch != epoch), len(wanted))
@@ -87,7 +87,7 @@ class LastingAttachments:
                 self._unwanted.append(standing)
 
     def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
-        """Those that the central of that epoch still has: they were removed without its knowledge. Each once."""
+        """The attachments that the central of that epoch still has, though they were removed. Each once."""
         if not self._unwanted:
             return []
         with self._lock:

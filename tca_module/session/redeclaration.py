@@ -1,4 +1,4 @@
-"""Tells a restarted central anew what it has forgotten, in order.
+"""Repeats to a restarted central all that it has forgotten, in order.
 
 First the messages; then exception handlers and wiretaps, oldest first; then the module waits for the messages it
 requires. Only then are its handlers declared: other modules may rely on its attachments. What is refused is logged and
@@ -23,7 +23,7 @@ Ask = Callable[..., Request]
 
 
 class Redeclaration:
-    """Tells a restarted central what it must know. Only the connection that declares a module's handlers does."""
+    """Declares all anew to a restarted central. Only the connection that declares a module's handlers does."""
 
     def __init__(
         self, attachments: LastingAttachments, ask: Ask, say: Callable[[str], None], over: Callable[[], None]

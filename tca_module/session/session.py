@@ -1,4 +1,4 @@
-"""One connection's side of the protocol: what was asked, what must be said again, what was delivered.
+"""One connection's side of the protocol: its requests, their repetition, and deliveries.
 
 Headers go in through ``receive`` and come out in ``outgoing``; time is passed in. Until central's Welcome nothing but
 Hello leaves. A numbered request is kept until its answer is there; after a break it is repeated in order: central knows
@@ -90,7 +90,7 @@ class Session:
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
-        """Ask central; also what was asked directly, and not begun there."""
+        """Ask central; also for a direct request that its handler has not begun."""
         request.path = None
         self._number(request)
         if self.is_welcome:
@@ -221,7 +221,7 @@ class Session:
         self.outgoing += self._replies
 
     def _renew(self) -> None:
-        """Tell a new central what comes before all else, under the lowest numbers."""
+        """Redeclare to a new central before all else, under the lowest numbers."""
         waiting, self._requests = self._requests, {}
         self.redeclaration.begin(self.epoch, self._messages)
         if not self._requests:
@@ -290,7 +290,7 @@ class Session:
         self.refused = header
 
     def _ask_again(self, request: Request) -> None:
-        """Central dropped what was asked when the connection broke."""
+        """Repeat a request that central dropped when the connection broke."""
         if isinstance(request.header, HARMLESS):
             del self._requests[request.header.number]
             self._number(request)

@@ -54,7 +54,7 @@ class _DirectSocket:
         return self._can(POLLIN)
 
     def close(self) -> None:
-        """Close; what was sent still leaves, for a second."""
+        """Close; packets already sent still leave, for a second."""
         self._socket.close()
 
 
@@ -92,7 +92,7 @@ class EntranceSocket(_DirectSocket):
         return True
 
     def close(self) -> None:
-        """Close; what was sent still leaves, for a second."""
+        """Close; packets already sent still leave, for a second."""
         super().close()
         if self.endpoint.startswith("ipc://"):
             Path(self.endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
@@ -114,7 +114,7 @@ class PathSocket(_DirectSocket):
 
     @property
     def is_connected(self) -> bool:
-        """Whether what is sent now is taken."""
+        """Whether the socket takes a packet now."""
         return self._can(_POLLOUT)
 
     def receive(self) -> bytes | None:

@@ -62,7 +62,7 @@ class Transport(Beside, Protocol):
         """Let ``receive`` return soon; may be called from any thread."""
 
     def close(self) -> None:
-        """Close; what was sent still leaves, for a second."""
+        """Close; packets already sent still leave, for a second."""
 
 
 class Waker:
@@ -238,7 +238,7 @@ class DealerTransport:
             self._waker.set()
 
     def close(self) -> None:
-        """Close; what was sent still leaves, for a second."""
+        """Close; packets already sent still leave, for a second."""
         if self._all is not None:
             self._all.close()
         self._socket.close()

@@ -104,7 +104,7 @@ class RequestRefused(_Fact, frozen=True, tag="refused"):
 
 
 class Ignored(_Fact, frozen=True, tag="ignored"):
-    """A request of a module changed nothing: what it asked for was no longer possible, and it could not know that."""
+    """A request of a module changed nothing: it was no longer possible, and the module could not know that."""
 
     sender: str
     text: str
@@ -214,7 +214,7 @@ class HandledDirectly(_Fact, frozen=True, tag="direct"):
 
 
 class LostDirectly(_Fact, frozen=True, tag="direct lost"):
-    """As *module* says, so many informs of *message* ("": notes of direct messages) were sent directly and lost."""
+    """*module* reports that so many informs of *message* ("": notes of direct messages) were sent directly and lost."""
 
     module: str
     message: str
@@ -310,7 +310,7 @@ class Released(_Fact, frozen=True, tag="released"):
 
 
 class Awaited(_Fact, frozen=True, tag="awaited"):
-    """Whoever sent a query or multi-query, and went on, waits for its answer from now on."""
+    """The sender of a query or multi-query, which had gone on, waits for its answer from now on."""
 
     id: int
 

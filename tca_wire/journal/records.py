@@ -75,7 +75,7 @@ def record(entry: Entry) -> bytes:
 
 
 class JournalReader:
-    """Reads the entries of one segment; at the end of what is there it stops, and goes on when iterated again.
+    """Reads the entries of one segment; at its present end it stops, and goes on when iterated again.
 
     It may begin at the *offset* of a record that was read before. ``offset`` is the byte behind the last good record,
     ``torn`` the number of bytes behind it that are no whole record. ``holes`` are the places of the damaged records
@@ -129,7 +129,7 @@ class JournalReader:
     # --- records ---------------------------------------------------------------------------------------------------
 
     def _payload(self) -> bytes | None:
-        """That of the record at ``offset``; None if no sound one is there."""
+        """The payload of the record at ``offset``; None if no sound one is there."""
         at = self.offset - self._window_at
         if at < 0 or at + _FRAME.size > len(self._window):
             self._look_at(self.offset, _FRAME.size)
@@ -179,15 +179,15 @@ class JournalReader:
         return False
 
     def _allowed(self, place: int) -> int:
-        """How long a record may be that is looked at after damage. What is read in vain adds up to a few times of what
-        is behind: the time to read stays linear, even if somebody makes up a file of lengths that lead nowhere.
+        """The longest record to try after damage. Bytes read in vain add up to a few times of those behind: the time to
+        read stays linear, even for a forged file of lengths that lead nowhere.
         """
         return MAX_RECORD + _SPARE * place - self._in_vain
 
     # --- damage ----------------------------------------------------------------------------------------------------
 
     def _pass_over(self) -> bool:
-        """Go to the next sound record, if there is one behind what is no record; whether there is."""
+        """Skip damage to the next sound record; whether there is one."""
         size = self._size = self._stream.seek(0, 2)
         if self.offset >= size or self._searched == (self.offset, size):
             return False
@@ -245,8 +245,8 @@ class JournalReader:
         return False
 
     def _end(self) -> None:
-        """Nothing sound was left. Raises JournalDamaged, unless what was left is nothing or a torn tail, which may have
-        become whole since.
+        """End without a further sound record. Raises JournalDamaged, unless nothing is left or a torn tail, which may
+        have become whole since.
         """
         self.torn = self._size - self.offset
         if self.torn <= 0:

@@ -1,4 +1,4 @@
-"""Whether all data of one format can be read as another: where central passes on what was made for somebody else.
+"""Whether all data of one format can be read as another: where central passes on data made for another message.
 
 An exception handler gets the failure's data, an action what the condition replies. The rules are those by which data
 are decoded (formats.py): fields that nobody wants are passed over, a whole number is a number, too, and of a union
@@ -120,7 +120,7 @@ class _Fitting:
         return None
 
     def _other_fields(self, sent: Any, wanted: Any) -> str | None:
-        """Those that are not: passed over, unless their values or names matter."""
+        """The misfit of fields not wanted: they are passed over, unless their values or names matter."""
         taken = wanted.get("additionalProperties", _ANYTHING)
         for name, field in sent.get("properties", {}).items():
             if name in wanted.get("properties", {}):
@@ -177,7 +177,7 @@ def _takes_value(sent: Any, wanted: Any) -> bool:
 
 
 def _takes_form(sent: Any, wanted: Any) -> bool:
-    """Whether what is written as text, or as a list, is written so that it can be read."""
+    """Whether values written as text, or as a list, can be read as wanted."""
     if sent.get("contentEncoding") != wanted.get("contentEncoding"):
         return False
     mine, yours = wanted.get("format"), sent.get("format")

@@ -1,4 +1,4 @@
-"""Notices: broadcasts of central itself about who is there. Any module may handle them, no module sends them."""
+"""Notices: broadcasts of central itself about modules. Any module may handle them, no module sends them."""
 
 import msgspec
 

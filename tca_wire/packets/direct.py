@@ -15,7 +15,7 @@ class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_field
 
 
 class Greet(_Header, frozen=True, tag=96):
-    """First message of a sender, and again when it doubts that what it sent has arrived. Answered by Greeting."""
+    """First message of a sender, and again when it doubts that its messages have arrived. Answered by Greeting."""
 
     version: int
     key: str

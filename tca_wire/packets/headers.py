@@ -134,7 +134,7 @@ class AwaitPoint(_Header, frozen=True, tag=8):
 
 
 class GiveUp(_Header, frozen=True, tag=9):
-    """The sender no longer waits for the answer to request *request*; if that was a Lock, what it got is released."""
+    """The sender no longer waits for the answer to request *request*; if that was a Lock, its claim is released."""
 
     request: int
     number: int = 0
@@ -211,7 +211,7 @@ class Raise(_Header, frozen=True, tag=15):
 
 
 class Retry(_Header, frozen=True, tag=16):
-    """Kill what is under a task and let it be handled again, with the body as its data where *new_data*."""
+    """Kill all under a task and let it be handled again, with the body as its data where *new_data*."""
 
     number: int
     task: TaskId
@@ -308,7 +308,7 @@ class Fire(_Header, frozen=True, tag=65):
 
 
 class EndMonitor(_Header, frozen=True, tag=66):
-    """A monitor shall watch no longer; what it has sent comes to its own end."""
+    """End a monitor; messages that it has sent go on."""
 
     number: int
     monitor: TaskId
@@ -442,7 +442,7 @@ class Beat(_Header, frozen=True, tag=39):
 
 
 class Unknown(_Header, frozen=True, tag=40):
-    """Central does not know this connection: say Hello again, then repeat what is not acknowledged."""
+    """Central does not know this connection: say Hello again, then repeat unacknowledged requests."""
 
     number: int = 0
     """The request that it answers, which is not done: if it was sent only once, nobody has it."""

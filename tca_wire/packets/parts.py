@@ -18,7 +18,7 @@ class MessageFormat(_Part, frozen=True):
     data: str
     reply: str = ""
     parts: list[str] = []
-    """Of a monitor, the messages that it sends: condition and action, or set-up, action and cancel ("" for none)."""
+    """The messages that a monitor sends: condition and action, or set-up, action and cancel ("" for none)."""
 
 
 class HandlerFormat(_Part, frozen=True):
@@ -34,7 +34,7 @@ class HandlerFormat(_Part, frozen=True):
 
 
 class Attachment(_Part, frozen=True):
-    """That an exception handler takes care of a failure, at most *maximum* times (0: any number of times)."""
+    """The attachment of an exception handler for a failure, at most *maximum* times (0: any number of times)."""
 
     failure: str
     handler: str

@@ -26,7 +26,7 @@ class Entrance(_Header, frozen=True):
 
 
 class Note(_Header, frozen=True):
-    """That a slot has handled a message which came directly."""
+    """The note that a slot has handled a direct message."""
 
     message: str
     sender: str
@@ -44,7 +44,7 @@ class Note(_Header, frozen=True):
 
 
 class Loss(_Header, frozen=True):
-    """That so many informs were sent directly and came to nothing; of message "": notes that could not be kept."""
+    """The number of informs sent directly and lost; of message "": notes that could not be kept."""
 
     message: str
     number: int

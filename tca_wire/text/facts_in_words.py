@@ -15,7 +15,7 @@ _COMMAND = "tca "
 
 
 class Wording:
-    """Facts in words; a name stays known as long as facts about it may come. *known* names what was sent before."""
+    """Facts in words; a name stays known as long as facts about it may come. *known* names earlier messages."""
 
     def __init__(self, known: Callable[[int], str] = lambda _: "?") -> None:
         self._names: dict[int, str] = {}

@@ -25,7 +25,7 @@ def run_time(seconds: float) -> str:
 
 
 def from_to(start: float, end: float | None) -> str:
-    """``from 0.700 s to 1.400 s``; of what goes on: ``from 0.700 s on``."""
+    """A span in words: ``from 0.700 s to 1.400 s``, or without end ``from 0.700 s on``."""
     return f"from {run_time(start)} on" if end is None else f"from {run_time(start)} to {run_time(end)}"
 
 

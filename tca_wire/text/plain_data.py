@@ -120,7 +120,7 @@ def knows_field(schema: str, path: Sequence[str]) -> bool:
 
 
 class _Fitting:
-    """Walks value and schema side by side, and builds the data. What it does not know of a schema it lets pass."""
+    """Walks value and schema side by side, and builds the data. Unknown parts of a schema pass."""
 
     def __init__(self, schema: Any) -> None:
         self._definitions = schema.get("$defs", {}) if isinstance(schema, dict) else {}
@@ -278,7 +278,7 @@ class _Fitting:
 
 
 def _without_bare(value: Any) -> Any:
-    """Data of which nothing is known: what was typed is JSON, if it can be."""
+    """Data without a schema: typed text is JSON, if it can be."""
     if isinstance(value, dict):
         return {name: _without_bare(one) for name, one in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Waits in English: what goes after "waits". The only place where text says what is waited for."""
+"""Waits in English: the words after "waits". No other place has them."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -159,7 +159,7 @@ def _keeper(wait: WaitFor, *, is_first: bool) -> str:
 
 
 def _whereabouts(query: WaitFor) -> str:
-    """``, which no module handles``; and who has not answered a multi-query yet."""
+    """The place of a query, ``, which no module handles``, or the missing answers to a multi-query."""
     if not query.because:
         return ""
     if len(query.because) > 1 or query.answered:
@@ -173,7 +173,7 @@ def _whereabouts(query: WaitFor) -> str:
 
 
 def not_answered(query: WaitFor) -> str:
-    """Of a multi-query: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 has)``."""
+    """A multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 has)``."""
     number = len(query.because)
     told = f" ({query.answered} of {query.answered + number} {_has(query.answered)})" if query.answered else ""
     return f"{listed([_who(one) for one in query.because])} {_has(number)} not answered{told}"
