@@ -34,7 +34,7 @@ _WORDS_OF_CLICK = re.compile(
 """How messages of click begin."""
 _INTERRUPTED = 130
 _NOBODY_READS = 141
-"""What a shell reports of a program that wrote into a closed pipe."""
+"""The shell's exit code of a program that wrote into a closed pipe."""
 
 
 class CommandLine(click.Group):

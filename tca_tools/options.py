@@ -48,7 +48,7 @@ _SHARED = (
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What these options ask for."""
+    """The values of these options."""
 
     log_path: Path | None
     start: float | None

@@ -96,7 +96,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
 
 @contextmanager
 def made_for(path: Path) -> Iterator[None]:
-    """What is done here is done to write that file, such as drawing: ToolError says which can't be written."""
+    """A context for making that file, such as drawing it: ToolError says which can't be written."""
     try:
         yield
     except OSError as error:

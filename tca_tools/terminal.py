@@ -1,4 +1,4 @@
-"""What fits a terminal: width, cutting, padding, and no control characters from foreign text."""
+"""Text that fits a terminal: width, cutting, padding, and no control characters from foreign text."""
 
 import os
 import shutil
@@ -37,7 +37,7 @@ def cut(text: str, width: int | None) -> str:
 
 
 def cut_name(text: str, number: int, width: int) -> str:
-    """The same of a task's name, of which the number stays, and what follows it if that has room: ``pour a … {24}``."""
+    """Cut a task's name but keep its number, and the text behind that if it has room: ``pour a … {24}``."""
     name, marker, after = text.rpartition(f" {{{number}}}")
     if not name or columns_of(text) <= width:
         return cut(text, width)

@@ -1,4 +1,4 @@
-"""What would make a run shorter, and by how much at most: from the critical path and from idle resources. Pure.
+"""Advice on making a run shorter, and by how much at most: from the critical path and from idle resources. Pure.
 
 Each piece of advice has a bound of its own. They may be about the same seconds, so bounds must not be added up.
 """
@@ -26,7 +26,7 @@ from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import duration, listed, percent, run_time
 
 _NOTHING = 1e-9
-"""What saves less is no advice."""
+"""Smaller savings are no advice."""
 
 
 def advice(
@@ -200,7 +200,7 @@ def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[
 
 
 def _stood(run: Run) -> Iterator[tuple[Topic, int, float, float | None, str]]:
-    """What stood, from when until when, and who suspended it."""
+    """The standstills: topic, message, start, end, and who suspended it."""
     for queueing in run.queueings:
         if not queueing.module:
             yield Topic.HANDLER, queueing.message_id, queueing.start, queueing.end, ""

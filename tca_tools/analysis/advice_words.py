@@ -9,7 +9,7 @@ from tca_wire.text.measures import times
 
 
 class Topic(StrEnum):
-    """What a piece of advice is about."""
+    """The topic of a piece of advice."""
 
     FAILURE = "failures"
     OVERLAP = "plan while acting"
@@ -45,7 +45,7 @@ class Advice:
 
 
 class Words(NamedTuple):
-    """What is said about a topic: a title, what was found, and what to do."""
+    """The words of advice on a topic: a title, the finding, and what to do."""
 
     topic: Topic
     title: str

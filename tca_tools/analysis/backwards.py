@@ -1,4 +1,4 @@
-"""What led to what: backwards from any moment of a run through whatever was waited for last. Pure.
+"""The causes of any moment of a run: backwards through whatever was waited for last. Pure.
 
 Theory. An entry of the journal holds all that one event brought about, and no two entries have the same time. So the
 cause of what happened at a time is the event of that entry, and the entry says who asked for it: the run of a handler,
@@ -51,7 +51,7 @@ class Causes:
         }
         self._outside = {name: self._as_ended(one.waits, is_outside=True) for name, one in run.modules.items()}
         self._over: dict[int, list[_Over]] = {}
-        """The same of runs of handlers that were walked through."""
+        """The waits of handlers that were walked through, by their ends."""
 
     def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[Step]:
         """The steps that led to what happened at *time* to a message, or that a handler did then; the newest first."""

@@ -31,7 +31,7 @@ from tca_wire.vocabulary import Role
 
 _PLANNING = (Moment.START_HANDLING, Moment.START_PLANNING)
 _REACTIONS = (Role.LISTENER, Role.EXCEPTION, Role.TERMINATION)
-"""What is made of something that has just happened can't be done before it."""
+"""Reactions can't be done before the event that they react to."""
 
 
 class Chance(NamedTuple):
@@ -43,7 +43,7 @@ class Chance(NamedTuple):
     second: int
     """The command that waited for the plan."""
     held: Step
-    """What an order held back: the step that began, or went on, only in the gap."""
+    """The step that an order held back: it began, or went on, only in the gap."""
     start: float
     """When the acting resource had nothing to act any more."""
     end: float
@@ -59,7 +59,7 @@ class Overlap:
     """The chances of one kind: the same order holds back the same planning."""
 
     remedy: str
-    """What would have to change."""
+    """The change that would help."""
     chances: list[Chance]
     """First those that save most."""
 
@@ -116,7 +116,7 @@ def _chances(
 def _held_in(
     run: Run, causes: Causes, acting: Key, second: Handling, gap: float
 ) -> tuple[Step, list[Step]] | None:  # fmt: skip
-    """What an order held back until a gap before a command or later, and what was planned from there on."""
+    """The step that an order held back until a gap, and the steps planned from there on."""
     message = run.messages[second.message_id]
     if any(one.start < gap and (one.end is None or one.end > gap) for one in message.queueings):
         return None  # there was something to act: only it could not begin
@@ -157,7 +157,7 @@ def _plans(run: Run, step: Step, acting: Key) -> bool:
 
 
 def why_held(run: Run, held: Step) -> str:
-    """What held the planning back, in words."""
+    """The reason why the planning was held back, in words."""
     if held.resumed:
         return waited(run, held)
     at = RunAt(run, nextafter(held.start, 0.0))
@@ -165,7 +165,7 @@ def why_held(run: Run, held: Step) -> str:
 
 
 def _remedy(run: Run, held: Step) -> str:
-    """What would have to change: the same of all chances of a kind."""
+    """The change that would help: the same for all chances of a kind."""
     name = run.name(held.message_id)
     if not held.resumed:
         return (

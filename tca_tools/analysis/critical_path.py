@@ -74,7 +74,7 @@ def longest_task(run: Run) -> Task | None:
 
 
 def critical_path(run: Run, causes: Causes, task: Task) -> CriticalPath:
-    """What led to the end of *task*; if it has not ended, to what goes on in it."""
+    """The path to the end of *task*; if it has not ended, to what goes on in it."""
     if is_over(task):
         steps = list(causes.back_from(_end_of(task), task.id))
         return CriticalPath(task, False, steps[::-1])

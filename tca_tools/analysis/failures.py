@@ -31,7 +31,7 @@ class Case:
     of: str
     """The message, with its id."""
     text: str
-    """What was said of it."""
+    """The text of the failure."""
     time: float
     raised_by: str
     called: list[str]
@@ -46,7 +46,7 @@ class Case:
 
     @property
     def cost(self) -> float:
-        """What it cost in time."""
+        """The cost in time."""
         return self.lost + self.recovery
 
     @property
@@ -65,7 +65,7 @@ class Kind:
 
     @property
     def cost(self) -> float:
-        """What they cost in time; what two of them cost at the same time counts once."""
+        """The cost in time; time that two of them share counts once."""
         return Cover(case.span for case in self.cases).total
 
     @property
@@ -131,7 +131,7 @@ def _refused(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
 
 
 def _became(run: Run, wait: HandlerWait) -> Fate | None:
-    """What became of a wait that was refused; None if its handler failed with that, which is told as any failure."""
+    """The fate of a refused wait; None if its handler failed with that, which is told as any failure."""
     if not isinstance(wait.by, Handling):
         return Fate.TOLD
     handling, failed = wait.by, failing(run, wait.by)

@@ -29,13 +29,13 @@ class Before(NamedTuple):
     """The wait that was over when a step began."""
 
     words: Words
-    """What there is to say of its like."""
+    """The words for waits of its kind."""
     name: str
     """The resource, or the message that was asked."""
     start: float
     end: float
     claim: Claim | None = None
-    """Who had the resource in whose queue it stood, locked or reserved."""
+    """The lock or reservation on the resource in whose queue it stood."""
 
     @property
     def seconds(self) -> float:
@@ -56,7 +56,7 @@ class HeldUp:
 
 
 def held_up(run: Run, causes: Causes, path: CriticalPath, window: Span, at_least: float) -> Iterator[HeldUp]:
-    """What the steps of a path waited for before they began, where it took *at_least* so many seconds in a window."""
+    """The waits before the steps of a path, where they took *at_least* so many seconds in a window."""
     found: dict[tuple[Words, str], list[tuple[Before, Step]]] = {}
     for step in path.steps:
         if before := _before(run, step):
@@ -68,7 +68,7 @@ def held_up(run: Run, causes: Causes, path: CriticalPath, window: Span, at_least
 
 
 def _before(run: Run, step: Step) -> Before | None:
-    """What a step had waited for in a queue, or its handler for a reply or a lock; None if it was neither."""
+    """The wait of a step in a queue, or of its handler for a reply or a lock; None if it was neither."""
     message = run.messages.get(step.message_id)
     if message and (queueing := queueing_before(run, step)):
         module, resource, start = queueing.module, queueing.resource, queueing.start
@@ -90,7 +90,7 @@ def _before(run: Run, step: Step) -> Before | None:
 
 
 def _left_out(run: Run, causes: Causes, last: Step) -> Iterator[Span]:
-    """What a walk back from the last of some steps leaves out: the waits such as the one before that."""
+    """The spans that a walk back from the last step leaves out: waits like the one before it."""
     like = _before(run, last)
 
     def since(step: Step) -> float | None:

@@ -77,7 +77,7 @@ def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
 
 
 def _all(run: Run) -> Iterator[_Found]:
-    """What is held, suspended or queued, and what handlers wait for."""
+    """The held, suspended and queued messages, and the waits of handlers."""
     for task in run.tasks.values():
         for since, end, state in task.spans():
             if state in (State.HELD, State.PLANNED):
@@ -135,7 +135,7 @@ def _until_resumed(suspension: Suspension) -> str:
 
 
 def _why_held(run: Run, task: Task, found: _Found) -> str:
-    """What held a task, each cause with how long it did."""
+    """The causes that held a task, each with how long it did."""
     end = inf if found.end is None else found.end
     waits = [wait for wait in told_waits(run, task) if found.start <= wait.start < end]
     causes = ((wait_for(RunAt(run, wait.start), wait), min(wait.end, run.time) - wait.start) for wait in waits)
@@ -146,7 +146,7 @@ def _why_held(run: Run, task: Task, found: _Found) -> str:
 
 
 def handler_wait_in_words(run: Run, wait: HandlerWait) -> str:
-    """What a handler or program waited for, and whether that was in vain."""
+    """The wait of a handler or program in words, and whether it was in vain."""
     in_vain = ", in vain" * is_in_vain(run, wait)
     if (claim := run.claims.get(wait.awaited)) is not None:
         return _cut(run, parts_of_claim(run, wait, claim), lambda at, part: of_claim(at, claim, part.by)) + in_vain

@@ -43,7 +43,7 @@ class Growing(NamedTuple):
     longest: float
     """How long the oldest of the queue had waited at the end, in seconds."""
     message: str
-    """What most of the queue were."""
+    """The commonest message of the queue."""
 
     @property
     def needed(self) -> int:

@@ -18,7 +18,7 @@ _BEFORE = 100
 
 @dataclass(slots=True)
 class Use:
-    """What a resource did between two times; all lengths in seconds. All tools ask here."""
+    """The use of a resource between two times; all lengths in seconds. All tools ask here."""
 
     key: Key
     name: str

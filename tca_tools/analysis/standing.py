@@ -1,4 +1,4 @@
-"""What keeps a task at a moment, when the journal ends or it is cut off: what runs under it, or else what it stands on.
+"""The cause that keeps an open task at a moment: a task that runs under it, or else one that it stands on.
 
 A walk follows all that the task waits for, each thing once. What is under it counts first; where nothing there goes
 on, its constraints, and its handlers that wait, lead to tasks elsewhere.
@@ -19,7 +19,7 @@ from tca_wire.waits import WaitKind
 
 
 class GoingOn(NamedTuple):
-    """What a task waits for at a moment."""
+    """The node that a task waits for at a moment."""
 
     node: Node
     is_elsewhere: bool
@@ -29,24 +29,24 @@ class GoingOn(NamedTuple):
     handling: Handling | None
     """The handler that went on until then."""
     standing: Step | None
-    """What stands; None: it runs."""
+    """The step that stands; None: it runs."""
 
     def rank(self) -> tuple[bool, bool, float]:
-        """What counts first has the least."""
+        """The order of causes: the least counts first."""
         watches = self.standing is not None and self.standing.doing is Doing.WATCHING
         return watches, self.is_elsewhere, self.standing.start if self.standing else -inf
 
 
 def going_on(at: RunAt, message: Message, until: float) -> GoingOn | None:
-    """What a task or message waited for *until* just after a moment: what runs comes before what stands, and that
-    before monitors that watch; of what stands that which has stood longest. None if nothing is known.
+    """The cause of a wait *until* just after a moment: runs come before standstills, and these before monitors that
+    watch; of standstills the longest. None if nothing is known.
     """
     return min(_Walk(at, message, until).found, key=GoingOn.rank, default=None)
 
 
 def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
-    """What an open task waits for when the journal ends; and if that is not under it, the waits that lead there, in
-    words. If it is not known, since when nothing happened under the task.
+    """The cause of an open task's wait when the journal ends; and if it is not under the task, the waits that lead
+    there, in words. If it is not known, since when nothing happened under the task.
     """
     walk = _Walk(RunAt(run), task, run.time)
     if (found := min(walk.found, key=GoingOn.rank, default=None)) is not None:
@@ -113,7 +113,7 @@ class _Walk:
             self._nodes.append(node)
 
     def _at_claim(self, node: Node, claim: Claim) -> None:
-        """Who waits for a lock waits for all that its holder waits for; or a program has it, outside of handlers."""
+        """Follow a lock to all that its holder waits for; or to the program that has it, outside of handlers."""
         others, _ = steps(self._at, node)
         for other in others:
             self._come_to(other, node, None)

@@ -20,7 +20,7 @@ _LINKS = 6
 
 
 def named(run: Run, number: int) -> str:
-    """What a message, or a lock, is called, without its number."""
+    """The name of a message, or a lock, without its number."""
     name = run.name(number)
     return "what was sent before the journal begins" if name == UNKNOWN else name
 
@@ -72,7 +72,9 @@ def _held(run: Run, task: Task, time: float) -> str:
 
 
 def _links(run: Run, task: Task, time: float) -> Iterator[str]:
-    """What a task waited for until then, then what that waited for, and so on, as far as all of it was over at once."""
+    """The waits of a task until then, then those of what it waited for, and so on, as far as all of it was over at
+    once.
+    """
     waits, seen = _ended_at(run, task, time), {task.id}
     if waits:
         yield f"waited {_in_words(run, waits, time)}"
@@ -146,7 +148,7 @@ def _why_suspended(_run: Run, message: Message, step: Step) -> str:
 
 
 def _why_standing(run: Run, message: Message, step: Step) -> str:
-    """What it waits for when the journal ends, or the step."""
+    """The wait when the journal ends, or the step."""
     words = _in_words(run, waits_now(RunAt(run, nextafter(step.end, 0.0)), message.id), step.end)
     return f"it waits {words}{still_handled(run, message.id, step.end)}" if words else ""
 
@@ -158,4 +160,4 @@ _WHY = {
     Doing.HELD: _why_standing,
     Doing.LOCKED: _why_standing,
 }
-"""What there is to say of steps in which nothing was done."""
+"""The words for steps in which nothing was done."""

@@ -1,4 +1,4 @@
-"""What paths through a run are made of: spans of time, and what had to pass in each."""
+"""The steps of paths through a run: spans of time, and what had to pass in each."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,7 +10,7 @@ from tca_wire.text.facts_in_words import place
 
 
 class Doing(StrEnum):
-    """What went on during a step."""
+    """The kind of a step."""
 
     WORK = "work"  # a handler ran, and waited for nothing
     OUTSIDE = "outside"  # a module worked outside of any handler

@@ -55,7 +55,7 @@ class Summary:
 
 
 def summary(run: Run) -> Summary:
-    """What there is to say of the whole run."""
+    """The summary of the whole run."""
     counts = Counter(standing(run, task, task.state) for task in run.tasks.values())
     top = [task for task in map(run.tasks.__getitem__, run.top) if not stands_by(task)]
     failures = sum(len(message.failures) for message in run.messages.values())

@@ -165,7 +165,7 @@ def is_delayed(item: MessageRecord) -> bool:
 
 
 def not_startable(item: MessageRecord) -> str:
-    """What the start of a task must still wait for, in words; its planning may have to wait for its achieving."""
+    """The conditions missing for a task's start, in words; its planning may have to wait for its achieving."""
     if not item.holds:
         return ""
     first = START_HANDLING | (START_PLANNING if item.is_goal else START_ACHIEVING)

@@ -154,8 +154,8 @@ def _of(
     find: Callable[[JournalWorld, int, str], MessageRecord | None], number: str, what: str,
     take: Callable[[JournalWorld, MessageRecord, Any], None],
 ) -> Take:  # fmt: skip
-    """What takes a fact about one message, if that is there: *find* it by that field, and complain that *what* happens
-    to it if it is not.
+    """The handler for a fact about one message: *find* it by that field, or complain that *what* happens to a missing
+    one.
     """
     number_of = attrgetter(number)
 

@@ -88,7 +88,7 @@ class Matches:
             match.update(world, changed)
 
     def true_of(self, predicate: Predicate) -> Found:
-        """What one of them says."""
+        """The value of a predicate."""
         return self._matches[id(predicate)].found
 
     def newly(self, predicate: Predicate) -> Found:
@@ -101,7 +101,7 @@ class Matches:
 
 
 class _Match:
-    """What one predicate says."""
+    """The matches of one predicate."""
 
     has_subject = True
 

@@ -1,4 +1,4 @@
-"""What is known of the messages, resources and claims of a run at one event. Plain records; the fold fills them."""
+"""Records of the messages, resources and claims of a run at one event. Plain data; the fold fills them."""
 
 from dataclasses import dataclass, field
 
@@ -34,7 +34,7 @@ class Hold:
 
 @dataclass(slots=True, eq=False)
 class ResourceClaims:
-    """Who has locked or reserved a resource, or wants to: of a program that runs in several copies, in all of them."""
+    """The locks and reservations of a resource, held and wanted; of a program with several copies, in all of them."""
 
     places: "list[ResourceRecord]" = field(default_factory=list)
     waiting: dict[int, facts.Claimed] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class ResourceRecord:
     capacity: int | None = None  #: None: not known
     runs: "dict[int, MessageRecord]" = field(default_factory=dict)
     nested: "dict[int, MessageRecord]" = field(default_factory=dict)
-    """What a handler that waits for its own module may have taken in between."""
+    """Messages that a handler may have taken while it waits for its own module."""
     waiting: "dict[int, MessageRecord]" = field(default_factory=dict)
 
 
@@ -83,7 +83,7 @@ class MessageRecord(MessageView):
     followers: "list[tuple[Hold, MessageRecord]]" = field(default_factory=list)
     """The constraints of others that wait for it."""
     waiters: list[tuple[str, int, int]] = field(default_factory=list)
-    """Who waits for which moment of it: module, origin, moment."""
+    """The waiters for its moments: module, origin, moment."""
     is_guest: bool = False  #: a monitor that others have put there
     is_orphan: bool = False  #: what it hangs under was sent before the journal begins
     is_stranger: bool = False  #: what holds it is not known, for the same reason

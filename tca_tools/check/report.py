@@ -1,4 +1,4 @@
-"""What a check has found, as text: what was read, which rule is broken where, and the story of the message."""
+"""The result of a check as text: the journal, each broken rule with its place, and the story of the message."""
 
 from collections.abc import Iterator
 
@@ -23,10 +23,10 @@ _MOST_SHOWN = 100
 
 
 def head_lines(checker: Checker, journal: Log) -> Iterator[str]:
-    """What was read, and what could not be."""
+    """The extent of the journal, and its unreadable parts."""
     span = f"{checker.began:.2f} s to {checker.world.now:.2f} s"
     numbers = f" (numbers {checker.first} to {checker.last})" if checker.events else ""
-    yield f"{printable(journal.name)}: {checker.facts} facts in {checker.events} entries{numbers}, {span}"
+    yield f"{printable(journal.name)}: {checker.facts:,} facts in {checker.events:,} entries{numbers}, {span}"
     notes = [printable(gap) for gap in checker.gaps[:_MOST_GAPS]]
     if len(checker.gaps) > _MOST_GAPS:
         notes.append(f"and {len(checker.gaps) - _MOST_GAPS} more places like these")
@@ -39,7 +39,7 @@ def head_lines(checker: Checker, journal: Log) -> Iterator[str]:
 def verdict_lines(
     violations: list[Violation], unbroken: list[Judge], misnamed: dict[Property, str], *, is_whole: bool
 ) -> Iterator[str]:
-    """What is kept, and which properties say nothing. Of a journal that is not whole only that no breach was seen."""
+    """The verdict, and the properties that say nothing. Of a journal with gaps it says only that no breach was seen."""
     rules = {violation.rule for violation in violations if violation.source}
     if rules:
         yield f"{len(RULES) - len(rules)} of {len(RULES)} rules are kept"

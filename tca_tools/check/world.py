@@ -20,7 +20,7 @@ from tca_wire.vocabulary import MessageClass
 
 
 class EndedMessage(NamedTuple):
-    """What is remembered of a message that is over."""
+    """The record of a message that is over."""
 
     message: str
     message_class: MessageClass
@@ -183,7 +183,7 @@ class JournalWorld:
         return item
 
     def delivery(self, fact: facts.Queued | facts.Delivered, what: str) -> MessageRecord | None:
-        """What is queued or delivered: the message itself, a task that is handled again, or a new copy."""
+        """The message queued or delivered: itself, a task that is handled again, or a new copy."""
         if fact.id == fact.message_id or fact.id in self.items or fact.id in self.deliveries:
             return self.item(fact.id, what)
         original = self.items.get(fact.message_id)
@@ -204,7 +204,7 @@ class JournalWorld:
     def _copy(
         self, fact: facts.Queued | facts.Delivered, original: MessageRecord | EndedMessage, what: str
     ) -> MessageRecord | None:
-        """What one receiver gets of a message to many."""
+        """The copy of a message to many that one receiver gets."""
         if not original.message_class.fans_out:
             name = f"{original.message} {{{fact.message_id}}}"
             self.broken(ENDED, fact.message_id, f"{name} {what} as {{{fact.id}}}, though it is over, or another one")

@@ -63,5 +63,5 @@ def text(words: str) -> str:
 
 
 def lines(words: str) -> str:
-    """The same of several lines."""
+    """Several lines of *words* as SVG takes them."""
     return "\n".join(map(text, words.split("\n")))

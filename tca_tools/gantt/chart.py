@@ -168,7 +168,7 @@ class Chart:
         return chain.from_iterable(row.bars for row in self.rows)
 
     def seen(self) -> set[str]:
-        """What the legend has to tell of: keys of ``MEANINGS``."""
+        """The keys of ``MEANINGS`` that the legend has to explain."""
         claims = (one for row in self.rows for one in row.claims if self.shows(one.start, one.end))
         bars, marks = list(self.bars()), (mark for bar in self.bars() for mark in bar.raised if self.shows(mark.time))
         seen: set[str] = {bar.kind for bar in (*bars, *claims)} | {bar.ending for bar in bars}

@@ -53,7 +53,7 @@ def dark(number: int) -> str:
 
 
 def light(number: int) -> str:
-    """The same colour, mixed with white."""
+    """The dark colour, mixed with white."""
     channels = (int(dark(number)[place : place + 2], 16) for place in (1, 3, 5))
     return "#" + "".join(f"{round(channel + (255 - channel) * _TINT):02x}" for channel in channels)
 

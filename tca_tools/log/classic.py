@@ -49,7 +49,7 @@ def classic_lines(entries: Iterable[facts.Entry]) -> Iterator[str]:
 
 
 class _Log:
-    """What is known so far, and where each message is."""
+    """The run as read so far, and the place of each message."""
 
     def __init__(self) -> None:
         self.run = History()

@@ -44,7 +44,7 @@ _KEYS = (
     ("home", "go_to_start", ""),
     ("end", "go_to_end", ""),
 )
-"""What keys do at once, those that are named below the panes first; not while something is typed."""
+"""The actions of keys, those that are named below the panes first; not while something is typed."""
 
 _QUESTIONS = {"time": "go to: seconds, as in 12.5", "name": "search: part of a task's name, or its number"}
 
@@ -263,7 +263,7 @@ class Replay(App[None]):
         self.set_focus(None)
 
     def _answer(self, text: str) -> None:
-        """What was asked for has been typed."""
+        """Act on the answer to a question when it has been typed."""
         self.action_stop_asking()
         if self._asked == "name":
             self._wanted = text or self._wanted

@@ -147,7 +147,7 @@ class MessagesPane(Widget):
 
 
 class StoryPane(Vertical):
-    """What became of the selected task until now, and why it waits. The newest sentences are seen; others are scrolled
+    """The story of the selected task until now, and why it waits. The newest sentences are seen; others are scrolled
     to.
     """
 
@@ -156,7 +156,7 @@ class StoryPane(Vertical):
         self._recording = recording
 
     def compose(self) -> ComposeResult:
-        """What stays, and below it what scrolls."""
+        """The fixed part, and below it the part that scrolls."""
         yield Static(id="standing")
         yield RichLog(id="sentences", min_width=1)
 
@@ -240,7 +240,7 @@ class Question(Input):
     """A line to type in. It hands over the answer at once: keys that were typed fast after it are not part of it."""
 
     _ENTER = ("enter", "ctrl+j")
-    """What terminals send, and what programs send that write a line."""
+    """The keys for Enter of terminals, and of programs that write a line."""
 
     def __init__(self, answer: Callable[[str], object]) -> None:
         super().__init__(id="ask")

@@ -59,11 +59,11 @@ class Recording:
         return max(len(self.events) - 1, 0)
 
     def time(self, place: int) -> float:
-        """What the clock showed."""
+        """The time on the clock."""
         return self.run.clock[place] if self.run.clock else 0.0
 
     def at(self, place: int) -> RunAt:
-        """What was known at a place."""
+        """The run as known at a place."""
         return RunAt(self.run, self.run.times[place], self.run.clock[place]) if self.run.times else RunAt(self.run)
 
     def under_way(self, at: RunAt) -> int:

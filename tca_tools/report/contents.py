@@ -1,4 +1,6 @@
-"""What a report says: all questions of the package ``analysis`` asked of a run, with bounds on what is shown. Pure."""
+"""The contents of a report: all questions of the package ``analysis`` asked of a run, with bounds on what is shown.
+Pure.
+"""
 
 from typing import NamedTuple
 

@@ -45,7 +45,7 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
 
 
 def _whole_texts(cases: list[Case]) -> list[tuple[str, list[str]]]:
-    """What was said of failures, where the table shows only a part: of whom, and its lines."""
+    """The whole texts of failures that the table cuts: whose they are, and their lines."""
     texts: dict[str, str] = {}
     for case in cases:
         if cut(first_line(case.text), _LONGEST_SAID) != case.text:

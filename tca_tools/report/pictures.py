@@ -63,7 +63,7 @@ class Strip(NamedTuple):
 
 
 def gantt(history: History, found: Contents) -> Gantt | None:
-    """What every module did when: in the whole run, or in a part that tells most; None if nothing was handled."""
+    """The work of every module over the whole run, or in its most telling part; None if nothing was handled."""
     if not history.handlings and not history.queueings:
         return None
     if len(history.handlings) + len(history.queueings) <= _BARS_AT_MOST:

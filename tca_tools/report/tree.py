@@ -32,7 +32,7 @@ class Node:
     spans: str = ""
     note: str = ""
     folded: str = ""
-    """What it stands for, if for no one task: "+ 212 tasks achieved"."""
+    """The label of a row that stands for several tasks: "+ 212 tasks achieved"."""
 
     @property
     def task(self) -> TaskAt | None:

@@ -1,4 +1,4 @@
-"""What was known at a moment of a run, from records that go on after it. Pure, and nothing is folded again.
+"""A run as known at a moment, from records that go on after it. Pure, and nothing is folded again.
 
 A moment is the time of an entry: each entry has its own. Looking at one task costs O(log) of what happened to it.
 """
@@ -40,7 +40,7 @@ _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("grant
 
 
 class _Same(Generic[_T]):
-    """What never changes of a task: a field of its record."""
+    """A field of a task's record that never changes."""
 
     def __set_name__(self, _owner: type, name: str) -> None:
         self._name = name
@@ -82,12 +82,12 @@ class TaskAt:
 
     @property
     def state(self) -> State:
-        """What it was doing."""
+        """Its state."""
         return self.record.state_at(self.moment)
 
     @property
     def standing(self) -> str:
-        """The same in words; of a failure whether the run had gone on after it, of a monitor whether it watched."""
+        """Its state in words; of a failure whether the run had gone on after it, of a monitor whether it watched."""
         return standing(self._run, self.record, self.state, self.moment)
 
     @property
@@ -130,7 +130,7 @@ class TaskAt:
 
     @property
     def constraints(self) -> list[Constraint]:
-        """The same, as they were written."""
+        """The constraints on its moments, as they were written."""
         return [hold.constraint for hold in self.holds]
 
     @property
@@ -145,7 +145,7 @@ class TaskAt:
 
     @property
     def waits(self) -> list[HandlerWait]:
-        """What its handler waited for; of an async handler that waits in several places, all that began lately."""
+        """The waits of its handler; of an async handler that waits in several places, all that began lately."""
         return lately(run.waits, self.moment) if (run := self.handling) else []
 
     @property
@@ -197,10 +197,10 @@ class RunAt:
         self.run = run
         self.moment = min(moment, run.time)
         self.time = self.moment if time is None else time
-        """What the clock of the entries showed."""
+        """The time on the clock of the entries."""
         self.tasks = _Tasks(run, self.moment)
         self.memo: dict[object, Any] = {}
-        """What has been worked out of this moment: it never changes."""
+        """Results worked out for this moment: they never change."""
 
     @classmethod
     def by_clock(cls, run: Run, clock: float | None, now: float | None = None) -> "RunAt":
@@ -254,7 +254,7 @@ class RunAt:
         return [run for run in last if run.until > self.moment]
 
     def inside(self, module: str, resource: str) -> list[Handling]:
-        """The same of all copies of the module."""
+        """The handlers that ran in a resource, in all copies of the module."""
         copies = [one for one in self.run.modules if called(one) == called(module)]
         return [run for one in copies for run in self.running(one, resource)]
 

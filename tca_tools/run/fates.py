@@ -1,4 +1,4 @@
-"""What became of a failure, and whether the run went on after it. All tools ask here.
+"""The fate of a failure, and whether the run went on after it. All tools ask here.
 
 A task's failure is followed through the task's states. Of a query that fails the sender is told; what he makes of it,
 the facts show: his handler ends well, or fails too, and then it depends on what became of that. A program outside of
@@ -30,11 +30,11 @@ STANDINGS = tuple(word for state in State for word in ((state, _MORE[state]) if 
 """All words for how a task stands, in the order in which they are listed."""
 
 Failing = Message | Handling
-"""What fails: a message; or the run of a handler, of what is no message that central knows."""
+"""Something that fails: a message; or the run of a handler of a message that central does not know."""
 
 
 class Fate(StrEnum):
-    """What became of a failure."""
+    """The fate of a failure."""
 
     RETRIED = "retried"  # itself; or a task above it, for which it was killed
     DEALT_WITH = "recovered"
@@ -69,7 +69,7 @@ ENDED_TASKS = (Fate.REPLACED, Fate.KILLED, Fate.NOT_HANDLED)
 
 
 def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
-    """What became of a failure at *time*, as far as the records go, or as far as that was known at a moment."""
+    """The fate of a failure at *time*, as far as the records go, or as far as it was known at a moment."""
     if isinstance(failed, Task):
         return _of_task(run, failed, time, known)
     if not is_told(run, failed, time):
@@ -132,17 +132,17 @@ def watching(task: Task) -> Iterator[tuple[float, float]]:
 
 
 def has_coped(run: Run, handling: Handling) -> bool:
-    """The same of the run of a handler that failed."""
+    """Whether the run went on after a handler failed."""
     return handling.end is not None and went_on(run, failing(run, handling), handling.end)
 
 
 def failing(run: Run, handling: Handling) -> Failing:
-    """What has failed if the run of a handler has: its message, unless that came directly."""
+    """The message that failed with the run of its handler, or the run itself for a direct message."""
     return run.messages.get(handling.message_id) or handling
 
 
 def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
-    """What may still change whether the run went on, when it changes. Nothing: that is settled."""
+    """The tasks and handlers on which it still depends whether the run went on. Empty: that is settled."""
     *_, (last, when) = _passed_on(run, failed, time)
     if not isinstance(last, Task):
         is_open = last.by is not None and last.by.end is None and is_told(run, last, when)
@@ -171,7 +171,7 @@ def begun_again_with(run: Run, task: Task, time: float, known: float = inf) -> T
 
 
 def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
-    """Who is told of the failure of a query, and what came of it by a moment; or why nobody is."""
+    """The asker that is told of a failed query, and its fate by a moment; or why nobody is told."""
     if not _has_asker(run, failed):
         return ""
     if why := _why_untold(run, failed, time):
@@ -190,7 +190,7 @@ def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
 
 
 def _passed_on(run: Run, failed: Failing, time: float, known: float = inf) -> Iterator[tuple[Failing, float]]:
-    """What failed, and what failed with it, when: as far as a task, or who was told and did not fail."""
+    """The chain of failures and their times: as far as a task, or an asker that was told and did not fail."""
     while True:
         yield failed, time
         if isinstance(failed, Task) or not is_told(run, failed, time):

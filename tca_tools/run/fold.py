@@ -33,7 +33,7 @@ def no_garbage() -> Iterator[None]:
 
 
 class History(ReactionFold):
-    """What happened until ``time``; ``apply`` is the only way it changes."""
+    """The history of a run until ``time``; ``apply`` is the only way it changes."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -47,7 +47,7 @@ class History(ReactionFold):
 
     @classmethod
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
-        """What was known at *time* (None: at the end); what comes later is not even read."""
+        """The history as known at *time* (None: at the end); later entries are not even read."""
         history = cls()
         with no_garbage():
             for entry in entries:
@@ -377,7 +377,7 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
 
 
 def folded(journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None) -> History:
-    """What was known at *time* (seconds on the run's clock; None: at the end, and of a run that goes on, now).
+    """The history as known at *time* (seconds on the run's clock; None: at the end, or now if the run goes on).
 
     *entries* are those of the journal, if somebody wants to see them on the way. Raises UnusableLog if there are none.
     """

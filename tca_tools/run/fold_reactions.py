@@ -1,4 +1,4 @@
-"""What facts of failures, wiretaps, monitors, suspensions and deadlines change in the records of a run. Pure.
+"""The fold of failures, wiretaps, monitors, suspensions and deadlines into the records of a run. Pure.
 
 Each method that takes a ``fact`` takes all of that type.
 """
@@ -119,7 +119,7 @@ class ReactionFold(RecordFold):
         self.taps[fact.id] = fact
 
     def _tap_fired(self, fact: facts.TapFired) -> None:
-        """What has to be done before a task goes on holds it, as a constraint does."""
+        """Hold a task for a listener that must end first, as a constraint does."""
         tap, tapped, listener = self.taps.get(fact.tap), self.tasks.get(fact.tapped), self.tasks.get(fact.listener)
         if tap is None or tapped is None or listener is None:
             return

@@ -54,7 +54,7 @@ def open_log(path: Path | None, epoch: str | None = None) -> "Log":
 
 
 def _run_in(path: Path) -> tuple[Path, str] | None:
-    """What "FOLDER#2" means: a folder, and the epoch of one of the runs there; None if it is no such name."""
+    """The folder and epoch that "FOLDER#2" names; None if it is no such name."""
     before, is_one, wanted = path.name.rpartition("#")
     folder = path.with_name(before) if before else path.parent
     if not is_one or path.exists() or not folder.is_dir():
@@ -69,7 +69,7 @@ def _run_in(path: Path) -> tuple[Path, str] | None:
 
 
 def called(journal: Path) -> str:
-    """What titles call a folder of journals, or a file of one."""
+    """The title of a folder of journals, or of a file of one."""
     path = journal.resolve()
     return f"{path.parent.name}/{path.name}" if path.name == "journal" else path.name
 
@@ -109,13 +109,13 @@ class Log:
     def __init__(self, path: Path, epoch: str | None = None) -> None:
         self.path = path
         self.losses = Losses()
-        """What was passed over until now."""
+        """The losses until now."""
         self.segment = path
-        """What is being followed, or was last."""
+        """The segment that is being followed, or was last."""
         self._damage = ""
         """Why nothing more can be read of the segment that was read last."""
         self.lost: Place | None = None
-        """What was read, and is not there any more: until where it went."""
+        """The end of a part that was read and is not there any more."""
         self._has_entries = False
         self._time = 0.0
         """Of the last entry that was read."""
@@ -128,11 +128,11 @@ class Log:
         self._said: set[str] = set()
         self._opened: Opened | None = None
         self._followed_by = ""
-        """What begins in a file behind what is read of it."""
+        """The start of the file's part behind the journal."""
 
     @property
     def name(self) -> str:
-        """What a title calls this journal."""
+        """The name of this journal in titles."""
         return called(self.path) + self._number
 
     @property
@@ -163,7 +163,7 @@ class Log:
     def follow_places(
         self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
     ) -> Iterator[tuple[Entry, Place]]:
-        """The same, with where each entry stands."""
+        """The entries as in *follow*, each with its place."""
         followed: set[Path] = set()
         while not (self._followed_by and self._folder is None):
             segment = self._next_to(followed)
@@ -230,7 +230,7 @@ class Log:
 
     @property
     def cut(self) -> str:
-        """What there is to say of a last entry that is not whole, and that nobody is writing just now."""
+        """The remark on a last entry that is not whole, and that nobody is writing just now."""
         is_fresh = time.monotonic() - self._torn_since < _STILL
         if not self._torn or (is_fresh and self.is_being_written):
             return ""
@@ -238,8 +238,8 @@ class Log:
 
     @property
     def remarks(self) -> list[str]:
-        """What there is to say of its folder, a line each: other runs lie there, or segments are missing; of what was
-        passed over; and of what follows in a file.
+        """Remarks on its folder, a line each: other runs in it, or missing segments; on losses; and on what follows in
+        a file.
         """
         folder = [*self._folder.others, *self._folder.missing] if self._folder is not None else []
         return [*folder, *self.losses.lines, *filter(None, [self._followed_by])]

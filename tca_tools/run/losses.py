@@ -1,4 +1,4 @@
-"""What can't be read of a journal though what is behind it can, and how that is said."""
+"""The parts of a journal that can't be read though those behind can, in words."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ _SINCE = "what seems to go on since then may have ended"
 
 
 class Losses:
-    """What was passed over, counted: damaged entries, facts that this version does not know, the ends of segments."""
+    """The losses, counted: damaged entries, facts that this version does not know, the ends of segments."""
 
     def __init__(self) -> None:
         self.entries = 0

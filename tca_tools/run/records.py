@@ -1,4 +1,4 @@
-"""What a run remembers: messages, tasks, and what each handler did when. Plain records; the fold fills them.
+"""The records of a run: messages, tasks, and the work of each handler. Plain data; the fold fills them.
 
 Many are spans: they start, and end unless they go on. Those of one thing lie in lists, oldest first.
 """
@@ -20,7 +20,7 @@ from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Role, Scope
 
 
 class State(StrEnum):
-    """What a task is doing at the moment folded so far."""
+    """The state of a task at the moment folded so far."""
 
     HELD = "held"  # not begun: constraints or its parent do not allow it yet
     QUEUED = "queued"  # waits for a resource or for a handler
@@ -154,7 +154,7 @@ class Claim(Span):
 
     @property
     def name(self) -> str:
-        """What it is, and of what."""
+        """The kind of claim, and its resource."""
         return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)}"
 
     def __str__(self) -> str:
@@ -227,7 +227,7 @@ class Hold:
 
 
 class Ahead(NamedTuple):
-    """What is to happen to a task: it is killed, or fails if it has not reached a moment by then."""
+    """An event set for a task: it is killed, or fails if it has not reached a moment by then."""
 
     set_at: float
     seconds: float
@@ -254,7 +254,7 @@ class Suspension(Span):
 
     task: TaskId
     cause: TaskId
-    """What was suspended: this task, or one above it."""
+    """The suspended task: this one, or one above it."""
     start: float
     still: list[Handling] = field(default_factory=list, repr=False)
     """The handlers of *cause* and of what is under it that ran then, and ran on."""
@@ -292,7 +292,7 @@ class Message:
     queueings: list[Queueing] = field(default_factory=list)
     handlings: list[Handling] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
-    """What was written over: when, which of the fields (``body`` or one below), and what it was before."""
+    """The overwritten values: when, which of the fields (``body`` or one below), and the old value."""
     failure: Failure = NO_FAILURE
     """The failure raised on it; none again when it is handled anew."""
     dropped: str = ""
@@ -319,7 +319,7 @@ class Message:
         return self.dropping is Dropping.GIVEN_UP
 
     def was(self, name: str, moment: float) -> Any:
-        """What one of its fields was at a moment."""
+        """The value of one of its fields at a moment."""
         for time, field_name, old in self.changes:
             if time > moment and field_name == name:
                 return old
@@ -331,7 +331,7 @@ class Message:
         return next(times, self.received)
 
     def became(self, name: str) -> list[tuple[float, Any]]:
-        """What was written over one of its fields, and when, oldest first."""
+        """The values written over one of its fields, and when, oldest first."""
         written = [(time, old) for time, field_name, old in self.changes if field_name == name]
         return [(time, new) for (time, _), (_, new) in pairwise([*written, (0.0, getattr(self, name))])]
 
@@ -405,7 +405,7 @@ class Task(Message):
         return max(bisect_right(self.states, time, key=_SINCE) - 1, 0)
 
     def state_at(self, time: float) -> State:
-        """What it was doing."""
+        """Its state at a time."""
         since, state = self.states[-1]
         return state if since <= time else self.states[self.place_at(time)][1]
 
@@ -426,7 +426,7 @@ class Task(Message):
 
     @property
     def state(self) -> State:
-        """What it is doing."""
+        """Its current state."""
         return self._end_state() or self._running_state()
 
     def _end_state(self) -> State | None:
@@ -472,4 +472,4 @@ class ModuleRecord:
     sizes: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
     """From when on each resource had which capacity."""
     waits: list[HandlerWait] = field(default_factory=list)
-    """What it waited for outside of any handler."""
+    """Its waits outside of any handler."""

@@ -124,7 +124,7 @@ def segments_in(folder: Path) -> list[Path]:
 
 
 def listed(folder: Path) -> list[Path]:
-    """What is in a folder, by name. Raises UnusableLog if it can't be read."""
+    """The files in a folder, by name. Raises UnusableLog if it can't be read."""
     try:
         return sorted(folder.iterdir())
     except OSError as error:

@@ -29,7 +29,7 @@ class Forest(Protocol):
 
     @property
     def time(self) -> float:
-        """What the clock of the entries showed."""
+        """The time on the clock of the entries."""
 
     def children(self, task: int) -> list[TaskId]:
         """The tasks right under *task*, oldest first."""
@@ -74,7 +74,7 @@ def one_task(run: Run, text: str) -> TaskId:
 
 
 def one_message(run: Run, text: str) -> int:
-    """The same of what is no task, too, unless tasks have that name."""
+    """The only message that *text* means; tasks come first."""
     wanted = text.strip().strip("{}")
     if wanted.isdecimal() and int(wanted) in run.messages:
         return int(wanted)
@@ -146,14 +146,14 @@ def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:
 def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
     """These tasks, and the messages that were sent by their handlers, or by the handlers of such messages."""
     found = set(tasks)
-    for number, message in run.messages.items():  # whoever sends is older than what he sends
+    for number, message in run.messages.items():  # a sender is older than its messages
         if not isinstance(message, Task) and run.message_of.get(message.origin, message.origin) in found:
             found.add(number)
     return found
 
 
 def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
-    """What the messages *of* a task's subtree waited for: who had their resources, what came first by a constraint."""
+    """The messages that those *of* a task's subtree waited for: for their resources, or by a constraint."""
     found: set[int] = set()
     for number in of:
         message = run.messages[number]
@@ -179,8 +179,8 @@ def lineage(run: Run, task: TaskId) -> list[TaskId]:
 
 
 def _had(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
-    """What had a resource while something waited for it, one after the other: what was handled there, and for what it
-    was locked or reserved.
+    """The messages that had a resource during a wait, one after the other: those handled there, and those it was locked
+    for.
     """
     grants, runs = run.granted(module, resource), run.runs.get((module, resource), [])
     granted = islice(grants, bisect_left(grants, wait.until, key=_GRANTED))

@@ -31,7 +31,7 @@ UNKNOWN = "?"
 
 
 class Reactions:
-    """What is known of failures, wiretaps, monitors and deadlines beside the tasks themselves."""
+    """The failures, wiretaps, monitors and deadlines known beside the tasks themselves."""
 
     def __init__(self) -> None:
         self.taps: dict[int, facts.TapAdded] = {}
@@ -49,7 +49,7 @@ class Reactions:
         self.conditions: dict[int, Message] = {}
         """For each monitor the first query that asked for its condition."""
         self.asked_by: list[Handling | str] = []
-        """Who brought each entry about: the run of a handler, or a module outside of handlers; "" if nobody asked."""
+        """The origin of each entry: the run of a handler, or a module outside of handlers; "" if nobody asked."""
         self.raised: dict[int, list[Raised]] = {}
         """By task the failures that were raised beside its handler."""
         self.deadlocks: dict[tuple[float, str], Failure] = {}
@@ -57,7 +57,7 @@ class Reactions:
 
 
 class Run(Reactions):
-    """What is known of a run until ``time``.
+    """The run as known until ``time``.
 
     1. ``tasks`` holds every task, ``messages`` every message, tasks included, oldest first.
     2. A task's parent is the root or a task with a smaller id, so walks up and down end.
@@ -96,7 +96,7 @@ class Run(Reactions):
         self.grants: dict[tuple[str, str], list[Claim]] = {}
         """By what the module calls itself, and resource: locks and reservations that were granted, in their order."""
         self.wanted: dict[tuple[str, str], list[Claim]] = {}
-        """The same of all that were asked for, as they were."""
+        """By the same keys all that were asked for, in that order."""
         self.runs: dict[tuple[str, str], list[Handling]] = {}
         """By module and resource, the handlings of what central delivered, as they began."""
         self.offers: dict[str, list[Offer]] = {}
@@ -104,10 +104,10 @@ class Run(Reactions):
         self.formats: dict[str, facts.FormatDefined] = {}
         """For each message its class and formats, as first declared."""
         self.memo: dict[object, Any] = {}
-        """What others have worked out of the records, by whoever did; they look themselves whether it still holds."""
+        """Results that others have worked out of the records; they check themselves whether these still hold."""
 
     def asker_at(self, time: float) -> Handling | str:
-        """Who brought about the entry of a time; "" if nobody asked."""
+        """The origin of the entry of a time; "" if nobody asked."""
         place = bisect_left(self.times, time)
         return self.asked_by[place] if place < len(self.times) and self.times[place] == time else ""
 
@@ -142,7 +142,7 @@ class Run(Reactions):
         return self.grants.get((called(module), resource), [])
 
     def asked_for(self, module: str, resource: str) -> list[Claim]:
-        """The same of all that were asked for, as they were."""
+        """The locks and reservations of a resource that were asked for, in that order."""
         return self.wanted.get((called(module), resource), [])
 
     def deadlock(self, wait: HandlerWait) -> Failure:

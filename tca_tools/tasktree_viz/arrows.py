@@ -31,7 +31,7 @@ MEANINGS = {
 
 
 class ArrowKind(str):
-    """What an arrow says, ``SEQ + 3 s``; and its *name* without the delay."""
+    """The label of an arrow, ``SEQ + 3 s``; and its *name* without the delay."""
 
     __slots__ = ("name",)
     name: str
@@ -45,14 +45,14 @@ class ArrowKind(str):
 
 @dataclass(slots=True)
 class Arrows:
-    """What the constraints of a tree look like."""
+    """The arrows for the constraints of a tree."""
 
     between: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
     """For each two tasks, the kinds of the constraints between them."""
     own: dict[int, list[ArrowKind]] = field(default_factory=dict)
     """For each task, the kinds of those with itself that no arrow to it carries."""
     unseen: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
-    """The same as *between*, of tasks that are not shown before one that is: folded up, or not in the part."""
+    """Arrows as in *between*, from tasks that are not shown to one that is: folded up, or not in the part."""
 
     @property
     def kinds(self) -> set[str]:
@@ -106,9 +106,7 @@ def _befores(at: RunAt, tasks: Iterable[int]) -> set[int]:
 
 
 def _leave_out_detours(between: dict[tuple[int, int], list[ArrowKind]]) -> None:
-    """What stands in a row needs no arrow from the first to the third: whoever waited for a killed task waits for what
-    that one waited for.
-    """
+    """Leave out arrows that skip a task: the successors of a killed task wait for its predecessors."""
     rows = {pair for pair, kinds in between.items() if _is_sequence(kinds)}
     following: dict[int, list[int]] = {}
     for before, after in rows:
@@ -119,7 +117,7 @@ def _leave_out_detours(between: dict[tuple[int, int], list[ArrowKind]]) -> None:
 
 
 def kind_of_arrow(constraint: Constraint) -> ArrowKind:
-    """What an arrow for this constraint says."""
+    """The label of the arrow for a constraint."""
     before, after = constraint.before, constraint.after
     names = _OWN_KINDS if before.task == after.task else KINDS
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))

@@ -28,9 +28,7 @@ class Link:
 
 
 def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
-    """What a task failed of or was killed for, from where it began, as it was known at *moment*; nothing if all went
-    well.
-    """
+    """The failures that led to a task's failure or kill, oldest first, as known at *moment*; empty if all went well."""
     task = run.tasks[number]
     found: list[tuple[float, _Place, Link]] = []
     waiting = [_Cause(task, (), moment, moment)]
@@ -60,12 +58,12 @@ to be handled again, its end.
 
 
 class _Cause(NamedTuple):
-    """What failed first, or of what another one did."""
+    """A failure, or something done for another one, that led to a task's failure."""
 
     message: Message
     place: _Place
     until: float
-    """What happened later was no cause."""
+    """Later events were no cause."""
     known: float
     """The moment as of which it is told what became of it."""
 
@@ -115,7 +113,7 @@ def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
 
 
 def _end(run: Run, task: Task, moment: float) -> str:
-    """What had become of it at *moment*, if it had failed."""
+    """The task's fate by *moment*, if it had failed."""
     at = RunAt(run, moment).tasks.get(task.id)
     if at is None or not (raised := [one for one in task.failures if one[0] <= moment]):
         return ""
@@ -133,7 +131,7 @@ def _end(run: Run, task: Task, moment: float) -> str:
 
 
 def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link]:
-    """What became by *moment* of a task above it that was handled again for its failure."""
+    """The fate by *moment* of a task above it that was handled again for its failure."""
     failed = max((time for time, _ in task.failures if time <= moment), default=inf)
     above = begun_again_with(run, task, failed, moment)
     if above is not None and (state := RunAt(run, moment).tasks[above.id].state) in OVER:
@@ -147,9 +145,7 @@ def _has_tried_again(task: Task, moment: float) -> bool:
 
 
 def _causes(run: Run, failed: _Cause) -> Iterator[_Cause]:
-    """What its handler had sent and waited for when that failed, until its wait was over; then the exception handlers
-    that failed before it was decided.
-    """
+    """The message that its handler waited for when it failed; then the exception handlers that failed too."""
     message, place, moment, known = failed
     runs = [
         handling

@@ -1,4 +1,4 @@
-"""What a task waited for whose deadline ran out, who had that then, and how long it had been suspended. Pure."""
+"""The causes of a passed deadline: the things waited for, their holders, and the time spent suspended. Pure."""
 
 from collections.abc import Iterator
 from math import nextafter
@@ -20,9 +20,7 @@ _FAR = 500
 
 
 def out_of_time(run: Run, message: Message, failed: float, failure: Failure) -> Iterator[tuple[float, bool, str]]:
-    """What led to the failure of a task whose deadline ran out: since when, whether that is of something else, and
-    what; nothing if nothing is known, or it failed of something else.
-    """
+    """The causes of a passed deadline: since when, whether of something else, and in words; empty if unknown."""
     deadlines = [one.set_at for one in run.ahead.get(message.id, ()) if one.moment is not None]
     at = RunAt(run, nextafter(failed, 0.0))
     task = at.tasks.get(TaskId(message.id))
@@ -39,7 +37,7 @@ def out_of_time(run: Run, message: Message, failed: float, failure: Failure) -> 
 
 
 def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, bool, str]]:
-    """Who handled what it waited for in the end when its time ran out, or kept it locked."""
+    """The handlers and lock holders of whatever the task waited for in the end when its time ran out."""
     ends = Ends.at(at).of(task.id, _FAR)
     for number in [end.number for end in ends if end.kind is WaitKind.RUNNING or end.number in at.run.claims][:NAMED]:
         claim, message = at.run.claims.get(number), at.run.messages.get(number)

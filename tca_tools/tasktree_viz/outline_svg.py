@@ -51,7 +51,7 @@ def outline_svg(at: RunAt, rows: list[Row], title: str, *, with_data: bool = Fal
 
 
 class _Columns:
-    """What stands beside the boxes: state, notes, and bars on an axis of time."""
+    """The columns beside the boxes: state, notes, and bars on an axis of time."""
 
     def __init__(self, laid: Plan, at: RunAt) -> None:
         tasks = [place.row.task for place in laid.places if place.row.task]

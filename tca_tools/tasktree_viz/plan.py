@@ -41,7 +41,7 @@ class Place:
     """Of its box."""
     label: str
     notes: list[str] = field(default_factory=list)
-    """What stands beside it, line by line: its state, what it waits for, how it failed, its data."""
+    """The lines beside the box: its state, the reason why it waits or failed, its data."""
     after: str = ""
     """Its constraints that no line to it shows."""
     planning: tuple[float, float | None] | None = None

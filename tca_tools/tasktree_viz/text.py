@@ -47,7 +47,7 @@ _NOTE_WIDTH = 24
 
 @dataclass(frozen=True)
 class Guides:
-    """What is drawn before a task's name."""
+    """The lines before a task's name."""
 
     child: str = "├─ "
     last_child: str = "└─ "
@@ -105,7 +105,7 @@ def _times(task: TaskAt, interval: Interval) -> str:
 
 
 def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:
-    """What stands before each row's name, and before lines below it that belong to it.
+    """The prefix of each row's name, and that of the lines below that belong to it.
 
     Down to *wide* levels guides are three columns wide, further down two; after so many *levels* indentation begins
     anew, behind the depth as a number.

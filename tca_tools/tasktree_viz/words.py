@@ -1,4 +1,4 @@
-"""What the text and the picture say about a task: its times, why it waits, how it failed; and about a whole tree."""
+"""The words for a task in text and picture: its times, why it waits, how it failed; and for a whole tree."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -70,20 +70,20 @@ def called(task: TaskAt) -> str:
 
 
 class Note(NamedTuple):
-    """What is said beside a task's state: ``waits until move {4} is achieved, for 3 s; in the end ...``."""
+    """The words beside a task's state: ``waits until move {4} is achieved, for 3 s; in the end ...``."""
 
     text: str = ""
-    """What keeps it waiting, or how it ended if not well."""
+    """The reason why it waits, or how it ended if not well."""
     age: Age | None = None
     """Since when that keeps it waiting, and since when it waits in all."""
     last: Last | None = None
-    """What it waits for in the end, if that says more."""
+    """The last thing it waits for, if that says more."""
     is_named: bool = False
     """Whether the text names that already: then it is told only why it waits for nothing else."""
     says_state: bool = False
     """Whether the text begins with the task's state."""
     waits: Sequence[WaitFor] = ()
-    """What the text tells of, as data."""
+    """The waits that the text names, as data."""
 
     @property
     def end(self) -> str:
@@ -115,7 +115,7 @@ class Note(NamedTuple):
 
 
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
-    """What keeps it waiting and for how long it has, and what it waits for in the end; or how it ended if not well.
+    """The reason why a task waits, for how long, and its last cause; or how it ended if not well.
 
     Looking for the end may lead through all that waits at that moment, though through each only once: *within* at most
     so many waits, else nothing is said of it.
@@ -124,7 +124,7 @@ def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
 
 
 def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "waits") -> Note:
-    """The same in its parts. The *verb* goes before what it waits for."""
+    """The parts of a task's note. The *verb* goes before the things that it waits for."""
     if task.state in OVER:
         return Note(failure_line(task.failure) if task.failure else _why_killed(at, task))
     last = in_the_end(at, task, within)
@@ -197,7 +197,7 @@ def tooltip(at: RunAt, task: TaskAt) -> str:
 
 
 def folded(row: Row) -> str:
-    """What a row says that stands for several tasks."""
+    """The text of a row that stands for several tasks."""
     tasks = f"+ {counted(row.folded, 'task')}"
     if row.is_rest:
         return f"{tasks if row.folded else 'and more'} further down"

@@ -1,4 +1,4 @@
-"""What a page asks for as it is needed: one task, notes on those in sight, messages around a moment.
+"""The answers that a page asks for as it needs them: one task, notes on those in sight, messages around a moment.
 
 All sentences are made here; tasks stand in them as ``name {7}``, of which the page makes links.
 """
@@ -72,7 +72,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
 
 
 def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
-    """What it has to do with others: a heading and words for each."""
+    """The relations of a message to others: a heading and words for each."""
     origin = at.run.delivered(message.origin)
     sender = message.sender + (f" while handling {origin}" if origin else "")
     found = [("sent by", sender), ("as", message.role and f"{message.role} for {at.describe(message.about)}")]
@@ -85,7 +85,7 @@ def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
 
 
 def _sentence(one: Sentence, moment: float) -> Data:
-    """What was known of it; of what was still to come all, since the page says that it was."""
+    """The sentence as known at the moment; one about the future is whole, since the page marks it as such."""
     if one.time <= moment:
         one = one.known(moment)
     return {"time": one.time, "text": printable_lines(one.text), "seconds": one.seconds, "isOpen": one.is_open}

@@ -1,4 +1,4 @@
-"""What the page asks the server for, over HTTP. Answers from a Reading; changes nothing, and fetches nothing.
+"""The HTTP server of the page. It answers from a Reading, changes nothing, and fetches nothing.
 
 The page comes from this machine only, and the server answers only to its own address: a foreign page that a browser
 shows can't read a run through it (DNS rebinding).
@@ -32,7 +32,7 @@ PAGE = Path(__file__).parent / "page"
 _PATIENCE = 10.0
 """Seconds that a page's question for news may stay open."""
 _OF_OTHERS = 2.0
-"""The same for a run that does not go on: another one may begin."""
+"""Seconds of patience for a run that does not go on: another one may begin."""
 
 _LOOKS = {
     "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:",
@@ -80,7 +80,7 @@ async def _runs(runs: Runs, _request: Request) -> Response:
 
 
 async def _frame(runs: Runs, request: Request) -> Response:
-    """What is new since the page last asked; without ``wait=0`` it waits a while if the page has all there is."""
+    """The news since the page last asked; without ``wait=0`` it waits a while if the page has all there is."""
     asked = request.query_params
     patience = 0.0 if asked.get("wait") == "0" else None
     since = _lengths(asked.get("since", "{}"))
@@ -168,7 +168,7 @@ _ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
         reading, *(_number(asked, name) for name in ("place", "before", "after"))
     ),
 }
-"""What is answered about the run that the page shows."""
+"""The answers about the run that the page shows."""
 
 
 def _lengths(text: str) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""What a page needs of a run to draw any moment of it by itself: tasks, their states, and spans of time by resource.
+"""The rows from which a page draws any moment of a run by itself: tasks, their states, and spans of time by resource.
 
 Rows are only ever added, as the history grows, so a page that follows a run is told what is new and nothing else. What
 is asked for of one task (its data, its story, why it waits) is not here: see answers.py.
@@ -71,7 +71,7 @@ TABLES = {
 
 
 class SpanKind(StrEnum):
-    """What a span of time is."""
+    """The kind of a span of time."""
 
     HANDLING = "handling"
     QUEUED = "queued"
@@ -112,7 +112,7 @@ class Lanes:
         return len(self._ends) - 1
 
     def leave(self, lane: int, end: float) -> None:
-        """What was in it has ended."""
+        """Free the lane when its span has ended."""
         self._ends[lane] = end
         heappush(self._free, lane)
 
@@ -165,7 +165,7 @@ class Feed:
             columns.add("verdict", row, is_good, history.time)
 
     def _tell_messages(self, received: list[Received]) -> None:
-        """What a search finds beside tasks."""
+        """Add the names of messages, for the search."""
         for fact in received:
             if (message := self.history.messages.get(fact.id)) is None:
                 continue
@@ -181,7 +181,7 @@ class Feed:
         self._ended_badly.clear()
 
     def _tell_said(self, facts: list[Failed | Killed]) -> None:
-        """What a search finds."""
+        """Add the texts of failures and kills, for the search."""
         for fact in facts:
             if isinstance(fact, Failed):
                 number, text = self.history.message_of.get(fact.id, fact.id), f"{fact.failure}: {fact.text}"
@@ -263,7 +263,7 @@ class Feed:
             self._end(queueing, queueing.end)
 
     def _tell_wait(self, wait: HandlerWait) -> None:
-        """What was there at once is nothing to look at."""
+        """Add a wait, unless its answer was there at once."""
         if wait.end == wait.start:
             return
         name = self.history.name(wait.awaited)

@@ -32,12 +32,12 @@ class _Stopped(Exception):
 
 
 class Reading:
-    """What has been read of a journal. Look at it only inside of ``with reading:``."""
+    """The part of a journal that has been read. Look at it only inside of ``with reading:``."""
 
     def __init__(self, log: Log) -> None:
         self.log = log
         self.remark = "; ".join(log.remarks)
-        """What else there is in the folder or file that it is read from, and what is not there."""
+        """Remarks on the folder or file: other journals in it, and missing parts."""
         self.feed = Feed()
         self.caught_up = False
         """Whether all has been read that there is; more may come."""
@@ -46,9 +46,9 @@ class Reading:
         self.problem = ""
         """Why nothing more can be read."""
         self._lost: Place | None = None
-        """What was removed or cut short, so that nothing more can be read; until where it went."""
+        """The place where a removed or cut file ended the reading; nothing more can be read."""
         self.cut = ""
-        """What there is to say of a last entry that is not whole."""
+        """The remark on a last entry that is not whole."""
         self._worked_out: tuple[int, dict[object, Any]] | None = None
         """How many entries there were at the moment that was looked at last, and what was worked out of it."""
         self._grown = threading.Condition()
@@ -213,7 +213,7 @@ class Reading:
             self._grown.notify_all()
 
     def _tell_remarks(self) -> None:
-        """What is to be said may change with each entry: damaged ones before it have been passed over."""
+        """Update the remarks, which each entry may change: damaged ones before it have been passed over."""
         with suppress(UnusableLog):  # its folder is gone: of that the problem tells
             self.remark = "; ".join(self.log.remarks)
 

@@ -57,7 +57,7 @@ class Shown(NamedTuple):
 
     @property
     def address(self) -> str:
-        """What it is now; one that was empty had none with an epoch."""
+        """The address now; a journal that was empty had none with an epoch."""
         return _address(self.place, self.reading.log.run)
 
 
@@ -226,7 +226,7 @@ class Runs:
 
 
 def _told_apart(places: list[Path]) -> dict[Path, str]:
-    """What each is called: as in titles; of several of the same name with as much of the path as tells them apart."""
+    """A name for each place, as in titles; if several have the same, with as much of the path as they differ in."""
     names = {place: called(place) for place in places}
     while len(count := Counter(names.values())) < len(names):
         for place, name in names.items():

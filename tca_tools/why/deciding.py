@@ -72,7 +72,7 @@ def retried(run: Run, task: Task, retry: Retry) -> str:
 
 
 def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
-    """What an exception handler decided about what had failed and the tasks above it, and when."""
+    """The decisions of an exception handler on the failed task and the tasks above it, with their times."""
     if handler.role is not Role.EXCEPTION:
         return
     above = [run.tasks[number] for number in lineage(run, TaskId(called_for(run, handler).id))]

@@ -1,4 +1,4 @@
-"""What something waits for in the end: from wait to wait until something waits for nothing else.
+"""The ends of waits: from wait to wait until something waits for nothing else.
 
 Each node is looked at once a moment, however many wait for it, and nothing recurses.
 """
@@ -29,7 +29,7 @@ _RANK = {kind: rank for rank, kind in enumerate(_RANKS)}
 
 
 class End(NamedTuple):
-    """What waits for nothing else. Ends sort by what is told first."""
+    """The end of a chain of waits: it waits for nothing else. Ends sort by what is told first."""
 
     rank: int
     """The place of its kind among ``_RANKS``."""
@@ -76,13 +76,13 @@ class Ends:
         return found
 
     def of(self, number: int, within: int | None = None) -> tuple[End, ...]:
-        """What something waits for in the end: the first ``MOST``, and one more if there are more. Itself, if it waits
-        for nothing that has a number; nothing, if there are more than so many waits *within* which it was looked for.
+        """The ends of a message's waits: the first ``MOST``, and one more if there are more. Itself, if it waits for
+        nothing that has a number; nothing, if there are more than so many waits *within* which it was looked for.
         """
         return self.of_node(next_node(self._at, number), within)
 
     def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
-        """The same of whatever waits for this."""
+        """The ends of the waits of any node."""
         if (found := self._ends.get(node)) is None and within != 0:
             self._follow(node, within)
             found = self._ends.get(node)
@@ -141,7 +141,7 @@ class Ends:
                     self._settle(undecided, node)
 
     def _settle(self, undecided: dict[Node, tuple[list[Node], list[WaitKind]]], first: Node) -> None:
-        """What waits for each other, or one thing alone, has the ends of all that it waits for elsewhere."""
+        """Give each circle of waits, or single node, the ends of all that it waits for elsewhere."""
         group = dict([undecided.popitem()])
         while first not in group:
             group.update([undecided.popitem()])

@@ -1,4 +1,4 @@
-"""What keeps a resource from whoever waits for it: who is in it, who has it locked, who wants that first.
+"""The keepers of a resource: the handlers in it, the lock on it, and the first in line for one.
 
 Asked at a moment it costs what is in the resource then. ``parts_in_queue`` and ``parts_of_claim`` cut a whole wait at
 every change of its keeper: that costs what happened in the resource meanwhile, so ask it of waits that people look at.
@@ -20,12 +20,12 @@ _NO_TIME = 1e-6
 
 
 class Keepers(NamedTuple):
-    """What keeps a resource at a moment."""
+    """The keepers of a resource at a moment."""
 
     runs: tuple[Handling, ...] = ()
     """The handlers that are in it."""
     claim: Claim | None = None
-    """Who has it locked or reserved, or waits for that and comes first."""
+    """The lock or reservation in force, or the first that waits for one."""
 
     def are(self, others: "Keepers") -> bool:
         """Whether they are the same."""
@@ -47,8 +47,8 @@ class Part(NamedTuple):
 
 
 def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -> Keepers:
-    """What keeps a message that is queued out of a resource: the lock in force, or the one that is next in line, though
-    there may be room; else what is handled there.
+    """The keepers of a resource from a queued message: the lock in force, or the next in line even if there is room;
+    else the handlers in it.
     """
     held_by = at.held_by(module, resource)
     if held_by is None:
@@ -61,8 +61,8 @@ def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -
 
 
 def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
-    """What a lock that is not granted yet waits for: who has the resource; else all that is handled there but whoever
-    wants it, and the one that is ahead of it in line.
+    """The keepers of a resource from a lock: the lock in force; else all other handlers in it, and the claim ahead in
+    line.
     """
     held_by = at.held_by(claim.module, claim.resource)
     if held_by is not None and held_by is not claim:
@@ -88,7 +88,7 @@ def kept_since(at: RunAt, by: Keepers, begun: float) -> float:
 
 
 class _Line(NamedTuple):
-    """Who waits to have a resource for himself."""
+    """The claims that wait to have a resource for themselves."""
 
     wanted: list[Claim]
     """Locks and reservations: those of who is in the resource first, then as they came."""
@@ -126,7 +126,7 @@ def _came(run: Run, number: int) -> float:
 
 
 def _sent_by(run: Run, number: int) -> str:
-    """Who sent a message; of one that central made, who sent what it was made for."""
+    """The sender of a message, or of the message that central made it for."""
     while (message := run.messages.get(number)) is not None and message.role and message.about < number:
         number = message.about
     return message.sender if message else ""
@@ -136,13 +136,13 @@ def _sent_by(run: Run, number: int) -> str:
 
 
 def parts_in_queue(run: Run, queueing: Queueing, message: Message) -> list[Part]:
-    """What kept a resource from a message that was queued, one after the other."""
+    """The keepers of a resource from a queued message, one after the other."""
     module, resource = queueing.module, queueing.resource
     return _parts(run, queueing, [module], resource, lambda at: kept_out(at, module, resource, message))
 
 
 def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[Part]:
-    """What kept a claim from being granted, one after the other: in all copies of the module."""
+    """The keepers of a resource from a claim, one after the other: in all copies of the module."""
     copies = [one for one in run.modules if called(one) == called(claim.module)]
     return _parts(run, wait, copies, claim.resource, lambda at: ahead_of_claim(at, claim))
 

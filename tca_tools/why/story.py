@@ -1,4 +1,4 @@
-"""What became of one message, in sentences: who sent it, what it waited for, who handled it, how it ended."""
+"""The story of one message, in sentences: its sender, its waits, its handlers, its end."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
@@ -39,7 +39,7 @@ class Sentence(NamedTuple):
 
     time: float
     begun: str
-    """What is known of it from its beginning on."""
+    """The part that is known from its beginning on."""
     seconds: float | None = None
     is_open: bool = False
     """Whether it goes on when the journal ends."""
@@ -54,13 +54,13 @@ class Sentence(NamedTuple):
         return self.begun + self.ending
 
     def known(self, moment: float) -> "Sentence":
-        """What was known of it at a moment: of what ended later, not how nor when."""
+        """The sentence as known at a moment: without a later end."""
         if self.is_open or (self.seconds is not None and self.time + self.seconds > moment):
             return self._replace(seconds=None, is_open=True, ending="")
         return self
 
     def by(self, moment: float, time: float) -> str:
-        """What was known of it at a moment, when the clock showed *time*: with how long it took, or has so far."""
+        """The text as known at a moment, when the clock showed *time*: with how long it took, or has so far."""
         known = self.known(moment)
         if known.is_open:
             return self.begun + (f", {time - self.time:.3f} s so far" if time - self.time >= _SHORTEST else "")
@@ -132,8 +132,8 @@ def _kills(task: Task) -> Iterator[Sentence]:
 
 
 def _answers_so_far(run: Run, query: Message, given_up: float) -> str:
-    """What became of a multi-query that was given up when some had answered: its sender gets these answers. ``its
-    sender waits no longer: 1 of 3 had answered: arm (7)``; "" of others.
+    """The answers so far to a multi-query that was given up; its sender gets them. ``its sender waits no longer: 1 of 3
+    had answered: arm (7)``; "" of others.
     """
     if not query.message_class.asks_many or not query.was_given_up:
         return ""
@@ -184,7 +184,7 @@ def _suspensions(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
 
 
 def _tests(run: Run, monitor: Task, moment: float) -> Iterator[Sentence]:
-    """What a monitor's condition came to; tests with the same outcome, one after the other, are one sentence."""
+    """The results of a monitor's condition; tests with the same outcome, one after the other, are one sentence."""
     for (_, holds), tests in groupby(run.tests.get(monitor.id, ()), key=lambda test: (test[0] <= moment, test[1])):
         first, *more = [time for time, _ in tests]
         text = "its condition holds" if holds else "its condition does not hold"
@@ -235,7 +235,7 @@ def _briefly(parts: list[Part], moment: float) -> Iterator[tuple[float, float, l
 
 
 class _Asked(NamedTuple):
-    """What a handler asked or waited for, from when until when."""
+    """A question or wait of a handler, with its times."""
 
     what: WaitFor
     start: float
@@ -276,12 +276,12 @@ def _claim(at: RunAt, wait: HandlerWait) -> Iterator[Sentence]:
 
 
 def awaited(run: Run, wait: HandlerWait) -> str:
-    """What a handler waited for when it began to: ``for the reply to next stance {7}``."""
+    """The thing a handler waited for when it began to: ``for the reply to next stance {7}``."""
     return in_words(wait_for(RunAt(run, wait.start), of_handler_wait(run, wait)))
 
 
 def _plain(run: Run, wait: HandlerWait) -> WaitFor:
-    """What a handler waited for, without where that was."""
+    """The thing a handler waited for, without where that was."""
     kind = WaitKind.TASK if wait.moment else WaitKind.REPLY
     return WaitFor(kind, wait.awaited, run.name(wait.awaited), int(wait.moment or 0))
 
@@ -364,7 +364,7 @@ def _states(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
 
 
 def _in_state(at: RunAt, task: Task, state: State, waits: list[Wait]) -> Iterator[Sentence]:
-    """What keeps a task in a state; what kept it from when it came to that on is told together, if it is much."""
+    """The waits of a task in a state; many waits that ended before it came to that state are told together."""
     watched = [one for one in waits if one.kind is WaitKind.CONDITION]
     yield from (_lasting(one.start, one.end, WATCHING) for one in watched)
     groups: dict[object, list[Wait]] = {}

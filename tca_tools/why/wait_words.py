@@ -139,7 +139,7 @@ def _because(at: RunAt, by: Keepers) -> tuple[WaitFor, ...]:
 
 
 def _keeper(at: RunAt, claim: Claim) -> WaitFor:
-    """Who has a resource for himself, or wants it first; and for which message."""
+    """The holder of a claim on a resource, or the first in line for it; and its message."""
     kind = WaitKind.LOCKED if at.is_granted(claim) else WaitKind.LOCK
     what = "reservation" if claim.is_reserved else "lock"
     whose: tuple[WaitFor, ...] = ()
@@ -153,18 +153,18 @@ def _keeper(at: RunAt, claim: Claim) -> WaitFor:
 
 
 def reasons(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[str]:
-    """What keeps a task waiting, in words that go behind ``how``: ``["until take steps {2} is achieved"]``."""
+    """The reasons why a task waits, in words that go behind ``how``: ``["until take steps {2} is achieved"]``."""
     return clauses(told_now(at, task, shown(at, task, with_children=with_children)))
 
 
 def told_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
-    """What a task waits for now, with names."""
+    """The waits of a task now, with names."""
     return told(at, waits, however=task.state is State.ENDING or task.is_retried)
 
 
 def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
-    """What a task waits for as it is shown: a handler that runs is shown by its state, and so are those of what is
-    under it, without its children.
+    """The waits of a task as shown: running handlers are shown by the task's state, as are those under it, without its
+    children.
     """
     waits = waits_now(at, task.id)
     if task.state is State.ENDING:
@@ -181,7 +181,7 @@ def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
 
 
 def how(task: TaskAt, verb: str = "waits") -> str:
-    """What goes before the reasons of a task: "waits", "suspended by operator panel,", "watches"."""
+    """The words before the reasons of a task: "waits", "suspended by operator panel,", "watches"."""
     if task.watches and task.state is not State.ENDING:
         return "watches"
     if is_told_with_state(task) and task.suspension:
@@ -203,14 +203,14 @@ def age_of(waits: list[Wait]) -> Age | None:
 
 
 class Last(NamedTuple):
-    """What a task waits for in the end: ``for paint {3}, which no module handles, and for 1 other``."""
+    """The end of a task's waits: ``for paint {3}, which no module handles, and for 1 other``."""
 
     thing: str
     number: int
     which: str
     """Why it waits for nothing else, behind its name: "no module handles", "is suspended"."""
     that: str
-    """The same as a sentence of its own: "no module handles that", "that is suspended"."""
+    """*which* as a sentence of its own: "no module handles that", "that is suspended"."""
     more: int
     """How many others there are."""
 
@@ -224,7 +224,7 @@ class Last(NamedTuple):
 
     @property
     def behind(self) -> str:
-        """What is said behind its name: ``no module handles that; in the end also for 2 others``."""
+        """The words behind its name: ``no module handles that; in the end also for 2 others``."""
         return f"{self.that}; in the end also {self.others}" if self.more else self.that
 
     @property
@@ -238,8 +238,8 @@ class Last(NamedTuple):
 
 
 def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
-    """What a task waits for in the end; None if it waits for nothing else, if ``reasons`` say as much, or if it is not
-    found *within* so many waits.
+    """The end of a task's waits; None if it waits for nothing else, if ``reasons`` say as much, or if it is not found
+    *within* so many waits.
     """
     ends = () if task.state in OVER else Ends.at(at).of(task.id, within)
     if ends and ends[0].kind is not WaitKind.CIRCLE:
@@ -303,7 +303,7 @@ def _why_last(at: RunAt, end: End) -> str:
 
 
 def coming(at: RunAt, task: TaskAt) -> list[str]:
-    """What is to happen to a task at a time or after a point: ``deadline: end achieving by 9.500 s``."""
+    """The events set for a task at a time or after a point: ``deadline: end achieving by 9.500 s``."""
     return [said for one in task.ahead if (said := of_ahead(at, task, one))]
 
 

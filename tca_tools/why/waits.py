@@ -68,7 +68,7 @@ _ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 """The moments that come after its handler has returned."""
 _BEGINNING = START_HANDLING | START_PLANNING | START_ACHIEVING
 _OF_ITS_STATE = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.DELAY, WaitKind.SUBTASK)
-"""What keeps a task only since it is in its state: before that something else did."""
+"""Causes that keep a task only since it is in its state: before that something else did."""
 _OF_POINTS = (
     WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.RECOVERY, WaitKind.LOCK,
     WaitKind.RESUME,
@@ -84,7 +84,9 @@ class Node(NamedTuple):
     number: int
     """The task, message or claim."""
     moment: int = 0
-    """What the task is to reach. 0: it is to be resumed, a message answered, a claim granted or, if it was, over."""
+    """The moment that the task is to reach. 0: it is to be resumed, a message answered, a claim granted or, if it was,
+    over.
+    """
     delivery: int = 0
     """Of what was sent to many: the one of them that is to be handled (0: all)."""
 
@@ -97,11 +99,11 @@ class Wait(NamedTuple):
     """inf: it goes on."""
     kind: WaitKind
     on: Node
-    """What has to come first; of a leaf the thing itself."""
+    """The node that has to come first; of a leaf the thing itself."""
     holds: int
     """The moments of the waiting task that it keeps from being reached, as bits."""
     record: Hold | Queueing | Handling | HandlerWait | Suspension | None = None
-    """What it was read off, if that is more than a point of a task."""
+    """The record of the wait, if that is more than a point of a task."""
     since: float = 0.0
     """Since when it has waited in all without a break, whatever for; no later than *start*."""
 
@@ -141,7 +143,7 @@ def _of_message(run: Run, message: Message, time: float | None = None) -> Iterat
 
 
 def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
-    """What a handler or program blocks for: a reply, a task or a lock."""
+    """The wait of a handler or program for a reply, a task or a lock."""
     kind = WaitKind.TASK if wait.moment else WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
     return Wait(wait.start, wait.until, kind, Node(wait.awaited, int(wait.moment or 0)), _ENDS, wait, wait.start)
 
@@ -155,7 +157,7 @@ def node_of(run: Run, handling: Handling) -> Node:
 
 
 def _subtasks(run: Run, task: Task, moment: int, time: float | None = None) -> Iterator[Wait]:
-    """What is right under a task and keeps it from being planned or achieved; only what does so at a *time*."""
+    """The waits for tasks right under a task, which keep it from being planned or achieved; only those at a *time*."""
     last = task.time_of(moment)
     for number in task.children:
         child = run.tasks[number]
@@ -165,7 +167,7 @@ def _subtasks(run: Run, task: Task, moment: int, time: float | None = None) -> I
 
 
 def _of_task(run: Run, task: Task) -> Iterator[Wait]:
-    """What keeps a task from its moments beside queues, handlers and what is under it."""
+    """The waits of a task other than for queues, handlers and its children."""
     killed = inf if task.killed is None else task.written("killed")
     found = [wait for hold in task.holds for wait in _of_constraint(run, task, hold, killed)]
     parent = run.tasks.get(task.parent)
@@ -206,7 +208,7 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
 
 
 def _of_retry(run: Run, task: Task, retried: float) -> Iterator[Wait]:
-    """What is under a task that is to be handled again ends first, in whatever way."""
+    """The waits of a task that is to be handled again for all tasks under it to end."""
     place = bisect_right(task.handlings, retried, key=_START)
     if place:
         begun = task.handlings[place].start if place < len(task.handlings) else task.time_of(END_ACHIEVING)
@@ -243,11 +245,11 @@ def _is_to_be_handled_again(task: Task, time: float) -> bool:
 
 @dataclass(slots=True)
 class _Kept:
-    """What keeps a node from coming about."""
+    """The waits and nodes that keep a node from coming about."""
 
     waits: list[Wait]
     nodes: list[Node]
-    """What surely has to come about first."""
+    """Nodes that surely have to come about first."""
     leaves: list[WaitKind]
     others: list[Wait]
     """Waits whose further nodes are to be looked up at each moment."""
@@ -262,9 +264,9 @@ class _Turn:
     number: int
     """How many turns there had been."""
     next: Node
-    """What it comes to next."""
+    """The node that comes next."""
     waits: list[Wait]
-    """What keeps it, but for what is under it."""
+    """The waits for it, except for children."""
     kept: dict[Node, _Kept] = field(default_factory=dict)
 
 
@@ -282,7 +284,7 @@ def _turn(run: Run, message: Message, time: float) -> _Turn:
 
 
 def next_node(at: RunAt, number: int) -> Node:
-    """What a task, message or claim comes to next."""
+    """The next node of a task, message or claim."""
     task = at.run.tasks.get(number)
     return Node(number) if task is None or task.received > at.moment else _turn(at.run, task, at.moment).next
 
@@ -296,7 +298,7 @@ def _next(task: Task, time: float) -> Node:
 
 
 def _next_moment(task: Task, state: State, time: float) -> int:
-    """What a task comes to next from a state; of what is handled once more that again."""
+    """The next moment of a task in a state; a task handled once more comes to the same one again."""
     if state is State.QUEUED and task.time_of(START_HANDLING) > time:
         return START_HANDLING
     moment = _NEXT.get(state, END_ACHIEVING)
@@ -304,7 +306,7 @@ def _next_moment(task: Task, state: State, time: float) -> int:
 
 
 def keeping(at: RunAt, node: Node) -> list[Wait]:
-    """What keeps a task from a moment, or a message from being answered."""
+    """The waits that keep a task from a moment, or a message from being answered."""
     message = at.run.messages.get(node.number)
     return [] if message is None or message.received > at.moment else _kept(at, message, node).waits
 
@@ -382,7 +384,7 @@ def _past(task: Task, time: float) -> int:
 
 
 def further(at: RunAt, wait: Wait) -> list[Node]:
-    """What has to come about before a wait is over; nothing, if it is a leaf, or if that is not known."""
+    """The nodes that must come about before a wait is over; empty for a leaf, or if they are not known."""
     if wait.kind in _OF_POINTS:
         return [] if _is_leaf(wait) else [wait.on]
     if wait.kind is WaitKind.TASK:
@@ -395,7 +397,7 @@ def further(at: RunAt, wait: Wait) -> list[Node]:
 
 
 def keepers_of(at: RunAt, wait: Wait) -> Keepers:
-    """What keeps a resource from what is queued (RESOURCE), or from who wants to lock it (LOCK)."""
+    """The keepers of a resource from a queued message (RESOURCE) or a lock (LOCK)."""
     if isinstance(wait.record, Queueing):
         message = at.run.messages.get(wait.record.message_id)
         return kept_out(at, wait.record.module, wait.record.resource, message) if message else Keepers()
@@ -459,8 +461,8 @@ def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
 
 
 def waits_now(at: RunAt, number: int) -> list[Wait]:
-    """What something waits for next. *start* is since when this is its cause: of what is queued, since when the same
-    keeps the resource busy.
+    """The waits of a message now. *start* is since when this is its cause: of a queued one, since when the same keeps
+    the resource busy.
     """
     waits = keeping(at, next_node(at, number))
     task = at.run.tasks.get(number)
@@ -490,7 +492,7 @@ def _last_outcome(at: RunAt, monitor: int) -> float:
 
 
 def told_waits(run: Run, task: Task) -> list[Wait]:
-    """What kept a task from what came next in each of its states, oldest first."""
+    """The waits of a task for what came next in each of its states, oldest first."""
     found: list[Wait] = []
     waits = waits_of(run, task.id)
     for place, (since, over, state) in enumerate(task.spans()):

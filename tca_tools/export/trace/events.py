@@ -35,7 +35,7 @@ class Span(NamedTuple):
 
 
 class Kind(IntEnum):
-    """What an event does; the numbers are Perfetto's."""
+    """The kind of an event; the numbers are Perfetto's."""
 
     BEGIN = 1
     END = 2
@@ -55,7 +55,7 @@ class Event(NamedTuple):
     name: str = ""
     category: str = ""
     details: Details | None = None
-    """What the page shows of it when it is clicked; None values are left out."""
+    """The details that the page shows when the event is clicked; None values are left out."""
     flows: Sequence[int] = ()
     value: int = 0
     """Of a counter."""

@@ -25,7 +25,7 @@ from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queuein
 from tca_wire.vocabulary import Outcome
 
 Sent = dict[int | str, list[Message]]
-"""What was sent, by the handling that did (its identity), or by module where that is not known."""
+"""The messages sent by each handling (by its identity), or by each module where the handling is not known."""
 
 
 def add_modules(trace: Trace) -> None:
@@ -159,7 +159,7 @@ def _sending(trace: Trace, track: Track, messages: Iterable[Message]) -> Iterato
 
 
 def _add_outside(trace: Trace, group: Track, rank: int, sent: list[Message]) -> None:
-    """What a module did while none of its handlers ran."""
+    """Add the waits and messages of a module while none of its handlers ran."""
     module = trace.run.modules.get(group.name)
     waits = [(trace.span(wait.start, wait.end), wait) for wait in module.waits] if module else []
     for lane in in_lanes(waits) or ([[]] if sent else []):

@@ -14,7 +14,7 @@ from tca_tools.run.records import Task
 from tca_wire.points import Moment
 
 _DEEPEST = 12
-"""What is deeper shares one track: a tree may be a hundred thousand tasks deep."""
+"""Deeper tasks share one track: a tree may be a hundred thousand tasks deep."""
 
 
 def add_task_tree(trace: Trace) -> None:
