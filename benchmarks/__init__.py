@@ -1,11 +1,11 @@
-"""What things cost here."""
+"""The benchmarks of this machine."""
 
 import argparse
 from collections.abc import Callable
 
 
 def rounds_of(measure: Callable[[float], dict[str, float]], about: str) -> list[dict[str, float]]:
-    """What several rounds of measuring gave; how many, and of how many seconds each, is said on the command line."""
+    """The results of several rounds of measuring; the command line sets their number, and the seconds of each."""
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=1.0)

@@ -1,4 +1,4 @@
-"""What steering a big tree costs: wiretaps, a failure found a million levels up, suspension, a deadline, a kill.
+"""The cost of steering a big tree: wiretaps, a failure found a million levels up, suspension, a deadline, a kill.
 
     python benchmarks/core_control.py [--sizes 1000,100000,1000000]
 
@@ -55,7 +55,7 @@ class Steered(Bench):
         return newest
 
     def given(self, slot: ConnectionId) -> int:
-        """What a slot handles."""
+        """The message that a slot handles."""
         return next(
             one.given_as for one in self.central.dispatcher.running.values() if one.slot and one.slot.id == slot
         )

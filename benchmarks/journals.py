@@ -1,4 +1,4 @@
-"""What it costs to open, measure and export a journal: seconds and megabytes for each million facts, at rising sizes.
+"""The cost to open, measure and export a journal: seconds and megabytes for each million facts, at rising sizes.
 
     python -m benchmarks.journals [--sizes 100000,300000,1000000] [--ways read,fold,view]
 

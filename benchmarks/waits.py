@@ -1,4 +1,4 @@
-"""What others feel of programs that wait for a goal with very many subtasks.
+"""The delay of others caused by programs that wait for a goal with very many subtasks.
 
     python -m benchmarks.waits [--sizes 1000,20000,150000] [--seconds 7]
 

@@ -23,7 +23,7 @@ def fetching(title: str, *, in_sequence: bool) -> Scenario:
     @base.handles(DRIVE)
     @arm.handles(GRASP)
     def act(_: Task) -> None:
-        """What the base and the arm do does not matter, only when they have done it."""
+        """Do nothing: only the time when the base and the arm are done matters."""
 
     @user.does
     def want_a_cup(me: Script) -> None:

@@ -1,4 +1,4 @@
-"""What waits for a busy resource: the highest priority goes first, and of poses only the newest waits."""
+"""Wait for a busy resource: the highest priority goes first, and of poses only the newest waits."""
 
 import threading
 

@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[1]
 CORE = ROOT / "tca_central"
 NOT_THE_CORE = ("shell", "__main__.py", "__init__.py", "invariants.py")
 NEEDED = ("tca_*", "tests", "benchmarks", "setup.cfg", "pyproject.toml")
-"""What tests/central needs to run."""
+"""The files that tests/central needs to run."""
 
 TESTS = ("tests/central/test_transcripts.py", "tests/central")
 """The quickest first."""
@@ -59,7 +59,7 @@ class Mutant:
     kind: str
     node: ast.expr | ast.stmt
     text: str
-    """What stands in its place."""
+    """The new text."""
 
     @property
     def original(self) -> str:
@@ -78,7 +78,7 @@ class Mutant:
         return b"".join([*lines[:first], changed, *lines[last + 1 :]]).decode()
 
     def diff(self) -> str:
-        """What it changes, with the lines around."""
+        """The mutant's change, with the lines around."""
         here, there = (text.splitlines(keepends=True) for text in (self.original, self.source))
         return "".join(difflib.unified_diff(here, there, str(self.path), f"mutant: {self.kind}", n=3))
 
@@ -200,7 +200,7 @@ def main(seed: int, count: int) -> None:
 
 
 def seconds_of(copies: "queue.Queue[Copy]") -> float:
-    """What the tests cost the processor without a mutant. Ends the program if they fail."""
+    """The processor seconds of the tests without a mutant. Ends the program if they fail."""
     copy, before = copies.get(), resource.getrusage(resource.RUSAGE_CHILDREN)
     if not copy.passes(300):
         raise click.ClickException("tests/central fails without any mutant: mend that first")

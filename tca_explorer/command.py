@@ -42,7 +42,7 @@ def explore_file(context: click.Context, path: Path, limit: int) -> None:
 
 @contextmanager
 def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Who says how far it has come, in a line that is gone in the end; only to people, who look at a terminal."""
+    """A function that shows the progress, in a line that is gone in the end; None if stderr is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return

@@ -185,7 +185,7 @@ def _nested(pairs: list[tuple[str, str]]) -> dict[str, Any]:
 
 
 def _say_if_unhandled(client: Client, message: Message[Any, Any]) -> None:
-    """What is about to be sent, and fits, may have to wait."""
+    """Warn if nobody handles the message to be sent now."""
     if not any(handler.capacity for handler in client.handlers(message)):
         fate = "it reaches nobody" if isinstance(message, Broadcast | MultiQuery) else "it waits until a module does"
         click.echo(f"nobody handles {printable(name_of(message))} now: {fate}", err=True)

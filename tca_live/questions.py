@@ -68,7 +68,7 @@ def status(client: Client) -> tuple[Any, str]:
 
 
 def _waiting(load: dict[str, Any]) -> Rows:
-    """Who waits and for what: messages, handlers and modules; suspended, killed and held tasks."""
+    """The waiters and their causes: messages, handlers and modules; suspended, killed and held tasks."""
     now, rows = load["time"], []
     for kind in ("waits", "presence", "suspended", "killed", "held"):
         waiters = msgspec.convert(load[kind], list[Waiter])

@@ -1,4 +1,4 @@
-"""What the commands that talk to a running central have in common: options, errors as one line, how values look."""
+"""The common parts of the commands that talk to a running central: options, errors as one line, how values look."""
 
 import json
 import math
@@ -60,7 +60,7 @@ def plain(value: Any) -> Any:
 
 
 def _plain_part(part: Any) -> Any:
-    """What msgspec does not know: numbers that know more than they are, arrays, and anything else as text."""
+    """A value that msgspec does not know: a number of a special type, an array, or anything else as text."""
     return int(part) if isinstance(part, int) else getattr(part, "tolist", part.__str__)()
 
 

@@ -148,7 +148,7 @@ class _Attached(NamedTuple):
 
 
 def _find_attached(client: Client, what: str) -> _Attached:
-    """What is attached under that number or name. Raises ClickException if that means nothing, or many."""
+    """The attachment of that number or name. Raises ClickException if that means nothing, or many."""
     known = client.status("attached")
     there, cut = _all_attached(known), attached_in_all(known)
     number = int(what) if what.isdecimal() and what.isascii() else None

@@ -115,7 +115,7 @@ class _Central:
 
     def __init__(self, address: str | None) -> None:
         self.trouble = ""
-        """What is wrong now."""
+        """The current problem."""
         self.address = address or default_endpoint()
         self._asked = address
         self._client: Client | None = None

@@ -1,4 +1,4 @@
-"""What ``tca top`` shows at a moment: rates from two answers of central. Pure; knows no screen."""
+"""The contents of ``tca top`` at a moment: rates from two answers of central. Pure; knows no screen."""
 
 from typing import Any, NamedTuple
 
@@ -9,7 +9,7 @@ from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
 from tca_wire.waits import Waiter
 
 Answer = dict[str, Any]
-"""What central tells of its load."""
+"""Central's answer on its load."""
 
 
 class ResourceLine(NamedTuple):
@@ -31,7 +31,7 @@ class ResourceLine(NamedTuple):
     oldest: float
     """Seconds that the oldest of those has waited."""
     held: str
-    """Who has it for himself."""
+    """The holder of its lock."""
 
 
 class MessageLine(NamedTuple):
@@ -91,8 +91,8 @@ class Frame(NamedTuple):
 
 
 def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
-    """What to show of an answer. Rates are those since the answer *before*, or of the whole run; *hidden* is a module
-    that is left out.
+    """The contents for an answer. Rates are those since the answer *before*, or of the whole run; *hidden* is a module
+    to leave out.
     """
     if before is None or before["epoch"] != now["epoch"] or before["time"] >= now["time"]:
         before = {"time": 0.0, "events": 0, "modules": [], "messages": []}

@@ -53,7 +53,7 @@ def screen(shown: Frame | None, address: str, trouble: str, height: int | None =
 
 
 def _tables(shown: Frame) -> dict[str, "_Lines"]:
-    """What there is to show, from the top to the bottom."""
+    """The tables, from the top to the bottom."""
     tables = {
         "resources": _Lines(_RESOURCES, shown.resources, _resource_cells, "no module offers to handle anything"),
         "messages": _Lines(_MESSAGES, shown.messages, _message_cells, "no messages have been declared"),

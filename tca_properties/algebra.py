@@ -1,4 +1,4 @@
-"""What must be true of a run: properties, made of predicates.
+"""Properties of a run, made of predicates.
 
 A property sees the world after every event of a run, and remembers one number from the run so far.
 """
@@ -14,7 +14,7 @@ _MICROSECONDS = 1_000_000  # in a second
 
 
 class Breach(NamedTuple):
-    """What is wrong with a property after an event."""
+    """The error of a property after an event."""
 
     what: str
     messages: Collection[Any] = ()
@@ -43,7 +43,7 @@ class Property:
         self.is_owed = is_owed or (lambda _memory: False)
         """Whether something must still happen, given what is remembered."""
         self.case = case
-        """What there must be, once, or that it holds says nothing; None if it always says something."""
+        """The event or state without which it says nothing; None if it always says something."""
         self.is_certain = is_certain
         """Whether messages that break it do so whatever was before: asked of a journal of which a part is missing."""
 

@@ -1,4 +1,4 @@
-"""What properties say of a message's data.
+"""The conditions of properties on a message's data.
 
 FIELD=VALUE   FIELD may have dots for the fields of a part; VALUE is JSON, or a text
 data=VALUE    the whole, unless the data have a field of that name
@@ -21,7 +21,7 @@ _PAIR = re.compile(r"([\w.]+) ?= ?(.*)", re.DOTALL)
 
 
 class FieldValue:
-    """What a property says of one field of a message's data."""
+    """The condition of a property on one field of a message's data."""
 
     def __init__(self, field: str, text: str) -> None:
         typed = Bare(unquoted(text))

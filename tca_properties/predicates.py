@@ -28,12 +28,12 @@ class Named:
         self.module = module
 
     def __call__(self, world: Any) -> list[Any]:
-        """What it is true of."""
+        """The messages of which it is true."""
         raise NotImplementedError
 
 
 class DataTest(Protocol):
-    """What is said of a message's data."""
+    """A condition on a message's data."""
 
     def fits(self, message: MessageView) -> bool:
         """Whether a message has such data."""
@@ -54,7 +54,7 @@ class OfMessages(Named):
 
     @property
     def subject(self) -> str:
-        """What it is about, in words."""
+        """The subject, in words."""
         return (self.message or ANYTHING) + _with(self.data)
 
     def is_about(self, message: MessageView) -> bool:

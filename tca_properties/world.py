@@ -1,4 +1,4 @@
-"""What properties see of a run after each event: explorations and journals each have such a world."""
+"""The world that properties see after each event of a run: explorations and journals each have one."""
 
 from collections.abc import Callable, Collection, Iterable
 from typing import Any, NamedTuple, Protocol
@@ -9,7 +9,7 @@ from tca_wire.vocabulary import MessageClass, Role
 
 
 class BadProperty(ValueError):
-    """What was given is no property, or no predicate; its message says what, which and what to do."""
+    """An argument is no property, or no predicate; the message says what, which and what to do."""
 
 
 Predicate = Callable[[Any], object]
@@ -17,7 +17,7 @@ Predicate = Callable[[Any], object]
 
 
 class Found(NamedTuple):
-    """What a predicate gave."""
+    """The value of a predicate."""
 
     is_true: bool
     messages: Collection[Any] | None = None
@@ -30,7 +30,7 @@ class Found(NamedTuple):
 
     @classmethod
     def of(cls, value: object) -> "Found":
-        """What the value of a function says."""
+        """The meaning of a function's value."""
         if isinstance(value, Iterable) and not isinstance(value, str | bytes):
             messages = value if isinstance(value, Collection) else list(value)
             return cls(bool(messages), messages)
@@ -38,7 +38,7 @@ class Found(NamedTuple):
 
 
 class PredicateValues(Protocol):
-    """What predicates say of a run now. The properties ask this; predicates ask the world of the run itself."""
+    """The values of predicates now. The properties ask this; predicates ask the world of the run itself."""
 
     def true_of(self, predicate: Predicate) -> Found:
         """Of which messages it is true."""
@@ -101,7 +101,7 @@ class MessageView:
 
     @property
     def data(self) -> Any:
-        """What was sent with it, as plain values; None of what is sent without, such as for a module that was lost."""
+        """The data sent with it, as plain values; None if it has none, such as for a module that was lost."""
         return decode_untyped(self.body) if self.body else None
 
     def has(self, moment: int) -> bool:

@@ -79,7 +79,7 @@ class Walk:
 
     @property
     def rocks(self) -> list[Rock]:
-        """What the scanner does not see."""
+        """The rocks that the scanner does not see."""
         options = self.options
         scattered = scattered_rocks(options.seed, options.rocks, options.metres, ROCK_HEIGHTS)
         return [*scattered, *(Rock(*rock) for rock in options.rock)]

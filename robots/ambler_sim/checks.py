@@ -1,4 +1,4 @@
-"""What is checked before and after a move: from a stance, a planned move and sensors to a verdict."""
+"""Checks before and after a move: from a stance, a planned move and sensors to a verdict."""
 
 import math
 from dataclasses import replace
@@ -48,7 +48,7 @@ def is_stable(margins: Margins) -> bool:
 
 
 def fault_of_footfall(move: LegMove, stance: Stance, readings: Readings) -> str:
-    """What is wrong with how the foot stands after a leg move; "" if nothing is."""
+    """The fault in how the foot stands after a leg move; "" if there is none."""
     foot, load = stance.feet[move.leg], readings.loads[move.leg]
     aside = math.hypot(foot.x - move.foothold.x, foot.y - move.foothold.y)
     off_level = foot.z - move.foothold.z

@@ -120,7 +120,7 @@ class Robot:
         return self._plant.picture(Path(path), self._trail)
 
     def state(self) -> Snapshot:
-        """What another process needs to go on from here."""
+        """The state that another process needs to go on from here."""
         return Snapshot(
             backend=self.backend,
             terrain=self.terrain.spec,

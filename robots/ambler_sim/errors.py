@@ -1,4 +1,4 @@
-"""What can go wrong in planning and moving; anything else that is raised is a bug."""
+"""The failures of planning and moving; anything else that is raised is a bug."""
 
 from robots.ambler_sim.vocabulary import Contact
 

@@ -77,7 +77,7 @@ def circulation(leg: int) -> int:
 
 
 def unwrap(angle: float, near: float) -> float:
-    """The same direction as *angle*, in the turn nearest to *near*."""
+    """The direction *angle*, in the turn nearest to *near*."""
     return near + math.remainder(angle - near, math.tau)
 
 

@@ -51,7 +51,7 @@ class KinematicPlant:
         self._anchors[free] = to_world(self._pose, feet)[free, :2]
 
     def joints(self) -> Array:
-        """What was commanded."""
+        """The commanded joint values."""
         return self._joints.copy()
 
     def loads(self) -> Array:

@@ -37,7 +37,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """What remains to be walked of an arc, and the stance in which it will begin (foreseen, not measured)."""
+    """The rest of an arc to be walked, and the stance in which it will begin (foreseen, not measured)."""
 
     arc: Arc
     stance: Stance

@@ -68,7 +68,7 @@ class BulletPlant:
         pybullet.stepSimulation(physicsClientId=self._world)
 
     def joints(self) -> Array:
-        """What the encoders measure."""
+        """The joint values that the encoders measure."""
         states = pybullet.getJointStates(self._robot, self._motors, physicsClientId=self._world)
         return np.array([state[0] for state in states]).reshape(len(LEGS), -1)
 
@@ -111,7 +111,7 @@ class BulletPlant:
         pybullet.disconnect(physicsClientId=self._world)
 
     def _frame(self, camera: photograph.Camera, size: tuple[int, int]) -> photograph.Frame:
-        """What a camera sees: colours, depths, and what is ground or object."""
+        """The image of a camera: colours, depths, and what is ground or object."""
         width, height = size
         view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
         lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
@@ -175,7 +175,7 @@ class BulletPlant:
         return robot
 
     def _forces(self) -> Array:
-        """What the six-axis sensors over the feet measure, (6, 3); a hanging foot pulls."""
+        """The forces on the six-axis sensors over the feet, (6, 3); a hanging foot pulls."""
         states = pybullet.getJointStates(self._robot, self._feet, physicsClientId=self._world)
         return np.array([state[2][:3] for state in states])
 

@@ -1,4 +1,4 @@
-"""What a simulated mechanism offers to its controller: joints to drive and sensors to read, one tick at a time."""
+"""The interface of a simulated mechanism to its controller: joints to drive and sensors to read, one tick at a time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class Plant(Protocol):
         """Command joint positions and speeds, and let one tick pass."""
 
     def joints(self) -> Array:
-        """What the encoders measure."""
+        """The joint values that the encoders measure."""
 
     def loads(self) -> Array:
         """The vertical force (N) of the ground on each foot, (6,)."""

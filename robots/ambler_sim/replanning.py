@@ -39,7 +39,7 @@ class Avoided:
 
 
 def felt(contact: Contact, foot: Foot) -> Avoided:
-    """What a leg met while its foot was at *contact*, from where the *foot* was then put down: before it, or on it."""
+    """The obstacle at *contact*, from where the *foot* was then put down: before it, or on it."""
     x, y = contact.x - foot.x, contact.y - foot.y
     distance = math.hypot(x, y)
     if distance < STANDING_ON:
@@ -57,7 +57,7 @@ def without(ground: ElevationMap, avoided: Iterable[Avoided]) -> ElevationMap:
 
 
 def raised(move: LegMove, stance: Stance, contact: Contact) -> LegMove:
-    """The same move RAISE above what it met. Raises PathBlocked when the leg is too short for that."""
+    """The move RAISE above the obstacle. Raises PathBlocked when the leg is too short for that."""
     lift = max(move.lift, contact.z) + RAISE
     ceiling = stance.pose.height + float(SHOULDER_Z[move.leg]) - AMBLER.min_drop
     if lift > ceiling:

@@ -49,7 +49,7 @@ class Terrain:
         return self.height(rock.x, rock.y) + rock.height
 
     def under(self, places: Array) -> Array:
-        """What bears feet at these points (n, 3): the ground, or the top of a rock that they are not below."""
+        """The height under these points (n, 3): of the ground, or of the top of a rock that they are not below."""
         heights = self.heights_at(places[:, 0], places[:, 1])
         for rock in self.spec.rocks:
             top = self.top(rock)

@@ -166,7 +166,7 @@ class Posture:
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """What the robot's own sensors say now: two inclinometers and six foot force sensors."""
+    """The values of the robot's own sensors now: two inclinometers and six foot force sensors."""
 
     time: float
     roll: float

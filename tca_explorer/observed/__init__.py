@@ -1,1 +1,1 @@
-"""What is known of a run from the facts that central records."""
+"""The state of a run from the facts that central records."""

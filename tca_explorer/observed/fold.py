@@ -172,7 +172,7 @@ class Fold(Situation):
                 self._begin_delays(follower, fact)
 
     def _begin_delays(self, follower: TrackedMessage, fact: facts.Reached) -> None:
-        """What comes so many seconds after what was just reached."""
+        """Begin the delays after the moments that were just reached."""
         begun = [one for one in follower.delayed if one[1].task == fact.task and one[1].moment & fact.moments]
         times = [(moment, self.now + delay) for moment, _, delay in begun]
         self._change(follower.id, not_before=(*follower.not_before, *times),

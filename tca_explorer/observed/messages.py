@@ -9,7 +9,7 @@ from tca_wire.vocabulary import MessageClass, Role
 
 
 class ObservedMessage(MessageView, msgspec.Struct, frozen=True, kw_only=True):
-    """What can be said of a message under way without naming others."""
+    """A message under way, without the names of others."""
 
     message: str
     message_class: MessageClass
@@ -58,7 +58,7 @@ class TrackedMessage(ObservedMessage, frozen=True, kw_only=True):
     after: tuple[tuple[int, Point], ...] = ()
     """The constraints on it: which of its moments comes no sooner than which point."""
     delayed: tuple[tuple[int, Point, float], ...] = ()
-    """The same, and so many seconds later."""
+    """The constraints with a delay in seconds."""
     not_before: tuple[tuple[int, float], ...] = ()
     """Which of its moments comes no sooner than at which time, in seconds since the run began."""
 

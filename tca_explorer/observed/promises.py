@@ -1,4 +1,4 @@
-"""What central promises of every run, checked from the facts that it records and nothing else.
+"""The promises of central for every run, checked from the facts that it records and nothing else.
 
 No moment before those that constraints and wiretaps put before it, or sooner than a delay allows; no child's start
 before its parent's, no parent's end before its children's; nothing suspended or killed is started, and nothing where
@@ -14,7 +14,7 @@ _ROUNDING = 1e-9  # seconds
 
 
 def reached(now: Situation, task: TrackedMessage, moments: int) -> str:
-    """What is wrong with moments that a task has just reached; "" if nothing is."""
+    """The error in moments that a task has just reached; "" if there is none."""
     too_early = []
     if not task.is_killed:
         too_early += _not_met(now, task, moments)
@@ -33,7 +33,7 @@ def reached(now: Situation, task: TrackedMessage, moments: int) -> str:
 
 
 def delivered(now: Situation, message: TrackedMessage, fact: Delivered) -> str:
-    """What is wrong with giving a message to a handler now; "" if nothing is."""
+    """The error in giving a message to a handler now; "" if there is none."""
     held_by = now.held_by.get((fact.module, fact.resource))
     if held_by is not None and not (held_by.is_reserved and message.sent_by in (held_by.sender, fact.module, "")):
         how = "reserved" if held_by.is_reserved else "locked"
@@ -47,12 +47,12 @@ def delivered(now: Situation, message: TrackedMessage, fact: Delivered) -> str:
 
 
 def returned(message: TrackedMessage | None, key: int) -> str:
-    """What is wrong with the end of a message's handler; "" if nothing is."""
+    """The error in the end of a message's handler; "" if there is none."""
     return "" if message is not None and message.is_handled else f"a handler of {message or key} ended, and none had it"
 
 
 def _not_met(now: Situation, task: TrackedMessage, moments: int) -> list[str]:
-    """What those moments of a task come after, and is not past."""
+    """The constraints on those moments of a task that are not met."""
     points = [_words(point) for moment, point in task.after if moments & moment and not now.is_past(point)]
     delays = [_words(point) for moment, point, _ in task.delayed if moments & moment]
     times = [time for moment, time in task.not_before if moments & moment and now.now < time - _ROUNDING]

@@ -1,4 +1,4 @@
-"""What properties see of a run after an action: the messages under way, the locks in force, the modules.
+"""The world that properties see after an action: the messages under way, the locks in force, the modules.
 
 States that differ only in ids, orders and absolute times are explored once, so properties may see none of that:
 messages come in an order that the state gives, not by age, and ids can only be compared. A property that looks at the
@@ -100,7 +100,7 @@ class World:
         self._seen = {key: _seen(now.seen[key]) for key in keys}
 
     def true_of(self, predicate: Predicate) -> Found:
-        """What a predicate says."""
+        """The value of a predicate."""
         return Found.of(predicate(self))
 
     newly = true_of  # whatever is true of what ended or came with the last action is so for this one
@@ -124,8 +124,8 @@ class World:
         return Messages([seen for seen in self._seen.values() if seen.is_task and seen.parent_id == task.id])
 
     def held(self, task: Seen) -> list[tuple[Moment, Moment, Seen | None]]:
-        """What *task* comes after: which of its moments comes no sooner than which moment of which task (None: one
-        that has ended). Constraints with a delay are not among them.
+        """The constraints on *task*: which of its moments comes no sooner than which moment of which task (None: one
+        that has ended). Those with a delay are not among them.
         """
         of = {seen.id: key for key, seen in self._seen.items()}
         after = self._situation.seen[of[task.id]].after
@@ -139,7 +139,7 @@ class World:
 
     @property
     def taken(self) -> Taken | None:
-        """What a script asked of central with the last action; None if it asked nothing, or that was refused or came
+        """The request of a script that central took with the last action; None if there was none, or it was refused or
         too late.
         """
         return self._situation.taken
@@ -164,7 +164,7 @@ class World:
 
 
 def breach_in_words(breach: Breach) -> str:
-    """What is wrong, and with which messages: these with their ids."""
+    """The error in words, and its messages with their ids."""
     names = ", ".join(f"{one.message} {{{int(one.id._number)}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
                       for one in breach.messages)  # fmt: skip
     return ": ".join(part for part in (breach.what, names) if part)

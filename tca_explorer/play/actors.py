@@ -1,4 +1,4 @@
-"""Who acts in a run: scripts under way (actors), the connections that they act on (lines), and the runs of modules."""
+"""The scripts under way in a run (actors), the connections that they act on (lines), and the runs of modules."""
 
 from collections import deque
 from typing import Any
@@ -16,7 +16,7 @@ from tca_wire.points import TaskId
 
 
 class OpenRequest:
-    """What a script asked and wants an answer to: the answers that it has not read."""
+    """A request of a script that wants an answer: the answers that it has not read."""
 
     def __init__(self, number: RequestNumber, header: Any) -> None:
         self.number = number

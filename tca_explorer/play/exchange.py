@@ -1,4 +1,4 @@
-"""What scripts do to central, and what they get back. Knows lines and actors; whose turn it is play.py says."""
+"""The requests of scripts to central, and the answers. Knows lines and actors; whose turn it is play.py says."""
 
 from collections.abc import Callable
 from typing import Any
@@ -79,9 +79,7 @@ class Exchange:
         _TAKE[type(actor.step)](self, line, actor, actor.step)
 
     def go_on(self, line: Line) -> None:
-        """What nobody can tell is no action: that a script awaits something, reads what is there, or ends if it
-        handles nothing.
-        """
+        """Play the parts that are no action: a script awaits or reads something, or ends if it handles nothing."""
         while (actor := line.actor) is not None and actor not in line.delivered:
             if actor.step is not None:
                 request = actor.awaited

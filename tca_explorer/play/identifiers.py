@@ -74,7 +74,7 @@ def renamed(value: Any, rename: Rename) -> Any:
 
 
 def renamed_rows(body: bytes, rename: Rename) -> bytes:
-    """The same of what central tells of a task's relatives."""
+    """Central's rows on a task's relatives, with renamed tasks."""
     rows = msgspec.msgpack.decode(body)
     for row in rows:
         row["task"], row["parent"] = rename(row["task"]), rename(row["parent"])

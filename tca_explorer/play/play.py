@@ -28,7 +28,7 @@ NOTHING = b"\xc0"  # None as MessagePack
 
 
 class ActionKind(StrEnum):
-    """What an action is."""
+    """The kind of an action."""
 
     STEP = "step"  # a script goes on
     TIME = "time"  # time passes until something is due
@@ -89,7 +89,7 @@ class Play(Exchange):
         yield from (Action(ActionKind.LATE, line.name) for line, at in self._late() if at <= self.now)
 
     def _late(self) -> list[tuple[Line, float]]:
-        """Who waits no longer than until when."""
+        """The lines whose scripts wait no longer than until a time, with that time."""
         newest = [(line, line.stack[-1].late_at) for line in self.lines.values() if line.stack]
         return [(line, at) for line, at in newest if at is not None]
 

@@ -15,7 +15,7 @@ from tca_wire.points import describe_moments
 
 
 def describe(play: Play, action: Action) -> str:
-    """What is about to happen: "gait planner in take steps {3} sends command move leg 2"."""
+    """The next action in words: "gait planner in take steps {3} sends command move leg 2"."""
     return _DESCRIBE[action.kind](play, action)
 
 
@@ -113,7 +113,7 @@ def _ask(play: Play, actor: Actor, step: Ask) -> str:
 
 
 def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
-    """What an actor, which is at that step, does not go on with."""
+    """The wait of an actor at that step, in words."""
     if not isinstance(step, Await):
         return _doing(play, actor, step)
     header = actor.requests[step.request].header

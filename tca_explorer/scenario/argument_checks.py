@@ -1,4 +1,4 @@
-"""What users give to a scenario, checked where they write it: each ScenarioError says what, which and what fits."""
+"""Checks of a scenario's arguments where users write them: each ScenarioError says what, which and what fits."""
 
 from collections.abc import Collection
 from difflib import get_close_matches

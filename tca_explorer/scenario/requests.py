@@ -1,4 +1,4 @@
-"""What a script asks of central: in words, by the call of the library, and as a predicate."""
+"""The requests of a script to central: in words, by the call of the library, and as a predicate."""
 
 from collections.abc import Callable
 from typing import Any
@@ -116,7 +116,7 @@ _SECOND: dict[type, str] = {
 """By what the second of two calls is known."""
 
 CALLS = tuple(call for one in _CALLS.values() for call in ((one,) if isinstance(one, str) else one))
-"""What a script can ask of central. "send" stands for all that is sent: goal(), query(), inform(), monitor(), ..."""
+"""The requests that a script can make. "send" stands for all that is sent: goal(), query(), inform(), monitor(), ..."""
 
 _SAY: dict[type, Callable[[Any, Name], str]] = {
     headers.Constrain: lambda header, name: f"adds {'; '.join(_constraint(one, name) for one in header.constraints)}",

@@ -20,7 +20,7 @@ _NOT_EXPLORED = frozenset((
     "after", "central", "every", "on_readable", "run", "running", "stop", "stopping",
     *(name for name in dir(Sender) if not name.startswith("_")),
 ))  # fmt: skip
-"""What a module of the library has and a scenario's has not."""
+"""Methods that a module of the library has and a scenario's has not."""
 
 
 class ScenarioModule:
@@ -96,7 +96,7 @@ class ScenarioModule:
 
     @property
     def first(self) -> list[Program]:
-        """What it does before it handles anything."""
+        """The programs that run before it handles anything."""
         return [*([self._wait] if self._awaited() else []), *self._first]
 
     def _awaited(self) -> list[Message[Any, Any]]:

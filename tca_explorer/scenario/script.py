@@ -36,12 +36,13 @@ _OF_THE_WORLD = (LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout
 """Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
 
 _BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)
-"""What central refuses because of what happened meanwhile: a module that is lost takes its resources along. (That a
-scenario has no such resource at all is found out when it is asked for: see Exchange.)"""
+"""Refusals because of something that happened meanwhile: a lost module takes its resources along. (That a scenario has
+no such resource at all is found out when it is asked for: see Exchange.)
+"""
 
 
 class _Choices:
-    """What only a scenario has."""
+    """The calls that only a scenario has."""
 
     _explored: ScriptConnection
 
@@ -57,7 +58,7 @@ class _Choices:
 
 
 class Script(_Choices, Sender):
-    """What a module does by itself: each call that reaches central is one step of the exploration."""
+    """The program of a module: each call that reaches central is one step of the exploration."""
 
     def __init__(self, link: ScriptConnection) -> None:
         Sender.__init__(self)
@@ -68,7 +69,7 @@ class Script(_Choices, Sender):
 
 
 class Task(_Choices, ModuleTask):
-    """What a handler sees of the message that it handles, and sends from: the module library's Task, and choices."""
+    """The task of a handler: the module library's Task, and choices."""
 
     def __init__(self, link: ScriptConnection, given: Given, message: Message[Any, Any]) -> None:
         delivery = Deliver(HERE, message.name, OWN if given.is_task else ROOT, given.context)

@@ -21,7 +21,7 @@ from tca_wire.packets import headers
 from tca_wire.vocabulary import Refusal
 
 CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
-"""What a script may decide without central: the kinds of such a Got."""
+"""The decisions of a script without central: kinds of a Got."""
 
 MOST_CAUGHT = 10_000
 """How often a script may go on after a run of it was ended: more often only one does that catches this and all else."""
@@ -141,13 +141,13 @@ class ScriptConnection:
         self.end(ScenarioError("it does not do the same when it is run again: it may use nothing but its arguments"))
 
     def end(self, error: ScenarioError) -> NoReturn:
-        """What the script does can't be played."""
+        """End the script with this error: it can't be played."""
         self.error = error
         self._check_caught()
         raise error
 
     def _over(self) -> StepReached | DecisionReached:
-        """What ends this run: once more, where code that cleans up goes on."""
+        """The result that ends this run: once more, where code that cleans up goes on."""
         assert self.stopped is not None
         self._check_caught()
         return self.stopped
@@ -223,7 +223,7 @@ class ScriptConnection:
             self.do(GiveUp(request.place))
 
     def give_up(self, request: ScriptRequest) -> str:
-        """The same; why there is no answer is not told here: such words differ from run to run."""
+        """As *abandon*; the reason is not told here: such words differ from run to run."""
         self.abandon(request)
         return ""
 

@@ -1,4 +1,4 @@
-"""What a script can do next, and what it got back for what it did: its life.
+"""The next steps of a script, and the answers that it got to earlier ones: its life.
 
 Tasks are named by their place in the script, not by central's ids, so that what a script does next depends on nothing
 but its data and what it got: ``OWN`` is the task that it handles, ``known(0)`` the first other one that it heard of.
@@ -23,7 +23,7 @@ HERE = 1
 
 
 def known(place: int) -> TaskId:
-    """What a script heard of as number *place* (0, 1, ...): a task, an exception handler, a wiretap."""
+    """The name of the task, exception handler or wiretap that a script heard of as number *place* (0, 1, ...)."""
     return TaskId(-3 - place)
 
 
@@ -52,7 +52,7 @@ class Ask(_Step, frozen=True):
 
     @property
     def kind(self) -> str:
-        """What is sent, with which data."""
+        """The header and data of a request, as a text to compare."""
         return f"{type(self.header).__name__} {crc32(msgspec.msgpack.encode(self.header) + self.body)}"
 
 
@@ -99,13 +99,13 @@ Step = Ask | Await | GiveUp | Know | Return | Fail | Hang
 
 
 class Got(msgspec.Struct, frozen=True):
-    """What came back for a step of that kind, or how the script decided (*kind* "choose", ...: *choice*)."""
+    """The result of a step of that kind, or the script's decision (*kind* "choose", ...: *choice*)."""
 
     kind: str
     refusal: Refusal | None = None
     text: str = ""
     id: TaskId = TaskId(0)
-    """What the request became."""
+    """The task or other thing that the request became."""
     answer: headers.Answer | None = None
     body: bytes = b""
     is_late: bool = False
@@ -138,7 +138,7 @@ History = tuple[Got, ...]
 
 
 class Given(msgspec.Struct, frozen=True):
-    """What a handler was given."""
+    """The input of a handler."""
 
     body: bytes
     is_task: bool = False
@@ -146,7 +146,7 @@ class Given(msgspec.Struct, frozen=True):
 
 
 class ScriptRun:
-    """What a script was given, and all that it has got since, the newest here. Equal lives are the same object, so that
+    """The input of a script and all that it has got since, the newest here. Equal lives are the same object, so that
     one more thing costs the same after however many.
     """
 

@@ -23,7 +23,7 @@ class _Unwanted(BaseException):
 
 
 def in_worker_thread(work: Callable[[], T]) -> T:
-    """What *work* returns or raises."""
+    """The result of *work*, which is returned or raised."""
     future: Future[T] = Future()
     is_unwanted = threading.Event()
 

@@ -1,4 +1,4 @@
-"""What makes many states of a scenario: what may happen beside something else, by where it comes from."""
+"""The causes of many states in a scenario: actions that may happen beside others, by their source."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -47,7 +47,7 @@ class Branching:
             self._open.update(sources)
 
     def most(self) -> tuple[str, ...]:
-        """What was open most often, with the part of the states in which it was: "steps of arm (61 %)"."""
+        """The sources open most often, with their part of the states: "steps of arm (61 %)"."""
         most = sorted(self._open.items(), key=lambda one: (-one[1], one[0]))[:_MOST_NAMED]
         return tuple(f"{source} ({100 * number / self._states:.0f} %)" for source, number in most)
 
@@ -65,7 +65,7 @@ def _source(play: Play, action: Action) -> str:
 
 
 def _due(play: Play) -> str:
-    """What time passes to."""
+    """The event to which time passes."""
     timer = min(play.central.clock.pending(), key=lambda timer: timer.time, default=None)
     if timer is None or timer.time != play.next_time:
         return "timeouts of scripts"

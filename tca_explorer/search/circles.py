@@ -65,7 +65,7 @@ def _owed(states: list[SearchState], places: dict[int, int], number: int, one: P
 
 
 def _waits(states: list[SearchState], places: dict[int, int]) -> Graph:
-    """What waits in each state, and the ways after which it still does."""
+    """The waiters in each state, and the ways after which they still wait."""
     return {
         _Node(place, one): [_Step(way, _Node(places[id(way.to)], way.carried[one])) for way in state.ways
                             if way.carried[one] >= 0]
@@ -89,7 +89,7 @@ def _fair(action: Action) -> Fair:
 
 
 def _possible(state: SearchState) -> set[Fair]:
-    """What can happen in a state, and need happen some time."""
+    """The actions that can happen in a state, and must happen some time."""
     return {_fair(way.action) for way in state.ways if not way.action.is_optional}
 
 

@@ -168,7 +168,7 @@ class _Exploration:
         return None
 
     def _judge(self, state: SearchState, play: Play, order: tuple[int, ...]) -> Violation | None:
-        """What properties say of a state; what they remember from now on."""
+        """The first violation of a property in a state; stores the memories of the properties."""
         world = World(play.fold, {message: place for place, message in enumerate(order)}, self._look_at_time)
         memories = []
         for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
@@ -237,7 +237,7 @@ def _check_message_names(scenario: Scenario, properties: Iterable[Property], use
 
 
 def _unknown_names(one: Property, used: Collection[str]) -> Iterator[str]:
-    """What is wrong with the names of messages in a property, in words."""
+    """The unknown names of messages in a property, as errors in words."""
     names = dict.fromkeys(named.message for named in one.named if named.message)
     return (_missing(name, used) for name in names if name not in used)
 

@@ -76,7 +76,7 @@ IGNORED = {
 
 
 class Detail(msgspec.Struct, frozen=True):
-    """What states are told apart by beyond what decides what happens next: only where somebody needs it."""
+    """Details that tell states apart though the same happens next: only where somebody needs them."""
 
     time: bool = False
     """How long the run has lasted: properties look at it."""
@@ -85,12 +85,12 @@ class Detail(msgspec.Struct, frozen=True):
 
 
 def fingerprint(play: Play, memories: Iterable[int], detail: Detail = Detail()) -> bytes:  # noqa: B008
-    """What distinguishes this state from others. *memories* are what properties remember."""
+    """A digest that differs from those of other states. *memories* are what properties remember."""
     return recognised(play, memories, detail)[0]
 
 
 def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[bytes, tuple[int, ...]]:
-    """The same, and the messages under way in an order that is that of all equal states."""
+    """The fingerprint, and the messages under way in an order that is that of all equal states."""
     walk = _Walk(play.rivals, play.now)
     central = play.central
     for module in sorted(central.tree.top_of_module):  # so that the order between modules does not show
@@ -220,7 +220,7 @@ class _Walk:
         self._out.append(None if time is None else round(time - self._now, _DIGITS))
 
     def add_due(self, clock: Any, _: object) -> None:
-        """What is due later, in its order."""
+        """Add the timers, in the order in which they are due."""
         for _time, _asked, timer in sorted(clock._queue, key=itemgetter(0, 1)):  # noqa: SLF001
             if not timer.is_cancelled:
                 self.add(timer)
@@ -247,7 +247,7 @@ class _Walk:
 
 
 _LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for code in range(6))
-"""What no value looks like."""
+"""Marks that no value looks like."""
 
 _PLAIN = frozenset((str, bytes, bool, float, type(None)))
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
@@ -304,7 +304,7 @@ SPECIAL: dict[tuple[str, str], Write] = {
 
 @cache
 def _attributes(kind: type, names: tuple[str, ...]) -> tuple[Callable[[Any], Iterable[Any]], tuple[Write | None, ...]]:
-    """What fetches the attributes to look at, in slots and of these *names*, and how each is written down."""
+    """The getter of the attributes to look at, in slots and of these *names*, and the way each is written down."""
     assert not issubclass(kind, _CONTAINERS), f"of a {kind.__name__} nothing but its class would be taken in"
     slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
     kinds = [parent.__name__ for parent in kind.__mro__]
@@ -347,7 +347,7 @@ def _add_outcomes(walk: _Walk, play: Play) -> None:
 
 
 def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
-    """What properties see; the messages in the order in which it was taken in."""
+    """Add the state that properties see; return the messages in the order in which they were added."""
     known = {walk.number_of_name(seen.id): seen for seen in play.fold.seen.values() if not seen.is_over}
     if detail.names:
         walk.add(list(known))  # oldest first
@@ -362,5 +362,5 @@ def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
 
 
 def _out_of_time(seen: TrackedMessage) -> TrackedMessage:
-    """What is not only of the last action, and no time."""
+    """The message without times and without marks of the last action."""
     return replace(seen, not_before=(), is_new=False, is_retried=False, has_fired=False)

@@ -67,7 +67,7 @@ class _Pickler(pickle.Pickler):
 
 
 _loading: list[dict[int, Any]] = []
-"""What is shared with the snapshot that is being loaded."""
+"""The objects shared with the snapshot that is being loaded."""
 
 
 def _known(number: int) -> Any:

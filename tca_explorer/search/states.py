@@ -1,4 +1,4 @@
-"""What an exploration finds: states, the ways between them, and in the end a result."""
+"""The findings of an exploration: states, the ways between them, and in the end a result."""
 
 from typing import NamedTuple
 
@@ -12,16 +12,16 @@ class Violation(msgspec.Struct, frozen=True):
     """Something that must be true and is not, after these actions."""
 
     broken: str
-    """What must be true."""
+    """The condition that must be true."""
     why: str
-    """What is wrong in the last state."""
+    """The error in the last state."""
     actions: tuple[Action, ...]
     circle: tuple[Action, ...] = ()
     """Actions that come after these again and again, for ever, where a run that never ends shows it."""
 
 
 class Result(msgspec.Struct, frozen=True):
-    """What an exploration found."""
+    """The result of an exploration."""
 
     scenario: Scenario
     states: int
@@ -37,7 +37,7 @@ class Result(msgspec.Struct, frozen=True):
     vacuous: tuple[str, ...] = ()
     """Properties that hold because what they are about never was: "'a before b': there never is 'b'"."""
     branching: tuple[str, ...] = ()
-    """What could happen beside something else, most often first, with the part of the states: "steps of arm (61 %)"."""
+    """The commonest alternatives in states, with the part of the states: "steps of arm (61 %)"."""
 
     @property
     def ok(self) -> bool:

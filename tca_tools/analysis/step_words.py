@@ -72,9 +72,7 @@ def _held(run: Run, task: Task, time: float) -> str:
 
 
 def _links(run: Run, task: Task, time: float) -> Iterator[str]:
-    """The waits of a task until then, then those of what it waited for, and so on, as far as all of it was over at
-    once.
-    """
+    """The waits of a task until then, those of the tasks that it waited for, and so on, if all were over at once."""
     waits, seen = _ended_at(run, task, time), {task.id}
     if waits:
         yield f"waited {_in_words(run, waits, time)}"

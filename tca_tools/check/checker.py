@@ -154,9 +154,7 @@ def _of(
     find: Callable[[JournalWorld, int, str], MessageRecord | None], number: str, what: str,
     take: Callable[[JournalWorld, MessageRecord, Any], None],
 ) -> Take:  # fmt: skip
-    """The handler for a fact about one message: *find* it by that field, or complain that *what* happens to a missing
-    one.
-    """
+    """The handler for a fact about one message: *find* it by *number*, or complain that *what* happens to no message."""
     number_of = attrgetter(number)
 
     def take_if_known(world: JournalWorld, fact: Any) -> None:

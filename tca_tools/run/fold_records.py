@@ -31,9 +31,7 @@ class RecordFold(Run):
     def __init__(self) -> None:
         super().__init__()
         self.news: list[Task | Handling | Queueing | HandlerWait | Claim | ModuleRecord] = []
-        """The records that the newest entry began, ended or changed; a task only if its state changed, or it got a
-        constraint.
-        """
+        """The records that the newest entry changed; a task only if its state changed, or it got a constraint."""
         self._touched: dict[int, Task] = {}
         """The tasks whose state may have changed with the newest entry."""
         self._turned: dict[int, Message] = {}

@@ -238,9 +238,7 @@ class Log:
 
     @property
     def remarks(self) -> list[str]:
-        """Remarks on its folder, a line each: other runs in it, or missing segments; on losses; and on what follows in
-        a file.
-        """
+        """Remarks, a line each: other runs or missing segments in the folder, losses, and what follows in a file."""
         folder = [*self._folder.others, *self._folder.missing] if self._folder is not None else []
         return [*folder, *self.losses.lines, *filter(None, [self._followed_by])]
 

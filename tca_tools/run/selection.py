@@ -179,9 +179,7 @@ def lineage(run: Run, task: TaskId) -> list[TaskId]:
 
 
 def _had(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
-    """The messages that had a resource during a wait, one after the other: those handled there, and those it was locked
-    for.
-    """
+    """The messages that had a resource during a wait, in order: those handled there, and those it was locked for."""
     grants, runs = run.granted(module, resource), run.runs.get((module, resource), [])
     granted = islice(grants, bisect_left(grants, wait.until, key=_GRANTED))
     begun = islice(runs, bisect_left(runs, wait.until, key=_START))

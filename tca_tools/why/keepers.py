@@ -61,9 +61,7 @@ def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -
 
 
 def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
-    """The keepers of a resource from a lock: the lock in force; else all other handlers in it, and the claim ahead in
-    line.
-    """
+    """The keepers of a resource from a lock: the lock in force; else other handlers in it, and the claim ahead."""
     held_by = at.held_by(claim.module, claim.resource)
     if held_by is not None and held_by is not claim:
         return Keepers(claim=held_by)

@@ -163,9 +163,7 @@ def told_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
 
 
 def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
-    """The waits of a task as shown: running handlers are shown by the task's state, as are those under it, without its
-    children.
-    """
+    """The waits of a task as shown: without running handlers, which its state shows, and without those of children."""
     waits = waits_now(at, task.id)
     if task.state is State.ENDING:
         return waits

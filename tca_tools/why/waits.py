@@ -84,9 +84,7 @@ class Node(NamedTuple):
     number: int
     """The task, message or claim."""
     moment: int = 0
-    """The moment that the task is to reach. 0: it is to be resumed, a message answered, a claim granted or, if it was,
-    over.
-    """
+    """The moment that the task is to reach. 0: it is to be resumed, answered, or its claim granted or released."""
     delivery: int = 0
     """Of what was sent to many: the one of them that is to be handled (0: all)."""
 

@@ -66,7 +66,7 @@ def make_module(robot: Robot, state_file: Path | None) -> Module:
 
 
 def _answer_questions(controller: Module, machine: Machine) -> None:
-    """What is known of the robot."""
+    """Answer questions about the robot."""
     robot = machine.robot
 
     @controller.handles(STANCE)

@@ -58,7 +58,7 @@ def attach(module: Module) -> None:
 
 
 class Memory:
-    """What legs have met so far: the scanner did not see it."""
+    """The obstacles that legs have met so far: the scanner did not see them."""
 
     def __init__(self) -> None:
         self.avoided: deque[Avoided] = deque(maxlen=MOST_REMEMBERED)
