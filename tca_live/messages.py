@@ -125,7 +125,7 @@ def _variable(client: Client, name: str) -> Variable[Any]:
     return message
 
 
-# --- what is typed ---------------------------------------------------------------------------------------------------
+# --- typed data ------------------------------------------------------------------------------------------------------
 
 
 def _read(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
@@ -181,7 +181,7 @@ def _nested(pairs: list[tuple[str, str]]) -> dict[str, Any]:
     return fields
 
 
-# --- what comes of it ------------------------------------------------------------------------------------------------
+# --- results ----------------------------------------------------------------------------------------------------------
 
 
 def _say_if_unhandled(client: Client, message: Message[Any, Any]) -> None:

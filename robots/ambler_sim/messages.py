@@ -62,12 +62,12 @@ WALKED = Broadcast("walked", Pose)
 POSITION_REACHED = Query("position reached", Pose, reply=Pose)
 ACHIEVED_POSITION = PointMonitor("achieved position?", Pose, condition=POSITION_REACHED, action=WALKED)
 
-# What planners ask.
+# Questions of the planners.
 ELEVATION_MAP = Query("elevation map", Stance, reply=ElevationMap)
 PLAN_LEG_MOVE = Query("plan leg move", Step, reply=LegMove)
 PLAN_BODY_MOVE = Query("plan body move", Placing, reply=BodyMove)
 
-# What the controller knows.
+# Questions to the controller.
 STANCE = Query("stance", reply=Stance)
 READINGS = Query("readings", reply=Readings)
 SCAN = Query("scan", reply=Scan)

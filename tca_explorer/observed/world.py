@@ -95,7 +95,7 @@ class World:
     def __init__(self, now: Situation, order: dict[int, int], look: Callable[[], None] = lambda: None) -> None:
         self._situation = now
         self._look = look  #: called when somebody looks at the time
-        # What there was before the last action comes as the state before it has it; the rest as it was sent.
+        # Messages from before the last action come in the order of the state before it; the rest as they were sent.
         keys = sorted(now.seen, key=lambda key: (key not in order, order.get(key, key)))
         self._seen = {key: _seen(now.seen[key]) for key in keys}
 

@@ -182,7 +182,7 @@ class Exchange:
     def _hang(self, _line: Line, _actor: Actor, _step: Hang) -> None:
         """It never gets anything for that step."""
 
-    # --- what comes back ---------------------------------------------------------------------------------------------
+    # --- answers ------------------------------------------------------------------------------------------------------
 
     def _get_delivery(self, line: Line, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]

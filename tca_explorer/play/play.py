@@ -70,7 +70,7 @@ class Play(Exchange):
         if self.kills or self.suspensions:
             self.receive(SOMEBODY, headers.Hello(self.next_number(), PROTOCOL_VERSION, SOMEBODY, SOMEBODY))
 
-    # --- what may happen ---------------------------------------------------------------------------------------------
+    # --- possible actions --------------------------------------------------------------------------------------------
 
     def actions(self) -> list[Action]:
         """Everything that may happen now."""
@@ -129,7 +129,7 @@ class Play(Exchange):
         """The tasks of that message which somebody may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
-    # --- what happens ------------------------------------------------------------------------------------------------
+    # --- actions played -----------------------------------------------------------------------------------------------
 
     def perform(self, action: Action) -> None:
         """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if central can't."""

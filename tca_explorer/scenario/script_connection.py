@@ -157,7 +157,7 @@ class ScriptConnection:
         if self._caught > MOST_CAUGHT and self._on_caught is not None:
             self._on_caught(self.error)
 
-    # --- what the module library calls: see tca_module/link/connection.py -----------------------
+    # --- calls of the module library: see tca_module/link/connection.py -----------------------
 
     def declare(self, *messages: Message[Any, Any], within: float = 0.0) -> None:
         """Central must know these."""

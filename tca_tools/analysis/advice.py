@@ -178,7 +178,7 @@ def _longest(run: Run, wait: Before, step: Step) -> str:
     return told + still_handled(run, asked, wait.end)
 
 
-# --- what nobody could work on, on the critical path or beside it ---------------------------------------------------
+# --- standstills, on the critical path or beside it -----------------------------------------------------------------
 
 
 def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[Advice]:

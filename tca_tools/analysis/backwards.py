@@ -102,7 +102,7 @@ class Causes:
             found.append((end, since, wait) if is_last else (end, *found[-1][1:]))
         return found
 
-    # --- what an event was, and who brought it about -------------------------------------------------------------
+    # --- events and their origins --------------------------------------------------------------------------------
 
     def _at_event(self, at: _At) -> _Back:
         """Of a message, a lock or a wait that was over then."""
@@ -157,7 +157,7 @@ class Causes:
         step = Step(claim.start, time, Doing.LOCKED, message, claim.module, claim.resource)
         return step, _At(claim.start, claim.id)
 
-    # --- what nobody asked for: a time was due, or it was cut off ------------------------------------------------
+    # --- events without an origin: a time was due, or a cut-off ---------------------------------------------------
 
     def _without_asker(self, message: Message, at: _At) -> _Back:
         time = at.time

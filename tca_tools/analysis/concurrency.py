@@ -153,7 +153,7 @@ def _plans(run: Run, step: Step, acting: Key) -> bool:
     return not message.message_class.only_acts and message.role not in _REACTIONS
 
 
-# --- what held it back ---------------------------------------------------------------------------------------------
+# --- causes and remedies --------------------------------------------------------------------------------------------
 
 
 def why_held(run: Run, held: Step) -> str:

@@ -123,7 +123,7 @@ def _end(world: JournalWorld, item: MessageRecord) -> None:
     world.finish(item)
 
 
-# --- who waits for a moment ------------------------------------------------------------------------------------------
+# --- waiters for a moment --------------------------------------------------------------------------------------------
 
 
 def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:

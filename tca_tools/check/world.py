@@ -104,7 +104,7 @@ class JournalWorld:
         """The tasks under *task* that have not ended, oldest first."""
         return list(task.children.values())
 
-    # --- what the fold needs ---------------------------------------------------------------------------------------
+    # --- calls of the fold -----------------------------------------------------------------------------------------
 
     def broken(self, rule: Rule, about: MessageRecord | int, what: str) -> None:
         """A rule is broken. *what* goes on from the message's name, if *about* is one and not a mere number."""

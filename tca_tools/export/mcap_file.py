@@ -63,7 +63,7 @@ def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
     writer.finish()
 
 
-# --- what is said -------------------------------------------------------------------------------------------------
+# --- records -------------------------------------------------------------------------------------------------------
 
 
 def _from_entries(run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds) -> Iterator[Said]:

@@ -97,7 +97,7 @@ class History(ReactionFold):
         self.numbers.append(entry.number)
         self.asked_by.append(asker)
 
-    # --- what each fact changes -----------------------------------------------------------------------------------
+    # --- changes by each fact ------------------------------------------------------------------------------------
 
     def _opened(self, fact: facts.Opened) -> None:
         if self.began is None:

@@ -149,7 +149,7 @@ def _keeper(at: RunAt, claim: Claim) -> WaitFor:
     return WaitFor(kind, claim.id, what, module=claim.sender, resource=claim.resource, because=whose)
 
 
-# --- what a task waits for now ---------------------------------------------------------------------------------------
+# --- current waits ---------------------------------------------------------------------------------------------------
 
 
 def reasons(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[str]:
@@ -163,7 +163,7 @@ def told_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
 
 
 def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
-    """The waits of a task as shown: without running handlers, which its state shows, and without those of children."""
+    """The waits of a task as shown: without running handlers, which the states show."""
     waits = waits_now(at, task.id)
     if task.state is State.ENDING:
         return waits
@@ -297,7 +297,7 @@ def _why_last(at: RunAt, end: End) -> str:
     return f"{how(task)} {', and '.join(found)}" if found else f"is {task.standing}"
 
 
-# --- what is to come -------------------------------------------------------------------------------------------------
+# --- future events ---------------------------------------------------------------------------------------------------
 
 
 def coming(at: RunAt, task: TaskAt) -> list[str]:
