@@ -74,7 +74,7 @@ class Central(State):
             effects += self._receive(event) if isinstance(event, RequestReceived) else self._on_line(event)
         return effects
 
-    # --- an event ----------------------------------------------------------------------------------------------
+    # --- an event --------------------------------------------------------------------------------------------------
 
     def _let_fire(self, timer: Timer, time: float) -> list[Effect]:
         self.events += 1
@@ -164,7 +164,7 @@ class Central(State):
                 header = Refused(number, Refusal.TOO_LATE, text)
         self.messages.append(Transmit(connection.id, header, body))
 
-    # --- what the rules agree on -----------------------------------------------------------------------------------
+    # --- shared by the rules ---------------------------------------------------------------------------------------
 
     def _settle(self) -> None:
         """Let everything happen that may, until nothing moves."""

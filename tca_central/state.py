@@ -37,8 +37,8 @@ class Collector:
         self.pending: dict[int, Delivery] = {}
         self.module_of: dict[int, str] = {}  #: by delivery: the module that got it
         self.answered = 0
-        self.failures: list[str] = []  #: who has failed, and with what
-        self.end: tuple[Answer, bytes] | None = None  #: what it ends with, once a reply or a failure has come
+        self.failures: list[str] = []  #: the modules that failed, with their failures
+        self.end: tuple[Answer, bytes] | None = None  #: its end, once a reply or a failure has come
 
 
 class TaskWait:
@@ -163,7 +163,7 @@ class State:
         self.registry = Registry()
         self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
         self.facts: list[Any] = []  #: of the event being handled
-        self.failed: dict[int, str] = {}  #: what failed in it, in words, for the log
+        self.failed: dict[int, str] = {}  #: its failed parts, in words, for the log
         self.clock = Clock()
         self.agenda = Agenda(self.tree, self.facts, self.clock)
         self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
@@ -178,7 +178,7 @@ class State:
         self.may_have_closed = False  #: something has happened since it began that may have closed a circle
         self.dispatcher = Dispatcher(self.facts, self.deliver, self.suspects, self.clock)
         self.variables = Variables()
-        self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by who asked, and the request's number
+        self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by claimant and the request's number
         self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first

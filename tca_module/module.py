@@ -23,7 +23,7 @@ from tca_module.session.lasting_attachments import LastingAttachments
 from tca_wire.messages.declarations import D, Message, R
 from tca_wire.packets.headers import WaitUntilHandled
 
-_WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
+_WARN_AFTER = 5.0  # seconds that a module waits for required messages without a word
 
 CallbackFunction = Callable[[Callback], object] | Callable[[], object]
 F = TypeVar("F", bound=CallbackFunction)

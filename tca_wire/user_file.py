@@ -26,7 +26,7 @@ def names_of(path: Path) -> dict[str, Any]:
     _look_beside(path)
     try:
         return runpy.run_path(str(path), run_name=path.stem)
-    except (Exception, SystemExit) as error:  # whatever it is, the file is what is wrong
+    except (Exception, SystemExit) as error:  # whatever it is, the fault is in the file
         where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
         line = f", line {where[-1]}" if where else ""
         raise CannotRun(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from error

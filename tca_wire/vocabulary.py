@@ -167,7 +167,7 @@ class Due(StrEnum):
     KILL = "kill"  # a task shall end
     TEST = "test"  # a polling monitor asks its condition
     WATCHED = "watched"  # a monitor has watched long enough
-    LOOK = "look"  # see whether those who block will ever get what they wait for
+    LOOK = "look"  # check blocked handlers for deadlocks
     CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
 
 

@@ -23,7 +23,7 @@ class WaitKind(StrEnum):
     TASK = "task"  # its handler blocks until a task reaches a moment
     LOCK = "lock"  # its handler blocks until it has a resource for itself
     RESUME = "resume"  # it is suspended
-    RECOVERY = "recovery"  # an exception handler decides what becomes of it
+    RECOVERY = "recovery"  # an exception handler decides on it
     PRESENCE = "presence"  # a module waits until messages are handled
     CONDITION = "condition"  # a monitor watches
     RUNNING = "running"  # a handler runs, and waits for nothing

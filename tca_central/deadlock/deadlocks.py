@@ -147,7 +147,7 @@ def _is_there(start: Node) -> bool:
     return not isinstance(start, Waiting) or start.number in start.connection.waits
 
 
-# --- what is done about it -------------------------------------------------------------------------------------------
+# --- the remedy ------------------------------------------------------------------------------------------------------
 
 
 def _resolve_all(central: State, search: Search, start: Node) -> Search:
@@ -165,7 +165,7 @@ def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     waits = [node for node in circle if isinstance(node, Waiting)]
     kept = [node.claim for node in circle if isinstance(node, Releasing) and is_kept(node.claim)]
     goes_first = _of_recovery(central, circle)
-    if kept and goes_first:  # somebody loses what they need; who knows of no trouble is told
+    if kept and goes_first:  # somebody loses a lock they need, and is told: those in recovery come last
         claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
         revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
     elif waits:

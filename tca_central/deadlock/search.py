@@ -33,7 +33,7 @@ class Search:
         self._live: set[Node | int] = set()  #: keys of nodes
         self._open: dict[Node, Groups] = {}  #: nodes that are not known to be live, and the groups still to come
         self._at: dict[Node, Group] = {}  #: the group at which such a node stands
-        self._users: dict[Node, list[tuple[Node, Group]]] = {}  #: by node, who stands at a group that it is in
+        self._users: dict[Node, list[tuple[Node, Group]]] = {}  #: by node, the users that wait for a group with it
         self._to_do: list[Node] = []  #: open nodes that can go on, the one to be seen to next last
 
     @property

@@ -271,7 +271,7 @@ def pass_over(central: State, handler: Delivery) -> None:
     kill(central, handler, Verdict(why))
 
 
-# --- what an exception handler decides -------------------------------------------------------------------------------
+# --- decisions of exception handlers ---------------------------------------------------------------------------------
 
 
 def reissue(central: State, handler: Task) -> None:

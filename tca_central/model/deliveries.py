@@ -63,8 +63,8 @@ class Connection:
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first
         self.last_number = 0  #: the highest request number seen
-        self.handling: dict[Delivery, int] = {}  #: what it handles, and the event in which it got that; oldest first
-        self.orphans: list[int] = []  #: what it handled when it was lost, and is to be told to end
+        self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
+        self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
         self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
         self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
@@ -72,7 +72,7 @@ class Connection:
         self.entrance: Entrance | None = None  #: where this slot takes messages directly
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
         self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
-        self.watchers: dict[Connection, None] = {}  #: who is told of this slot's end
+        self.watchers: dict[Connection, None] = {}  #: the connections told of this slot's end
 
     def remember(self, number: int, header: ToModule, body: bytes) -> None:
         """Keep an answer in case the request is repeated."""
@@ -87,7 +87,7 @@ class Module:
 
     def __init__(self, name: str, called: str, incarnation: str, process: str) -> None:
         self.name = name  #: unique among those connected
-        self.called = called  #: what it calls itself: several copies of a program do alike
+        self.called = called  #: its own name: several copies of a program share it
         self.incarnation = incarnation
         self.process = process
         self.connections: dict[str, Connection] = {}  #: by session
@@ -171,7 +171,7 @@ class AttachedHandler:
         self.handler = handler
         self.maximum = maximum  #: of its calls for one task; 0: any number
         self.place = place  #: the task or message type that it is attached to
-        self.by = by  #: what the module that attached it calls itself
+        self.by = by  #: the own name of the module that attached it
 
 
 class Wiretap:
@@ -205,11 +205,11 @@ class Delivery:
         self.message = message
         self.body = body
         self.role = Role.NONE  #: why central made it
-        self.context: Any = None  #: what it is about, where central made it
-        self.sender = sender  #: who wants the answer; None when it is gone
+        self.context: Any = None  #: the reason for it, if central made it
+        self.sender = sender  #: the receiver of the answer; None when it is gone
         self.sent_by: object = sender.module if sender is not None else None
         """The module that sent it; if central made it, the sender of the message it was made for (None: nobody)."""
-        self.origin = 0  #: of what is no task: the delivery whose handler sent it (0: nobody's, or not known)
+        self.origin = 0  #: unless it is a task: the delivery whose handler sent it (0: nobody's, or not known)
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0
         self.arrival = 0  #: when it could first be handled; kept when it has to queue again

@@ -136,7 +136,7 @@ class Variables:
 
     def __init__(self) -> None:
         self.values: dict[str, Value] = {}
-        self.bytes = 0  #: size of what they hold
+        self.bytes = 0  #: size of all values
 
     def check_room(self, name: str, body: bytes) -> None:
         """Raises RequestError if this value would be too much."""

@@ -60,7 +60,7 @@ class Queue(Generic[Q]):
 
     def __init__(self) -> None:
         self.waiting = 0  #: number of valid entries
-        self._heap: list[tuple[int, int, int, Q]] = []  #: (-priority, arrival, ticket, what waits)
+        self._heap: list[tuple[int, int, int, Q]] = []  #: (-priority, arrival, ticket, waiting entry)
 
     def put(self, one: Q) -> None:
         """Let one more wait."""
@@ -98,7 +98,7 @@ class Claim(Generic[S]):
 
     def __init__(self, resource: "Resource[S, Any]", slot: S, owner: object, *, admits_owner: bool) -> None:
         self.resource = resource
-        self.slot = slot  #: who asks; a slot of the resource does not wait for itself
+        self.slot = slot  #: its sender; a slot of the resource does not wait for itself
         self.owner = owner  #: whose messages a reservation lets in
         self.admits_owner = admits_owner  #: it is a reservation
         self.holder: Any = None  #: the delivery at whose end it ends; None: it ends with its connection
@@ -132,7 +132,7 @@ class Resource(Generic[S, Q]):
         self.numbers: dict[S, int] = {}  #: by slot, from 1; a new one gets the lowest that is free
         self.held_by: Claim[S] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
-        self.called_back: dict[Q, S] = {}  #: questions of its slots to itself that a lock keeps out; who asked
+        self.called_back: dict[Q, S] = {}  #: its slots' own questions that a lock keeps out -> the asking slot
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S]] = Queue()
         self._sent_by: dict[object, Queue[Q]] | None = None  #: the same messages by sender, once it was reserved
@@ -229,7 +229,7 @@ class Resource(Generic[S, Q]):
 
     def first_message(self) -> Q | None:
         """A message that waits before the others, whatever claims do."""
-        self._queue.first()  # takes away what is void before it
+        self._queue.first()  # removes void entries before it
         return next(self.queued(), None)
 
     def in_line(self) -> list[Q | Claim[S]]:

@@ -44,15 +44,15 @@ class Rare:
         self.attached: list[AttachedHandler] = []  #: its exception handlers, newest last
         self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
         self.attempts = 1  #: how often it is being or has been handled
-        self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
+        self.recovering: Task | None = None  #: the exception handler that decides on it
         self.taps: list[Wiretap] = []  #: its own wiretaps, oldest first
         self.fired: dict[int, bool] = {}  #: wiretaps fired before a moment of it -> whether the listener was handled
         self.is_tapped = False  #: wiretaps are about to be fired: it does not go on meanwhile
         self.listeners: list[Task] = []  #: that are killed with it
-        self.watch: Any = None  #: of a monitor: what it is doing
+        self.watch: Any = None  #: of a monitor: its state
         self.is_void = False  #: of an exception handler: it decides nothing any more (it has reissued, or was killed)
         self.farewells: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
-        self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
+        self.pending: dict[Any, Any] = {}  #: planned events -> the timer, or the task at which each waits
         self.ended_followers = 0  #: number of its followers that were killed while they waited, and have ended
         self.retry_askers: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
         self.retry_targets: list[Task] = []  #: of an exception handler: the tasks that it wants retried
@@ -98,8 +98,8 @@ class Task(Delivery):
         self.killed = ""  #: why it was killed, and by whom
         self.failure: tuple[str, str, bytes] | None = None  #: name, text and data of the failure raised on it
         self.is_dealt_with = False  #: an exception handler took care of that failure
-        self.result = b""  #: what its handler returned
-        self.waiters: dict[Any, int] | None = None  #: who is to be told -> of which moment; oldest first
+        self.result = b""  #: its handler's result
+        self.waiters: dict[Any, int] | None = None  #: waits for it -> the moment of each; oldest first
         self.rare: Rare | None = None
 
     def __repr__(self) -> str:
@@ -202,7 +202,7 @@ class KeptTask:
 
     def __init__(self, task: Task, outcome: tuple[Outcome, str, str, bytes], rare: Rare) -> None:
         self.id, self.message, self.role, self.body, self.outcome = task.id, task.message, task.role, task.body, outcome
-        self.parent: Task | KeptTask | None = task.parent  #: what it hangs under
+        self.parent: Task | KeptTask | None = task.parent  #: its parent, living or kept
         self.kept_by = rare.kept_by
         self.kept = rare.kept  #: the records under it
         for child in self.kept.values():

@@ -44,10 +44,10 @@ class Agenda:
         self.ended: deque[Task] = deque()  #: have reached their last moment
         self.ended_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
         self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
-        self.tap_events: deque[tuple[Delivery, int]] = deque()  #: what has happened to messages: wiretaps may be at it
+        self.tap_events: deque[tuple[Delivery, int]] = deque()  #: events of messages that wiretaps may be at
         self.only_watched: deque[Task] = deque()  #: have only monitors under them that watched over the rest
 
-    # --- what the core tells ---------------------------------------------------------------------------------------
+    # --- calls of the core -----------------------------------------------------------------------------------------
 
     def add(self, task: Task, parent: Task, flags: Flags, wanted: list[Constraint]) -> list[Constraint]:
         """Hang a new task under *parent*; the constraints put on it, by absolute ids.

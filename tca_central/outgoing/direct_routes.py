@@ -128,7 +128,7 @@ def on_watch_entrance(central: State, connection: Connection, header: WatchEntra
     central.tell(connection, EntranceGone(header.endpoint, "the module was lost meanwhile"))
 
 
-# --- what became of direct messages ----------------------------------------------------------------------------------
+# --- outcomes of direct messages -------------------------------------------------------------------------------------
 
 
 def on_noted(central: State, connection: Connection, header: Noted, _: bytes) -> None:

@@ -60,7 +60,7 @@ def _tell_again(central: State, connection: Connection) -> None:
     for number, taken in connection.lost_claims.items():
         central.tell(connection, headers.Taken(number, taken.text))
     for delivery in list(central.dispatcher.running.values()):
-        if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
+        if delivery.slot is connection:  # it may have been lost on the way; a slot that has it ignores it
             central.tell(connection, deliver_header(delivery), delivery.body)
             if isinstance(delivery, Task) and (delivery.killed or delivery.retrying):
                 central.tell(connection, cancelled_header(delivery))

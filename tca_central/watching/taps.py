@@ -164,7 +164,7 @@ def forget_task(central: State, task: Task) -> None:
         del central.taps[tap.id]
 
 
-# --- who waits already -----------------------------------------------------------------------------------------------
+# --- waiting messages ------------------------------------------------------------------------------------------------
 
 
 def _ask_waiting(central: State, tap: Wiretap) -> None:

@@ -20,7 +20,7 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Deliver, Fail, Gi
 from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
-MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # messages, and bytes of their data; what comes then stays in the socket
+MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # messages, and bytes of their data; more stay in the socket
 MOST_SENDERS = 256
 ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # for each sender
 TAKEN_EVERY, TAKEN_BYTES = 64, 1 << 20  # informs, or bytes, begun with before their sender is told
@@ -84,7 +84,7 @@ class Inbox:
     ) -> None:  # fmt: skip
         self._socket = socket
         self._key = key
-        self._messages = messages  #: what is handled here -> whether it is a query
+        self._messages = messages  #: messages handled here -> whether it is a query
         self._notes = notes
         self._clock = clock
         self._log = log
@@ -92,7 +92,7 @@ class Inbox:
         self._sessions: dict[str, _RemoteSender] = {}  #: the one that greeted longest ago first
         self._waiting: deque[_Waiting] = deque()
         self._bytes = 0
-        self._current: _Waiting | None = None  #: what is handled
+        self._current: _Waiting | None = None  #: the message being handled
         self._delivery = 0  #: its number: they count down, to be told from central's
 
     @property

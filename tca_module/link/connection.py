@@ -41,7 +41,7 @@ class Connection:
     ) -> None:  # fmt: skip
         self.session = session
         self.transport = transport
-        self.direct = direct or DirectMessages(session)  #: what goes without central
+        self.direct = direct or DirectMessages(session)  #: messages sent without central
         self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.root_sender: Any = None  #: the Sender with which callbacks send
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due

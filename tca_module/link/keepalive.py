@@ -15,7 +15,7 @@ class KeepAlive:
     """The thread; runs from its creation to ``end``."""
 
     def __init__(self, link: Connection, patience: float, stop: threading.Event, *, reconnect: bool) -> None:
-        self.error: NoCentral | None = None  #: what ended the module before its time
+        self.error: NoCentral | None = None  #: the error that ended the module before its time
         self._link = link
         self._patience = patience
         self._reconnect = reconnect

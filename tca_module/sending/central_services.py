@@ -21,7 +21,7 @@ X = TypeVar("X")
 
 _NO_DEFAULT: Any = object()
 _DECLARED_WITHIN = 0.2  # seconds that central may take to know a message, where the sender would wait for less
-_WHY_WITHIN = 0.2  # seconds that central may take to say who is missing, when the time is over
+_WHY_WITHIN = 0.2  # seconds that central may take to name the missing handlers after a timeout
 
 
 class Claim:
@@ -191,7 +191,7 @@ class CentralServices:
         header = Unlock(0, resource, module or "", self._origin)
         return bool(self._connection().call(header, f"unlocking resource '{resource}'"))
 
-    # --- what is attached ------------------------------------------------------------------------------------------
+    # --- attachments -----------------------------------------------------------------------------------------------
 
     def detach(self, number: int) -> bool:
         """Take away the exception handler or wiretap of that *number* (``tca attached``) whoever wants it, or end that
@@ -217,7 +217,7 @@ class CentralServices:
         claim.wait(timeout)
         return claim
 
-    # --- who is there ----------------------------------------------------------------------------------------------
+    # --- directory -------------------------------------------------------------------------------------------------
 
     def modules(self) -> list[ModuleInfo]:
         """The modules that are connected, this one too."""

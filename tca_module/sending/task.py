@@ -34,7 +34,7 @@ class Task(Sender, TaskIntervals):
         origin = max(0, delivery.delivery)  # central knows no direct delivery
         Sender.__init__(self, task_id, with_epoch(origin, epoch, what or f"'{message.name}'"))
         TaskIntervals.__init__(self, task_id)
-        self.later: LaterReply[Any] | None = None  #: who answers for the handler, if it said so
+        self.later: LaterReply[Any] | None = None  #: answers for the handler, if it said so
 
     def __repr__(self) -> str:
         return numbered(self.message, self.id) if self.id else f"'{self.message}'"

@@ -64,7 +64,7 @@ class AttachmentRef:
         self._connection = connection
         self._attachments = connection.session.attachments
         self._standing = self._attachments.of(header)
-        self._number = number  # of what is attached to a task
+        self._number = number  # of an attachment to a task
         self._origin = header.origin
 
     @property
@@ -241,7 +241,7 @@ class TaskRef(TaskIntervals):
         """Let a suspended task go on; does no harm to one that was not. Returns False if the task had ended."""
         return self._steer(headers.Suspend(0, self.id, resume=True, origin=self._origin), f"resuming {self}")
 
-    # --- what is remembered ----------------------------------------------------------------------------------------
+    # --- kept tasks ------------------------------------------------------------------------------------------------
 
     def keep(self) -> None:
         """Remember the task after its end (TCM: SetPersistence; TDL: PERSISTENT), until ``release()``, until this

@@ -30,7 +30,7 @@ class EventLoop:
         self._waiting: dict[Request, list[asyncio.Future[None]]] = {}  #: for news of a request
         self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
         self._is_closing = False
-        self._fatal: BaseException | None = None  #: what a handler let pass that is to end the module
+        self._fatal: BaseException | None = None  #: an exception of a handler that is to end the module
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
         selector = _Selector(files[0], self._has_news)
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))

@@ -36,7 +36,7 @@ class Slot:
         self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
         callbacks: Callbacks, stop: threading.Event, attachments: LastingAttachments,
     ) -> None:  # fmt: skip
-        self.error: BaseException | None = None  #: what ended the thread before its time
+        self.error: BaseException | None = None  #: the error that ended the thread before its time
         self.handling = ""  #: the message whose handler runs
         self._central = central
         self._hello = hello

@@ -19,7 +19,7 @@ class LastingAttachment:
     __slots__ = ("formats", "header", "number")
 
     def __init__(self, header: Attach | Tap, formats: list[MessageFormat], number: EpochNumber) -> None:
-        self.header = header  #: what attached it
+        self.header = header  #: the request that attached it
         self.formats = formats  #: of the messages that it names
         self.number = number  #: under which a central knows it
 

@@ -24,7 +24,7 @@ class OpenDelivery:
     def __init__(self, owner: "OpenDeliveries", delivery: int, *, is_suspended: bool = False) -> None:
         self.owner = owner
         self.delivery = delivery
-        self.name = ""  #: what it handles, for people
+        self.name = ""  #: its message, for people
         self.is_killed = False  #: its task; or the task is to be handled again, or forgotten
         self.why_killed = ""  #: and by whom
         self.is_suspended = is_suspended  #: its task

@@ -14,7 +14,7 @@ from tca_module.session.request import Request
 from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat
 
-AGAIN = 5.0  # seconds after which what was refused is tried again
+AGAIN = 5.0  # seconds until a refused request is tried again
 PATIENCE = 5.0  # seconds that required messages are waited for without a word
 _NEVER = float("inf")
 
@@ -42,7 +42,7 @@ class Redeclaration:
         self._open = 0  #: requests that are not answered
         self._attached = 0
         self._is_refused = False
-        self._is_waiting = False  #: for what is required
+        self._is_waiting = False  #: for required messages
         self._due = _NEVER  #: when there is something to do without a word of central's
         self._said.clear()
 

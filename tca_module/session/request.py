@@ -53,7 +53,7 @@ class Request:
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""  #: how it was lost with central's memory
-        self.gone = ""  #: what it was about, where a restarted central has forgotten that
+        self.gone = ""  #: its subject, where a restarted central has forgotten that
         self.taken = ""  #: of a lock that was granted: how it was lost
         self.path: Any = None  #: the way that it went directly, under that way's *number*
         self.number = 0

@@ -63,8 +63,8 @@ class Session:
         self.outgoing: list[Item] = []
         self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: not handled yet
         self.news: deque[Callable[[], None]] = deque()  #: to be called by the thread that owns the connection, soon
-        self.routing: deque[headers.Welcome | Route | EntranceGone] = deque()  #: what concerns direct messages
-        self.complaints: list[str] = []  #: what central said that answers no request; for the log
+        self.routing: deque[headers.Welcome | Route | EntranceGone] = deque()  #: headers about direct messages
+        self.complaints: list[str] = []  #: central's complaints that answer no request; for the log
         self.dropped = 0  #: informs and broadcasts that never left
         self.is_welcome = False
         self.is_to_withdraw = False  #: central is to be told that nothing is handled any more; set by any thread
@@ -76,7 +76,7 @@ class Session:
         own = self.attachments if not hello.connection else LastingAttachments()
         self.redeclaration = Redeclaration(own, self.request, self.complaints.append, self._declare_handlers)
 
-    # --- what the module does --------------------------------------------------------------------------------------
+    # --- calls of the module ---------------------------------------------------------------------------------------
 
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Make a numbered request of central. Raises MisuseError if central could not read it."""
@@ -324,7 +324,7 @@ class Session:
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
         if header.delivery in self.open_deliveries or any(one.delivery == header.delivery for one, _ in self._replies):
-            return  # central repeats after a reconnect what it does not know to have arrived
+            return  # after a reconnect central repeats deliveries it is not sure of
         self._replies.clear()  # a slot gets its next message only after the reply to the one before
         self.open_deliveries.add(header.delivery, is_suspended=header.suspended)
         self.deliveries.append((header, body))

@@ -63,7 +63,7 @@ class EntranceSocket(_DirectSocket):
 
     def __init__(self, central: str) -> None:
         super().__init__(zmq.ROUTER)
-        self.is_paused = False  #: what arrives is left where it is
+        self.is_paused = False  #: packets stay in the socket
         self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         try:
             self.endpoint = _bind(self._socket, central)

@@ -157,7 +157,7 @@ class DealerTransport:
         self._receive_timeout = -1
         self._waker: Waker | None = None
         self._all: selectors.DefaultSelector | None = None  #: of all files that are waited for
-        self._beside: dict[Beside, int] = {}  #: what is waited for beside central, and its file
+        self._beside: dict[Beside, int] = {}  #: other things waited for -> the file of each
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         try:

@@ -269,7 +269,7 @@ class JournalReader:
         msg = f"{self._name}{at}: {why}"
         raise JournalDamaged(msg)
 
-    # --- what this version does not know ---------------------------------------------------------------------------
+    # --- facts of other versions -----------------------------------------------------------------------------------
 
     def _what_is_known(self, payload: bytes) -> Entry | None:
         """An entry without the facts that can't be read; None if it is no entry, or has a time that is none."""

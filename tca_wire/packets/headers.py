@@ -24,7 +24,7 @@ class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_field
     """The base of all headers: an array on the wire, whose first element is the kind."""
 
 
-# --- what a module says ----------------------------------------------------------------------------------------------
+# --- from a module ---------------------------------------------------------------------------------------------------
 
 
 class Hello(_Header, frozen=True, forbid_unknown_fields=False, tag=1):
@@ -376,7 +376,7 @@ ToCentral = (
 )  # fmt: skip
 
 
-# --- what central says -----------------------------------------------------------------------------------------------
+# --- from central ----------------------------------------------------------------------------------------------------
 
 
 class Welcome(_Header, frozen=True, tag=33):
