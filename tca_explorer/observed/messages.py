@@ -77,8 +77,8 @@ class Situation:
         self.modules: tuple[str, ...] = ()  #: those connected, oldest first
         self.now = 0.0  #: seconds since the run began
         self.passed = 0.0  #: seconds that passed with the last action
-        self.taken: Taken | None = None  #: what a script asked for with the last action, if central took it
-        self.broken = ""  #: what central did against its promises with the last action
+        self.taken: Taken | None = None  #: the request that central took with the last action
+        self.broken = ""  #: the promise that central broke with the last action
 
     @property
     def messages(self) -> list[TrackedMessage]:

@@ -34,7 +34,7 @@ class Actor:
         self.program = program
         self.delivery = delivery  #: that it handles; 0: none, a module does this by itself
         self.task = task  #: that it handles; 0: none
-        self.known: list[TaskId] = []  #: what else it has heard of, by place
+        self.known: list[TaskId] = []  #: other things it has heard of, by place
         self.life = program.beginning(given)
         self.requests: dict[int, OpenRequest] = {}  #: by place; those of which nothing more can come are left out
         self.asked = 0  #: how many there were
@@ -45,8 +45,8 @@ class Actor:
         self.is_ending = False  #: its module leaves
         self.was_told = False  #: one of these, when it last got something
         self.knows = False  #: that its task was killed: it has read that, or was woken
-        self.knows_end = False  #: the same of its module's end
-        self.suspended: tuple[bool, ...] = (False,)  #: what it has been told of that since it last got something
+        self.knows_end = False  #: that its module ends, in the same way
+        self.suspended: tuple[bool, ...] = (False,)  #: the news of that since it last got something
 
     @property
     def branches(self) -> tuple[Branch, ...]:
@@ -179,7 +179,7 @@ class ModuleRun:
         self.name = module.name if number == 1 else f"{module.name} run {number}"
         self.lines: list[Line] = []  #: those that central has not seen end; the module's own first
         self.steps_joined = 0
-        self.first = deque(module.first)  #: what it still does before it handles anything
+        self.first = deque(module.first)  #: programs to run before it handles anything
         self.is_alive = True
         self.is_leaving = False
 

@@ -39,7 +39,7 @@ class Exchange:
         self.facts: list[Fact] = []  #: recorded with the last action
         self.names: dict[int, str] = {}  #: of all messages ever sent; for people
         self.scenario = scenario
-        self._known = scenario.messages()  #: what some module handles
+        self._known = scenario.messages()  #: messages that some module handles
         self._number = RequestNumber(0)
 
     def next_number(self) -> RequestNumber:

@@ -34,8 +34,8 @@ class ScenarioModule:
         self.may_leave = checked_flag(may_leave, f"may_leave= of module '{name}'")
         self.arrives_late = checked_flag(arrives_late, f"arrives_late= of module '{name}'")
         self.handlers: dict[str, Program] = {}  #: by message name
-        self.formats: list[HandlerFormat] = []  #: what central is told of them
-        self.story: Program | None = None  #: what the module does by itself
+        self.formats: list[HandlerFormat] = []  #: the declarations of its handlers
+        self.story: Program | None = None  #: the module's own program
         self._capacities = {name: _checked_capacity(name, capacity)}
         self._required = _checked_messages(name, requires)
         self._wait = Program(f"requires in {name}", lambda me: me.wait_until_handled(*self._awaited()), None)
@@ -120,7 +120,7 @@ class Scenario:
         self.properties = checked_properties(properties)
         self.modules: dict[str, ScenarioModule] = {}
         self.may_be_killed: dict[str, int] = {}  #: by message: how many such tasks
-        self.may_be_suspended: dict[str, int] = {}  #: the same
+        self.may_be_suspended: dict[str, int] = {}  #: by message: how many such tasks
 
     def module(
         self, name: str, *, capacity: int = 1, may_be_lost: int = 0, comes_back: bool = False, may_leave: bool = False,

@@ -86,7 +86,7 @@ class ScriptConnection:
         self.session = SimpleNamespace(epoch="", module="explored", attachments=attachments)
         self.silence = ""  #: of central, which is never silent
         self.stopped: StepReached | DecisionReached | None = None  #: where the run ended, or shall end
-        self.error: ScenarioError | None = None  #: what can't be played
+        self.error: ScenarioError | None = None  #: the call that can't be played
         self._on_caught = on_caught  #: called if the script never lets it end
         self._history = history
         self._at = 0

@@ -26,7 +26,7 @@ from tca_wire.user_file import CannotRun, names_of
 @click.command()
 @click.argument("paths", metavar="[LOG] [PROPERTIES.py]...", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--property", "texts", metavar="TEXT", multiple=True,
-              help="What must be true, too, such as 'at most 1 planned ahead of take steps' (repeatable).")  # fmt: skip
+              help="A further property, such as 'at most 1 planned ahead of take steps' (repeatable).")  # fmt: skip
 @click.option("--all", "everything", is_flag=True, help="Show all that is broken, not only what was broken first.")
 @click.pass_context
 def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...], everything: bool) -> None:

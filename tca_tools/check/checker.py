@@ -24,7 +24,7 @@ class Checker:
         self.history: History | None = None  #: is folded along, for properties that ask for all records
         self.events = 0
         self.facts = 0
-        self.gaps: list[str] = []  #: what is missing, in words
+        self.gaps: list[str] = []  #: the missing parts, in words
         self.is_closed = False  #: central ended of its own will
         self._is_open = False  #: an event is being folded
         self._epoch, self._segment = "", 0

@@ -85,8 +85,8 @@ class MessageRecord(MessageView):
     waiters: list[tuple[str, int, int]] = field(default_factory=list)
     """The waiters for its moments: module, origin, moment."""
     is_guest: bool = False  #: a monitor that others have put there
-    is_orphan: bool = False  #: what it hangs under was sent before the journal begins
-    is_stranger: bool = False  #: what holds it is not known, for the same reason
+    is_orphan: bool = False  #: its parent was sent before the journal begins
+    is_stranger: bool = False  #: its constraints are not known, for the same reason
 
     waits_at: ResourceRecord | None = None
     """The resource whose queue it is in; one without a name: it waits for a handler."""

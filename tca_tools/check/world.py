@@ -65,7 +65,7 @@ class JournalWorld:
         self.slots_lost: set[ResourceRecord] = set()
         self.rehandled: set[str] = set()  #: messages that got or lost a handler
         self.later: list[Callable[[], None]] = []  #: checks of what must be true when all of the event is known
-        self.flagged: list[MessageRecord] = []  #: what is as it is for one event only
+        self.flagged: list[MessageRecord] = []  #: messages with marks for one event only
 
     # --- for properties --------------------------------------------------------------------------------------------
 

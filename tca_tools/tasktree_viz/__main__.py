@@ -24,7 +24,7 @@ _DRAWN, _MOST_DRAWN = 120, 300
 
 @click.command()
 @shared_options
-@click.option("--story", metavar="TASK", help="What happened to this task (or query, ...) and how its failure went on.")
+@click.option("--story", metavar="TASK", help="The story of this task (or query, ...), and of its failure.")
 @click.option(
     "-o",
     "--output",

@@ -20,7 +20,9 @@ _LOCAL = "127.0.0.1"
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, help="Where to serve the page (0: where there is room)."
 )
-@click.option("--host", default=_LOCAL, show_default=True, help="Who may look: by default only this machine.")
+@click.option(
+    "--host", default=_LOCAL, show_default=True, help="The address to serve on: by default only for this machine."
+)
 @click.option("--browser/--no-browser", default=True, help="Open the page in the browser.")
 def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
     """Show a run in the browser: its task tree and Gantt chart at any moment.
