@@ -119,7 +119,7 @@ class Refusal(StrEnum):
 
 
 class Dropping(StrEnum):
-    """What a message was dropped for, where more than people's words must tell it."""
+    """The reason for a dropped message, where programs need it too."""
 
     OTHER = ""
     GIVEN_UP = "given up"  # its sender waits no longer
