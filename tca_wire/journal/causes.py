@@ -5,7 +5,7 @@ import msgspec
 from tca_wire.vocabulary import Due
 
 
-class _Cause(msgspec.Struct, frozen=True, array_like=True):
+class _Cause(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The base of all causes: an array whose first element is the kind."""
 
 

@@ -21,8 +21,10 @@ LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 
-class _Fact(msgspec.Struct, frozen=True, array_like=True):
-    """The base of all facts: an array whose first element is the kind."""
+class _Fact(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """The base of all facts: an array whose first element is the kind. No fact refers to itself, so none is garbage that
+    Python has to look for (``gc``): a journal is read faster.
+    """
 
 
 # --- the journal ------------------------------------------------------------------------------------------------------
@@ -483,7 +485,7 @@ Fact = (
 )  # fmt: skip
 
 
-class Entry(msgspec.Struct, frozen=True, array_like=True):
+class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """All facts of one cause, and all that followed from it at once. *time* is in seconds since the epoch began, on a
     clock that never jumps; *cause* is None where central itself begins or ends a segment.
     """

@@ -10,9 +10,9 @@ damage with nothing sound behind it.
 
 import re
 import struct
-import zlib
 from collections.abc import Iterator
 from typing import Any, BinaryIO
+from zlib import crc32
 
 import msgspec
 
@@ -21,6 +21,7 @@ from tca_wire.journal.causes import Cause
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry, EntryTime, Fact, Opened
 
 _FRAME = struct.Struct(">BIBI")
+_HEAD, _unpack_head = _FRAME.size, _FRAME.unpack_from
 _UINT32 = 0xCE
 MAX_RECORD = 64 << 20
 SEGMENT_SUFFIX = ".tcaj"
@@ -71,7 +72,7 @@ def record(entry: Entry) -> bytes:
         middle = len(entry.facts) // 2
         halves = entry.facts[:middle], entry.facts[middle:]
         return b"".join(record(Entry(entry.number, entry.time, half, entry.cause)) for half in halves)
-    return _FRAME.pack(_UINT32, len(payload), _UINT32, zlib.crc32(payload)) + payload
+    return _FRAME.pack(_UINT32, len(payload), _UINT32, crc32(payload)) + payload
 
 
 class JournalReader:
@@ -123,33 +124,34 @@ class JournalReader:
             else:
                 self._last = entry.number
                 yield entry
-            self.offset += _FRAME.size + len(payload)
+            self.offset += _HEAD + len(payload)
         self._end()
 
     # --- records ---------------------------------------------------------------------------------------------------
 
     def _payload(self) -> bytes | None:
         """The payload of the record at ``offset``; None if no sound one is there."""
-        at = self.offset - self._window_at
-        if at < 0 or at + _FRAME.size > len(self._window):
-            self._look_at(self.offset, _FRAME.size)
-            at = 0
-            if len(self._window) < _FRAME.size:
+        window, at = self._window, self.offset - self._window_at
+        if at < 0 or at + _HEAD > len(window):
+            window, at = self._look_at(self.offset, _HEAD), 0
+            if len(window) < _HEAD:
                 return None
-        mark, length, mark_too, checksum = _FRAME.unpack_from(self._window, at)
+        mark, length, mark_too, checksum = _unpack_head(window, at)
         if mark != _UINT32 or mark_too != _UINT32 or length > self._longest:
             return None
-        at += _FRAME.size
-        if at + length > len(self._window):
-            self._look_at(self.offset, _FRAME.size + length)
-            at = _FRAME.size
-        payload = self._window[at : at + length]
-        return payload if len(payload) == length and zlib.crc32(payload) == checksum else None
+        end = at + _HEAD + length
+        if end > len(window):
+            window, at, end = self._look_at(self.offset, _HEAD + length), 0, _HEAD + length
+            if end > len(window):
+                return None
+        payload = window[at + _HEAD : end]
+        return payload if crc32(payload) == checksum else None
 
-    def _look_at(self, place: int, size: int) -> None:
+    def _look_at(self, place: int, size: int) -> bytes:
         """Have these bytes in the window, as far as they are there."""
         self._stream.seek(place)
         self._window, self._window_at = self._stream.read(max(size, _CHUNK)), place
+        return self._window
 
     def _bytes(self, place: int, size: int) -> bytes:
         at = place - self._window_at
@@ -159,9 +161,9 @@ class JournalReader:
         return self._window[at : at + size]
 
     def _length(self, place: int) -> int | None:
-        """The size of the payload, as its frame gives it; None if there is no frame."""
-        frame = self._bytes(place, _FRAME.size)
-        if len(frame) < _FRAME.size:
+        """What a frame says of the size of its payload; None if there is no frame."""
+        frame = self._bytes(place, _HEAD)
+        if len(frame) < _HEAD:
             return None
         mark, length, mark_too, _ = _FRAME.unpack(frame)
         return int(length) if (mark, mark_too) == (_UINT32, _UINT32) and length <= MAX_RECORD else None
@@ -169,13 +171,13 @@ class JournalReader:
     def _is_sound(self, place: int, size: int) -> bool:
         """Whether a record is there, in a stream of that size."""
         length = self._length(place)
-        if length is None or place + _FRAME.size + length > size or length > self._allowed(place):
+        if length is None or place + _HEAD + length > size or length > self._allowed(place):
             return False
-        both = self._bytes(place, _FRAME.size + length)
-        payload = memoryview(both)[_FRAME.size :]
-        if len(payload) == length and zlib.crc32(payload) == _FRAME.unpack_from(both)[3]:
+        both = self._bytes(place, _HEAD + length)
+        payload = memoryview(both)[_HEAD:]
+        if len(payload) == length and crc32(payload) == _unpack_head(both)[3]:
             return True
-        self._in_vain += _FRAME.size + length
+        self._in_vain += _HEAD + length
         return False
 
     def _allowed(self, place: int) -> int:
@@ -213,14 +215,14 @@ class JournalReader:
                 self._in_vain += _STEP * len(passed)
                 return None, []
             passed.append(place)
-            place += _FRAME.size + length
+            place += _HEAD + length
         return place, passed
 
     def _by_looks(self, size: int) -> int | None:
         """The next sound record whatever is before it."""
         place, end = self.offset + 1, size if self._opened else min(size, MAX_RECORD)  # the first record is a short one
         while place < end:
-            if not self._window_at <= place < self._window_at + len(self._window) - _FRAME.size:
+            if not self._window_at <= place < self._window_at + len(self._window) - _HEAD:
                 self._look_at(place, _CHUNK)
             window, start = self._window, self._window_at
             found = _LIKE_A_RECORD.search(window, place - start)
@@ -229,14 +231,14 @@ class JournalReader:
                 if self._is_sound(here, size) and self._goes_on(here):
                     return here
                 found = _LIKE_A_RECORD.search(window, found.start() + 1)
-            place = max(start + len(window) - _FRAME.size, place + 1)
+            place = max(start + len(window) - _HEAD, place + 1)
         return None
 
     def _goes_on(self, place: int) -> bool:
         """Whether a sound record is an entry that may come after the last one."""
         length = self._length(place) or 0
         try:
-            entry = _decode_number(self._bytes(place + _FRAME.size, length))
+            entry = _decode_number(self._bytes(place + _HEAD, length))
         except _UNREADABLE:
             return False
         if entry.number >= self._last or _version_in(entry.facts) is not None:
@@ -254,8 +256,8 @@ class JournalReader:
         if not self._opened:
             self._refuse("not a journal of tca central")
         length = self._length(self.offset)
-        record = 0 if length is None else _FRAME.size + length
-        if self.torn >= _FRAME.size and not self._is_zeros(self.offset + record):
+        record = 0 if length is None else _HEAD + length
+        if self.torn >= _HEAD and not self._is_zeros(self.offset + record):
             self._refuse("there is no record here" if length is None else "its checksum is wrong")
 
     def _is_zeros(self, place: int) -> bool:
