@@ -48,7 +48,7 @@ START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACH
 MOMENTS = tuple(Moment)
 ALL_MOMENTS = 63
 
-_WORDS = {moment: str(moment.name).lower().replace("_", " ") for moment in MOMENTS}
+_WORDS = {int(moment): str(moment.name).lower().replace("_", " ") for moment in MOMENTS}
 
 
 def moment_of(interval: Interval, edge: Edge) -> Moment:
@@ -58,7 +58,8 @@ def moment_of(interval: Interval, edge: Edge) -> Moment:
 
 def describe_moments(moments: int) -> list[str]:
     """The moments in a set, as words: ``["start handling", "start planning"]``."""
-    return [words for moment, words in _WORDS.items() if moments & moment]
+    bits = int(moments)
+    return [words for moment, words in _WORDS.items() if bits & moment]
 
 
 class Point(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):

@@ -15,9 +15,12 @@ from tca_tools.run.records import Claim, Failure, HandlerWait, Handling, Hold, M
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
-from tca_wire.points import MOMENTS, Moment
+from tca_wire.points import END_ACHIEVING, MOMENTS
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Dropping, Outcome, Role
+
+_MOMENT_OF = {int(moment): moment for moment in MOMENTS}
+"""By plain bits, since combining members of an IntFlag costs a microsecond each."""
 
 
 @contextmanager
@@ -205,16 +208,24 @@ class History(ReactionFold):
             self.message_of[fact.id] = fact.message_id
         if message := self.messages.get(fact.message_id):
             self._begin_anew(message)
-        handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
-        handling.delivery = fact.id
-        handling.slot, handling.is_nested, handling.priority = fact.slot, fact.is_nested, fact.priority
+        there = self._running.setdefault((fact.module, fact.resource), {})
+        handling = Handling(
+            fact.message_id,
+            self.name(fact.message_id),
+            fact.module,
+            fact.resource,
+            self.time,
+            delivery=fact.id,
+            beside=tuple(there.values()),
+            slot=fact.slot,
+            is_nested=fact.is_nested,
+            priority=fact.priority,
+        )
+        there[fact.id] = handling
         self.handlings.append(handling)
         self.news.append(handling)
         self.runs.setdefault((fact.module, fact.resource), []).append(handling)
         self._deliveries[fact.id] = handling
-        there = self._running.setdefault((fact.module, fact.resource), {})
-        handling.beside = tuple(there.values())
-        there[fact.id] = handling
         self._module(fact.module).resources.setdefault(fact.resource, 1)
         if message:
             message.handlings.append(handling)
@@ -263,11 +274,11 @@ class History(ReactionFold):
         if fact.task <= 0:
             return
         task = self._task(fact.task)
-        for moment in MOMENTS:
-            if fact.moments & moment:
+        for bit, moment in _MOMENT_OF.items():
+            if fact.moments & bit:
                 task.reached.setdefault(moment, self.time)
         self._turn_others(task, fact.moments)
-        if fact.moments & Moment.END_ACHIEVING:
+        if fact.moments & END_ACHIEVING:
             self._end_suspension(task)
 
     def _fail(self, fact: facts.Failed) -> None:
@@ -319,7 +330,7 @@ class History(ReactionFold):
             self._reply_waits[fact.id] = self._wait(HandlerWait(fact.id, self.time), message.sender, message.origin)
 
     def _wait_began(self, fact: facts.WaitBegan) -> None:
-        moment = next((moment for moment in MOMENTS if fact.moment & moment), None)
+        moment = next((moment for bit, moment in _MOMENT_OF.items() if fact.moment & bit), None)
         wait = self._wait(HandlerWait(fact.task, self.time, moment), fact.module, fact.origin)
         self._task_waits.setdefault((fact.module, fact.origin, fact.task), []).append(wait)
 

@@ -87,6 +87,8 @@ class RecordFold(Run):
 
     def _forget_outcome(self, message: Message) -> None:
         """It is handled anew: what came of that before is void. A message to many keeps what the others answered."""
+        if not message.changes:  # as most: nothing came of it
+            return
         self._change(message, "failure", NO_FAILURE)
         self._change(message, "failure_data", b"")
         if message.message_class.is_task:

@@ -13,6 +13,14 @@ from typing import Any
 ALIGNED = 8
 
 
+class _Places(dict[str, int]):
+    """The place of each text; one that is new gets the next."""
+
+    def __missing__(self, text: str) -> int:
+        place = self[text] = len(self)
+        return place
+
+
 class Columns:
     """Columns by name, each of a kind: "d" (64-bit floats), "i" (32-bit integers), "B" (bytes) or "t" (texts, of which
     it has the places among all texts). Those of one table ("task.id", "task.parent") grow together.
@@ -24,13 +32,13 @@ class Columns:
         self._tables: dict[str, list[tuple[array[Any], bool]]] = {}
         for name, column in self._columns.items():
             self._tables.setdefault(name.split(".")[0], []).append((column, kinds[name] == "t"))
-        self._texts: dict[str, int] = {}
+        self._texts = _Places()
 
     def add(self, table: str, *values: float | str) -> int:
         """A new row of a table, in the order of its columns; its number."""
-        columns = self._tables[table]
+        columns, texts = self._tables[table], self._texts
         for (column, is_text), value in zip(columns, values, strict=True):
-            column.append(self._texts.setdefault(value, len(self._texts)) if is_text else value)  # type: ignore[arg-type]
+            column.append(texts[value] if is_text else value)  # type: ignore[index]
         return len(columns[0][0]) - 1
 
     def frame(self, since: Mapping[str, int], more: Mapping[str, Any]) -> bytes:

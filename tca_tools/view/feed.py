@@ -23,6 +23,7 @@ from tca_wire.text.facts_in_words import by_whom, kill_reason, place
 from tca_wire.vocabulary import Outcome
 
 _LONGEST_SAID = 300
+_ID = attrgetter("id")
 TABLES = {
     "entry.time": "d",
     "task.id": "i",
@@ -151,47 +152,41 @@ class Feed:
         if len(history.times) > entries:
             columns.add("entry", history.time)
         news = {id(record): record for record in history.news}.values()
-        for task in sorted((record for record in news if isinstance(record, Task)), key=attrgetter("id")):
+        for task in sorted([record for record in news if type(record) is Task], key=_ID):
             self._tell_task(task)  # a parent before what is under it
-        for record in sorted(
-            news, key=lambda record: id(record) not in self._open
-        ):  # what ends leaves its lane to what begins
-            if not isinstance(record, Task):
-                _TELL[type(record)](self, record)
-        self._tell_messages([fact for fact in entry.facts if isinstance(fact, Received)])
-        self._tell_said([fact for fact in entry.facts if isinstance(fact, Failed | Killed)])
-        self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
+        others = [record for record in news if type(record) is not Task]
+        ending = [record for record in others if id(record) in self._open]
+        beginning = [record for record in others if id(record) not in self._open]
+        for record in [*ending, *beginning]:  # what ends leaves its lane to what begins
+            _TELL[type(record)](self, record)
+        for fact in entry.facts:
+            if tell := _TELL_FACT.get(type(fact)):
+                tell(self, fact)
+        for run, span in self._ended_badly:  # of which there is no such fact
+            self._tell_failure(failing(self.history, run), 0, history.time if run.end is None else run.end, span)
+        self._ended_badly.clear()
         for row, is_good in self._verdicts.changed(news):
             columns.add("verdict", row, is_good, history.time)
 
-    def _tell_messages(self, received: list[Received]) -> None:
-        """Add the names of messages, for the search."""
-        for fact in received:
-            if (message := self.history.messages.get(fact.id)) is None:
-                continue
-            self._names.setdefault(fact.message)
-            if not isinstance(message, Task) and message.received == self.history.time:
-                self.columns.add("message", message.id, message.name, message.received)
+    def _tell_received(self, fact: Received) -> None:
+        """Add the name of a message, for the search."""
+        if (message := self.history.messages.get(fact.id)) is None:
+            return
+        self._names.setdefault(fact.message)
+        if not isinstance(message, Task) and message.received == self.history.time:
+            self.columns.add("message", message.id, message.name, message.received)
 
-    def _tell_failures(self, failed: list[Failed]) -> None:
-        for fact in failed:
-            self._tell_failed(fact)
-        for run, span in self._ended_badly:  # of which there is no such fact
-            self._tell_failure(failing(self.history, run), 0, self.history.time if run.end is None else run.end, span)
-        self._ended_badly.clear()
+    def _tell_killed(self, fact: Killed) -> None:
+        self._tell_said(fact.task, kill_reason(fact.why, fact.by))
 
-    def _tell_said(self, facts: list[Failed | Killed]) -> None:
-        """Add the texts of failures and kills, for the search."""
-        for fact in facts:
-            if isinstance(fact, Failed):
-                number, text = self.history.message_of.get(fact.id, fact.id), f"{fact.failure}: {fact.text}"
-            else:
-                number, text = fact.task, kill_reason(fact.why, fact.by)
-            self.columns.add("said", number, self.history.time, text[:_LONGEST_SAID])
+    def _tell_said(self, message: int, text: str) -> None:
+        """Add the text of a failure or kill, for the search."""
+        self.columns.add("said", message, self.history.time, text[:_LONGEST_SAID])
 
     def _tell_failed(self, fact: Failed) -> None:
         """A failure was raised on a message, or on what the fact names by its delivery."""
         number = self.history.message_of.get(fact.id, fact.id)
+        self._tell_said(number, f"{fact.failure}: {fact.text}")
         if fact.is_beside:
             span = self._newest.get(number, -1)
             self._tell_failure(self.history.tasks.get(number), number, self.history.time, span, is_beside=True)
@@ -213,19 +208,19 @@ class Feed:
             self._names.setdefault(task.name)
             form = "monitor" if task.message_class.is_monitor else "goal" if task.message_class.is_goal else ""
             self.columns.add("task", task.id, task.parent, task.name, task.sender, task.role, form, task.received)
-        if task.message_class.is_monitor:
+        is_monitor = task.message_class.is_monitor
+        if is_monitor:
             self._tell_watching(task, has_changed=told < len(task.states))
-        else:
-            for time, state in task.states[told:]:
-                self.columns.add("state", task.id, time, state)
         for time, state in task.states[told:]:
+            if not is_monitor:
+                self.columns.add("state", task.id, time, state)
             self._tell_suspension(task, state, time)
         self._states[task.id] = len(task.states)
-        told = self._holds.get(task.id, 0)
-        for hold in task.holds[told:]:
+        if not task.holds:
+            return
+        for hold in task.holds[self._holds.get(task.id, 0) :]:
             self.columns.add("hold", task.id, hold.constraint.before.task, kind_of_arrow(hold.constraint), hold.added)
-        if task.holds:
-            self._holds[task.id] = len(task.holds)
+        self._holds[task.id] = len(task.holds)
 
     def _tell_suspension(self, task: Task, state: State, time: float) -> None:
         if (span := self._suspended.pop(task.id, None)) is not None:
@@ -342,4 +337,9 @@ _TELL: dict[type, Callable[[Feed, Any], None]] = {
     HandlerWait: Feed._tell_wait,
     Claim: Feed._tell_claim,
     ModuleRecord: Feed._tell_module,
+}
+_TELL_FACT: dict[type, Callable[[Feed, Any], None]] = {
+    Received: Feed._tell_received,
+    Failed: Feed._tell_failed,
+    Killed: Feed._tell_killed,
 }

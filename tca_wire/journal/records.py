@@ -161,7 +161,7 @@ class JournalReader:
         return self._window[at : at + size]
 
     def _length(self, place: int) -> int | None:
-        """What a frame says of the size of its payload; None if there is no frame."""
+        """The size of the payload, as its frame gives it; None if there is no frame."""
         frame = self._bytes(place, _HEAD)
         if len(frame) < _HEAD:
             return None
