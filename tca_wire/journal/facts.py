@@ -22,8 +22,8 @@ EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 
 class _Fact(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """The base of all facts: an array whose first element is the kind. No fact refers to itself, so none is garbage that
-    Python has to look for (``gc``): a journal is read faster.
+    """The base of all facts: an array whose first element is the kind. No fact refers to itself, so none is garbage
+    that Python has to look for (``gc``): a journal is read faster.
     """
 
 
