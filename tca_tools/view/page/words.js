@@ -29,17 +29,16 @@ export function duration(time) {
   return minutes < 120 ? `${minutes}:${two(whole % 60)} min` : `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(whole % 60)} h`;
 }
 
-// A text that the server made, in parts: a task stands in it as "name {7}". `nameOf` knows the tasks.
+// A text that the server made, in parts: a task stands in it as "name {7}"; other braces are the user's. `nameOf` knows the tasks.
 export function parted(text, nameOf) {
   const [first, ...pieces] = text.split("{"), parts = [first];
   for (const piece of pieces) {
-    const [digits] = piece.split("}", 1), name = nameOf(Number(digits)), before = parts.pop();
-    if (name === undefined) {
+    const [digits] = piece.split("}", 1), name = `${nameOf(Number(digits))} `, before = parts.pop();
+    if (before.slice(-name.length) === name) {
+      parts.push(before.slice(0, -name.length), { text: `${name}{${digits}}`, number: Number(digits) }, piece.slice(digits.length + 1));
+    } else {
       parts.push(`${before}{${piece}`);
-      continue;
     }
-    const start = before.length - (before.slice(-name.length - 1) === `${name} ` ? name.length + 1 : 0);
-    parts.push(before.slice(0, start), { text: `${before.slice(start)}{${digits}}`, number: Number(digits) }, piece.slice(digits.length + 1));
   }
   return parts;
 }
