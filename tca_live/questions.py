@@ -4,6 +4,7 @@
 
 import json
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,13 +15,15 @@ from tca_live.shared import as_json, central_option, json_option, plain, talking
 from tca_module.client import Client
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import decode_untyped
-from tca_wire.text.measures import counted, duration, numbered
+from tca_wire.text.measures import counted, numbered
 from tca_wire.text.printable import printable
 from tca_wire.text.waits_in_words import in_words, several_in_words, waiter_in_words
 from tca_wire.waits import CommonEnd, Waiter, WaitKind
 
 _SHOWN = 20  # lines about what waits
 _LONGEST_VALUE = 60  # characters of a variable's value in a table
+_STATES = ("waits", "presence", "suspended", "killed", "held")
+"""The lists of waiters that central tells: messages and handlers; modules; suspended, killed and held tasks."""
 
 Rows = list[list[str]]
 
@@ -47,48 +50,60 @@ def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
     overview, load = client.status("status"), client.status("load")
     overview |= {what: overview[what] - 1 for what in ("modules", "connections")}  # this command is not counted
-    rows, now = _waiting(load), load["time"]
+    waiting = _waiting(load)
     shown = [
         counted(number, what.removesuffix("s")) if what.endswith("s") else f"{number:,} {what}"
         for what, number in overview.items()
         if what not in ("epoch", "newest id")
     ]
     parts = [f"central at {client.address}, run {overview['epoch']}", *textwrap.wrap(", ".join(shown), 100)]
-    if rows:
-        parts += ["", _table(["who waits", "for what"], rows[:_SHOWN])]
-        parts += [f"... and {len(rows) - _SHOWN} more"] * (len(rows) > _SHOWN)
+    if waiting:
+        parts += ["", _table(["who waits", "for what"], [[one["what"], one["for"]] for one in waiting[:_SHOWN]])]
+        told = Counter(one["state"] for one in waiting)
+        left = sum(max(load["totals"].get(state, 0), told[state]) for state in _STATES) - _SHOWN
+        parts += [f"... and {'at least ' * _is_cut(load)}{left:,} more"] * (left > 0)
+    if ends := _ends(load):
+        parts += ["", *ends]
+    data = {what: load[what] for what in ("time", "totals", "looked_at", "ends")}
+    return {**overview, "waiting": waiting, **data}, "\n".join(parts)
+
+
+def _waiting(load: dict[str, Any]) -> list[dict[str, Any]]:
+    """The waiters and their causes, as data and in words."""
+    found = []
+    for state in _STATES:
+        for data in load[state]:
+            one = msgspec.convert(data, Waiter)
+            why = _why(one, load["time"], has_end=len(load["ends"]) > 1)
+            found.append({"what": waiter_in_words(one), "for": why, "state": state, **data})
+    return found
+
+
+def _is_cut(load: dict[str, Any]) -> bool:
+    """Whether there are newer tasks than those among which central looked for held ones."""
+    return bool(load["looked_at"] < load["tasks"])
+
+
+def _ends(load: dict[str, Any]) -> list[str]:
+    """The final waits of held tasks, with how many wait for each, and how far central has looked."""
     ends = msgspec.convert(load["ends"], list[CommonEnd])
-    told = [
-        f"{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)} in the end {in_words(end.wait, now)}"
-        for end in ends
-    ]
-    parts += ["", *told] if told else []
-    data = {**overview, "waiting": [{"what": what, "for": why} for what, why in rows], "ends": load["ends"]}
-    return data, "\n".join(parts)
-
-
-def _waiting(load: dict[str, Any]) -> Rows:
-    """The waiters and their causes: messages, handlers and modules; suspended, killed and held tasks."""
-    now, rows = load["time"], []
-    for kind in ("waits", "presence", "suspended", "killed", "held"):
-        waiters = msgspec.convert(load[kind], list[Waiter])
-        rows += [[waiter_in_words(one), _why(one, now, has_end=len(load["ends"]) > 1)] for one in waiters]
-        if (left := load["totals"].get(kind, 0) - len(waiters)) > 0:
-            rows.append([f"{left:,} more", _MORE[kind]])
-    return rows
-
-
-_MORE = {"waits": "see 'tca modules' and 'tca messages'", "suspended": "suspended", "held": "held"}
+    at_least = "at least " * (_is_cut(load) or sum(end.tasks for end in ends) < load["totals"]["held"])
+    lines = []
+    for end in ends:
+        who = f"{at_least}{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)}"
+        lines.append(f"{who} in the end {in_words(end.wait, load['time'])}")
+    return lines + [f"held tasks were looked for among the {load['looked_at']:,} oldest tasks only"] * _is_cut(load)
 
 
 def _why(waiter: Waiter, now: float, *, has_end: bool) -> str:
-    """For what; if not all wait for the same in the end, for what that is."""
+    """For what; if not all wait for the same in the end, for what that is; and the task to resume."""
     why = several_in_words(waiter.waits, now)
     if waiter.killed:
         return f"{why} (killed: {waiter.killed})"
-    if waiter.waits and waiter.waits[0].kind is WaitKind.RESUME:
-        return f"{why} for {duration(waiter.seconds)}: 'tca resume {waiter.number}'"
-    return f"{why}; in the end {in_words(waiter.end, now)}" if has_end and waiter.end is not None else why
+    if has_end and waiter.end is not None:
+        why += f"; in the end {in_words(waiter.end, now)}"
+    suspended = next((one.number or waiter.number for one in waiter.waits if one.kind is WaitKind.RESUME), 0)
+    return f"{why}: 'tca resume {suspended}'" if suspended else why
 
 
 @_question("modules")

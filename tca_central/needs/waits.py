@@ -127,7 +127,8 @@ def _resume(central: State, task: Task) -> WaitFor:
     """The wait until somebody resumes a task, which may be suspended far above."""
     for above in task.lineage():
         if (how := central.tree.suspended.get(above.id)) is not None:
-            return WaitFor(WaitKind.RESUME, above.id, above.message.name, module=how[1])
+            since, by = how
+            return WaitFor(WaitKind.RESUME, above.id, above.message.name, module=by, seconds=since)
     return WaitFor(WaitKind.RESUME)
 
 

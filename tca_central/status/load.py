@@ -17,6 +17,7 @@ from tca_central.needs.graph import Granting, Node, Returning, Turn, TurnAt, Wai
 from tca_central.needs.waits import Ends, next_of, waits_of
 from tca_central.order.holds import has_held_start
 from tca_central.state import PresenceWait, State
+from tca_wire.points import START_HANDLING
 from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
 SHOWN_WAITS = 50
@@ -126,10 +127,18 @@ def _blocking(central: State, connection: Connection, origin: int, node: Node, s
 
 
 def _held(central: State) -> list[Task]:
-    """Tasks whose beginnings constraints hold back, those first that were sent or last handled first."""
+    """Tasks that constraints, or a suspended parent, keep from beginning; those first that were sent or last handled
+    first.
+    """
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
-    held = [one for one in oldest if has_held_start(one) and one.slot is None and one.queues is None and not one.killed]
+    held = [one for one in oldest if _is_held(one) and one.slot is None and one.queues is None and not one.killed]
     return sorted(held, key=_SINCE)
+
+
+def _is_held(task: Task) -> bool:
+    if task.suspended and task.parent is not None and task.parent.suspended and not task.reached & START_HANDLING:
+        return True
+    return has_held_start(task)
 
 
 def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
@@ -146,7 +155,7 @@ def _suspended(central: State) -> list[Waiter]:
     """The topmost suspended tasks (those under them are, too), the longest first."""
     noted = ((central.tree.tasks[number], *how) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
     return [
-        _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by),))
+        _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by, seconds=since),))
         for task, since, by in noted
         if task.parent is None or not task.parent.suspended
     ]

@@ -25,7 +25,9 @@ Waits = Sequence[WaitFor]
 
 
 def in_words(wait: WaitFor, now: float | None = None) -> str:
-    """One wait: ``until move leg {4} is achieved``. With *now* a delay is told as how long it still takes."""
+    """One wait: ``until move leg {4} is achieved``. With *now* a delay is told as how long it still takes,
+    and of a suspension how long it has lasted.
+    """
     return _clause([wait], now)
 
 
@@ -93,6 +95,8 @@ def reached(moment: int, number: int = 1) -> str:
 def _clause(waits: Waits, now: float | None) -> str:
     if waits[0].kind is WaitKind.DELAY:
         return _delay(waits[0].seconds, now)
+    if waits[0].kind is WaitKind.RESUME:
+        return _resume(waits[0], now)
     return _WORDS[waits[0].kind](waits)
 
 
@@ -188,9 +192,9 @@ def _has(number: int) -> str:
     return "has" if number == 1 else "have"
 
 
-def _resume(waits: Waits) -> str:
-    wait = waits[0]
-    by = f"suspended{by_whom(wait.module)}" if by_whom(wait.module) else ""
+def _resume(wait: WaitFor, now: float | None) -> str:
+    ago = f" {duration(max(now - wait.seconds, 0.0))} ago" if now is not None and wait.seconds is not None else ""
+    by = f"suspended{by_whom(wait.module)}{ago}" if by_whom(wait.module) or ago else ""
     if not wait.number:
         return f"until it is resumed ({by})" if by else "until it is resumed"
     return f"until {numbered(wait.name, wait.number)}{by and f', {by},'} is resumed"
@@ -232,7 +236,6 @@ _WORDS: dict[WaitKind, Callable[[Waits], str]] = {
     ),
     WaitKind.TASK: _point,
     WaitKind.LOCK: _lock,
-    WaitKind.RESUME: _resume,
     WaitKind.RECOVERY: lambda waits: (
         f"until {_names(waits) if waits[0].number else 'somebody'} has dealt with its failure"
     ),

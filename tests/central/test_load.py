@@ -160,12 +160,27 @@ def test_suspended_tasks_say_since_when_the_longest_first() -> None:
     told = load(robot.central)
     assert [one.number for one in told["suspended"]] == [other, walk]  # and all under it, for as long as it is
     assert [one.seconds for one in told["suspended"]] == [9.0, 2.0]
-    assert told["suspended"][1].waits == (WaitFor(WaitKind.RESUME, module="user"),)
+    since = robot.time - 2.0
+    assert told["suspended"][1].waits == (WaitFor(WaitKind.RESUME, module="user", seconds=since),)
     assert told["totals"]["suspended"] == 2
     suspend(walk, resume=True)
     robot.receive("user", headers.Kill(robot.number("user"), TaskId(other), "enough"))
     told = load(robot.central)
     assert (told["suspended"], told["totals"]["suspended"], robot.central.tree.suspended) == ([], 0, {})
+
+
+def test_what_only_a_suspended_parent_holds_is_held() -> None:
+    robot = Player.of("planner: goal walk", "legs: command step", "user")
+    walk = robot.task("user", "walk")
+    robot.tick(7.0)
+    robot.receive("user", headers.Suspend(robot.number("user"), TaskId(walk)))
+    since = robot.time
+    step, later = (robot.task("planner/1", "step", under=walk, flags=flags) for flags in (0, int(Flags.SEQ_ACH)))
+    told = load(robot.central)
+    resumed = WaitFor(WaitKind.RESUME, walk, "walk", module="user", seconds=since)
+    assert [(one.number, resumed in one.waits) for one in told["held"]] == [(step, True), (later, True)]
+    assert told["ends"] == [CommonEnd(2, resumed)]
+    assert [one.number for one in told["suspended"]] == [walk]
 
 
 def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all_are_told() -> None:

@@ -73,7 +73,9 @@ def test_a_delay_and_a_suspension(robot: Player) -> None:
     walk = robot.task("user", "walk", flags=Flags.NONE)
     under = robot.task("planner/1", "dance", under=walk)
     robot.receive("user", headers.Suspend(robot.number("user"), TaskId(walk)))
-    assert WaitFor(WaitKind.RESUME, walk, "walk", module="user") in waits(robot, under)
+    since = robot.central.clock.now
+    robot.tick(3.0)
+    assert WaitFor(WaitKind.RESUME, walk, "walk", module="user", seconds=since) in waits(robot, under)
 
 
 def test_a_message_that_nobody_handles(robot: Player) -> None:

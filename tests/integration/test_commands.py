@@ -185,16 +185,16 @@ def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> N
     walk = user.goal(WALK, 1)
     walk.wait_for(walk.handling.end, SOON)
     walk.suspend()
-    (told,) = [one for one in json.loads(tca(status, "--json")[1])["waiting"] if "suspended" in one["for"]]
+    (told,) = [one for one in json.loads(tca(status, "--json")[1])["waiting"] if one["state"] == "suspended"]
     assert told["what"] == f"walk {{{walk.id}}}"
-    assert re.fullmatch(rf"until it is resumed \(suspended by user\) for .+ m?s: 'tca resume {walk.id}'", told["for"])
+    assert re.fullmatch(rf"until it is resumed \(suspended by user .+ m?s ago\): 'tca resume {walk.id}'", told["for"])
     assert not re.search(
         r"\b1 (\w+ )*\w+s(,|$)", tca(status)[1].partition("\n\n")[0], re.MULTILINE
     )  # such as "1 tasks"
     walk.resume()
     assert "suspended" not in tca(status)[1]
     tca(suspend, "walk")
-    assert re.search(r"suspended by the command 'tca suspend'\) for .+s: ", tca(status)[1])
+    assert re.search(r"suspended by the command 'tca suspend' .+s ago\): ", tca(status)[1])
 
 
 def test_the_status_does_not_count_who_asks(user: Client) -> None:

@@ -14,6 +14,7 @@ from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_live import questions as commands
 from tca_module import Module, Variable, connect
+from tca_wire.text.measures import duration
 
 SOON = 10.0
 
@@ -55,10 +56,42 @@ def test_status_says_what_waits_for_what(central: str) -> None:
         assert "1 held task waits in the end for a module that handles rest" in lines
         assert f"move leg {{{first.id + 3}}} for legs, busy with move leg {{{first.id + 2}}}" in lines
         code, text = ask(commands.status, "--central", central, "--json")
-        assert json.loads(text)["waiting"][0] == {
-            "what": "temperature {1}", "for": "for a module that handles temperature"
+        told = json.loads(text)["waiting"][0]
+        assert told.pop("seconds") > 0
+        assert told == {
+            "what": "temperature {1}", "for": "for a module that handles temperature", "state": "waits",
+            "number": 1, "name": "temperature", "waits": [{"kind": "handler", "name": "temperature"}],
         }  # fmt: skip
         go.set()
+
+
+def test_status_names_the_task_to_resume(central: str) -> None:
+    planner, steps = Module("planner", central), []
+    planner.handles(REST)(lambda task: steps.append(task.command(MOVE_LEG, 1)))
+    with planner.running(), connect("user", central) as user:
+        rest = user.goal(REST)
+        rest.wait_for(rest.handling.end, SOON)
+        rest.suspend()
+        told = json.loads(ask(commands.status, "--central", central, "--json")[1])
+        (held,) = [one for one in told["waiting"] if one["state"] == "held"]
+        assert (held["number"], held["waits"][0]["number"]) == (steps[0].id, rest.id)
+        ago = duration(told["time"] - held["waits"][0]["seconds"])
+        assert f"suspended by user {ago} ago, is resumed" in held["for"]
+        assert held["for"].endswith(f": 'tca resume {rest.id}'")
+
+
+def test_status_says_what_was_not_looked_at(central: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tca_central.status.load.LOOKED_AT", 40)
+    with connect("user", central) as user:
+        for _ in range(60):
+            user.goal(REST, sequential_planning=True)
+        told = ask(commands.status, "--central", central)[1].splitlines()
+    assert told[-4:] == [
+        "... and at least 20 more",
+        "",
+        "at least 39 held tasks wait in the end for a module that handles rest",
+        "held tasks were looked for among the 40 oldest tasks only",
+    ]
 
 
 def test_status_says_who_waits_for_a_handler(central: str) -> None:

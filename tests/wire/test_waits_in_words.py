@@ -85,6 +85,12 @@ def test_a_wait_in_words(wait: Wait, text: str) -> None:
     assert in_words(wait) == text
 
 
+def test_a_suspension_says_how_long_ago() -> None:
+    assert in_words(Wait(Kind.RESUME, 2, "walk", seconds=3.0), 5.0) == "until walk {2}, suspended 2 s ago, is resumed"
+    wait = Wait(Kind.RESUME, module="panel", seconds=3.0)
+    assert in_words(wait, 5.0) == "until it is resumed (suspended by panel 2 s ago)"
+
+
 def test_every_kind_has_words() -> None:
     for kind in Kind:
         assert in_words(Wait(kind, 1, "walk", module="arm"))
