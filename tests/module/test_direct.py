@@ -201,6 +201,7 @@ def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: C
         assert gate.begun.wait(SOON)
         leaving.stop()
         until(lambda: (user.status(), central.facts(HandlerRemoved))[1], "the first is withdrawn")
+        user.status()  # by its answer the user has been told
         assert user.query(HEIGHT, 50.0) == 150.0
         gate.go_on.set()
         answers = [one.receive(SOON) for one in pending]
