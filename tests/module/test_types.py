@@ -1,13 +1,26 @@
-"""What a type checker infers from the declarations, and which mistakes it finds: checked by mypy, not by being run.
+"""A type checker's view of the declarations, and the mistakes that it finds: checked by mypy, not by being run.
 
 In strict mode mypy complains of each ``type: ignore`` that is not needed: so each mistake here is found.
 """
 
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 from typing import assert_type
 
+import pytest
 from module.robot import ALARM, COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMPERATURE, WALK, Footfall
 
 from tca_module import LaterReply, Module, Task
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("mypy", path=str(Path(sys.executable).parent)) is None, reason="mypy is not installed")
+def test_the_type_checker_finds_each_mistake() -> None:
+    command = [sys.executable, "-m", "mypy", "--config-file", "setup.cfg", __file__]
+    found = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stdout + found.stderr
 
 
 def handlers(module: Module) -> None:
