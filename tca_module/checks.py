@@ -38,21 +38,21 @@ EXECUTED: dict[type[Message[Any, Any]], str] = {
 """The classes of messages that are sent, and the calls that do it."""
 
 
-class Kind(NamedTuple):
+class ArgumentKind(NamedTuple):
     """The kind of value that an argument must be: in words, and as a test."""
 
     words: str
     fits: Callable[[Any], bool]
 
 
-def check(call: str, kind: Kind, **values: Any) -> None:
+def check(call: str, kind: ArgumentKind, **values: Any) -> None:
     """Raise MisuseError for the first of these named values that is of another kind."""
     for name, value in values.items():
         if not kind.fits(value):
             raise MisuseError(f"{call}: {name} must be {kind.words}, not {value!r:.60}")
 
 
-def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, Kind]) -> None:
+def check_options(what: str, options: Mapping[str, Any], kinds: Mapping[str, ArgumentKind]) -> None:
     """Raise MisuseError for an option that *what* does not have, or whose value is of another kind."""
     if unknown := sorted(options.keys() - kinds.keys()):
         raise MisuseError(f"{what} has no option {unknown[0]}: the options are {', '.join(kinds)}")
@@ -87,56 +87,62 @@ def _is_list(value: Any, fits: Callable[[Any], bool]) -> bool:
 
 _NAME = f"1 to {Limit.NAME:d} printable characters"
 
-FLAG = Kind("True or False", lambda value: isinstance(value, bool))
-TEXT = Kind("a text that can be sent", _is_text)
-NAME = Kind(_NAME, _is_name)
-NAME_OR_NONE = Kind(f"{_NAME}, or None", lambda value: value is None or _is_name(value))
-SECONDS = Kind("0 or more seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME))
-DURATION = Kind("more than 0 seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME) and value > 0)
-DURATION_OR_NONE = Kind(f"{DURATION.words}, or None", lambda value: value is None or DURATION.fits(value))
-PERIOD = Kind(
+FLAG = ArgumentKind("True or False", lambda value: isinstance(value, bool))
+TEXT = ArgumentKind("a text that can be sent", _is_text)
+NAME = ArgumentKind(_NAME, _is_name)
+NAME_OR_NONE = ArgumentKind(f"{_NAME}, or None", lambda value: value is None or _is_name(value))
+SECONDS = ArgumentKind("0 or more seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME))
+DURATION = ArgumentKind(
+    "more than 0 seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME) and value > 0
+)
+DURATION_OR_NONE = ArgumentKind(f"{DURATION.words}, or None", lambda value: value is None or DURATION.fits(value))
+PERIOD = ArgumentKind(
     f"{SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} seconds", lambda v: _is_from(v, SHORTEST_PERIOD, LONGEST_PERIOD)
 )
-DELAY = Kind(f"0 to {LONGEST_PERIOD:g} seconds", lambda value: _is_from(value, 0, LONGEST_PERIOD))
-PATIENCE = Kind("0 or more seconds", lambda value: _is_from(value, 0))
-TIMEOUT = Kind("0 or more seconds, or None to wait for ever", lambda value: value is None or _is_from(value, 0))
-COUNT = Kind("1 or more", _is_count)
-MAXIMUM = Kind("1 or more, or None for any number", lambda value: value is None or _is_count(value))
-CAPACITY = Kind("1 to 64", lambda value: _is_whole(value) and 1 <= value <= 64)
-PENDING = Kind(
+DELAY = ArgumentKind(f"0 to {LONGEST_PERIOD:g} seconds", lambda value: _is_from(value, 0, LONGEST_PERIOD))
+PATIENCE = ArgumentKind("0 or more seconds", lambda value: _is_from(value, 0))
+TIMEOUT = ArgumentKind("0 or more seconds, or None to wait for ever", lambda value: value is None or _is_from(value, 0))
+COUNT = ArgumentKind("1 or more", _is_count)
+MAXIMUM = ArgumentKind("1 or more, or None for any number", lambda value: value is None or _is_count(value))
+CAPACITY = ArgumentKind("1 to 64", lambda value: _is_whole(value) and 1 <= value <= 64)
+PENDING = ArgumentKind(
     f"1 to {MOST_PENDING:,}, or None", lambda value: value is None or (_is_whole(value) and 1 <= value <= MOST_PENDING)
 )
-PLAN_AHEAD = Kind("0 or more, or None for any number", lambda v: v is None or (_is_whole(v) and 0 <= v < 2**63))
-PRIORITY = Kind(
+PLAN_AHEAD = ArgumentKind("0 or more, or None for any number", lambda v: v is None or (_is_whole(v) and 0 <= v < 2**63))
+PRIORITY = ArgumentKind(
     f"a whole number from {-HIGHEST_PRIORITY:,} to {HIGHEST_PRIORITY:,}",
     lambda value: _is_whole(value) and abs(value) <= HIGHEST_PRIORITY,
 )
-NUMBER = Kind("a number, as in the journal", lambda value: _is_whole(value) and 0 <= value < 2**63)
-POINT = Kind("a point of a task, such as task.achieving.end", lambda value: isinstance(value, Point))
-POINT_OR_NONE = Kind(f"{POINT.words}, or None", lambda value: value is None or isinstance(value, Point))
-CONSTRAINT = Kind("a constraint, such as a.achieving.end <= b.planning.start", lambda v: isinstance(v, Constraint))
-CONSTRAINTS = Kind("a list of constraints, such as [a <= b, c <= d]", lambda value: _is_list(value, CONSTRAINT.fits))
-PAIRS = Kind(
+NUMBER = ArgumentKind("a number, as in the journal", lambda value: _is_whole(value) and 0 <= value < 2**63)
+POINT = ArgumentKind("a point of a task, such as task.achieving.end", lambda value: isinstance(value, Point))
+POINT_OR_NONE = ArgumentKind(f"{POINT.words}, or None", lambda value: value is None or isinstance(value, Point))
+CONSTRAINT = ArgumentKind(
+    "a constraint, such as a.achieving.end <= b.planning.start", lambda v: isinstance(v, Constraint)
+)
+CONSTRAINTS = ArgumentKind(
+    "a list of constraints, such as [a <= b, c <= d]", lambda value: _is_list(value, CONSTRAINT.fits)
+)
+PAIRS = ArgumentKind(
     "a list of pairs, such as [(COLLISION, RAISE_LEG)]",
     lambda value: _is_list(value, lambda pair: isinstance(pair, tuple) and len(pair) == 2),
 )
-CONDITION = Kind("a Condition, such as Condition.BEFORE_HANDLING", lambda value: value in tuple(Condition))
-SCOPE = Kind(" or ".join(f"Scope.{one.name}" for one in Scope), lambda value: value in tuple(Scope))
-VARIABLE = Kind("a Variable", lambda value: isinstance(value, Variable))
-MESSAGE = Kind("a message, such as Goal('walk', Path)", lambda value: isinstance(value, Message))
-MESSAGES = Kind(
+CONDITION = ArgumentKind("a Condition, such as Condition.BEFORE_HANDLING", lambda value: value in tuple(Condition))
+SCOPE = ArgumentKind(" or ".join(f"Scope.{one.name}" for one in Scope), lambda value: value in tuple(Scope))
+VARIABLE = ArgumentKind("a Variable", lambda value: isinstance(value, Variable))
+MESSAGE = ArgumentKind("a message, such as Goal('walk', Path)", lambda value: isinstance(value, Message))
+MESSAGES = ArgumentKind(
     "a list of messages, such as [WALK]",
     lambda value: isinstance(value, Collection) and value != "" and all(map(MESSAGE.fits, value)),
 )
-MESSAGE_OR_NAME = Kind(
+MESSAGE_OR_NAME = ArgumentKind(
     "a message, its name, or None for all",
     lambda value: value is None or isinstance(value, Message) or bool(value and _is_text(value)),
 )
-FAILS = Kind(
+FAILS = ArgumentKind(
     "a goal, a command, a task, or None for all tasks",
     lambda value: isinstance(value, Message) and value.message_class.is_task,
 )
-CENTRAL = Kind(
+CENTRAL = ArgumentKind(
     "an address such as 'tcp://rover:7400', a LocalCentral, or None",
     lambda value: value is None or hasattr(value, "transport") or (_is_text(value) and value != ""),
 )

@@ -13,7 +13,7 @@ from tca_module.sending.sender import Sender
 from tca_wire.packets.headers import Ask
 
 Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
-_TOPIC = checks.Kind(f"one of {', '.join(get_args(Topic))}", lambda topic: topic in get_args(Topic))
+_TOPIC = checks.ArgumentKind(f"one of {', '.join(get_args(Topic))}", lambda topic: topic in get_args(Topic))
 
 
 class Client(Sender):

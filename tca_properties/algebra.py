@@ -6,7 +6,7 @@ A property sees the world after every event of a run, and remembers one number f
 from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
-from tca_properties.predicates import Named, OfMessages, predicate_from
+from tca_properties.predicates import NamedPredicate, OfMessages, predicate_from
 from tca_properties.world import BadProperty, Found, Predicate, PredicateValues
 from tca_wire.vocabulary import LONGEST_TIME
 
@@ -51,9 +51,9 @@ class Property:
         return self.words
 
     @property
-    def named(self) -> list[Named]:
+    def named(self) -> list[NamedPredicate]:
         """Its predicates that name messages or modules."""
-        return [one for one in self.predicates if isinstance(one, Named)]
+        return [one for one in self.predicates if isinstance(one, NamedPredicate)]
 
 
 class NeverStuck(Property):

@@ -19,7 +19,7 @@ from tca_wire.messages.declarations import Message
 ANYTHING = "anything"
 
 
-class Named:
+class NamedPredicate:
     """A predicate that names what it is about: in words, and a message or module ("": any)."""
 
     def __init__(self, words: str, *, message: str = "", module: str = "") -> None:
@@ -39,7 +39,7 @@ class DataTest(Protocol):
         """Whether a message has such data."""
 
 
-class OfMessages(Named):
+class OfMessages(NamedPredicate):
     """The predicate that finds the messages in a state: those of a name, handled by a module, with such data."""
 
     def __init__(

@@ -7,7 +7,7 @@ import msgspec
 
 from tca_explorer.errors import ScenarioError
 from tca_explorer.scenario.argument_checks import checked_name, nearest
-from tca_properties.predicates import Named
+from tca_properties.predicates import NamedPredicate
 from tca_properties.world import Predicate
 from tca_wire.constraints import Constraint
 from tca_wire.packets import headers
@@ -153,7 +153,7 @@ def accepted(call: str, by: str = "") -> Predicate:
     return _Accepted(call, by)
 
 
-class _Accepted(Named):
+class _Accepted(NamedPredicate):
     """That a request was taken."""
 
     def __init__(self, call: str, by: str) -> None:

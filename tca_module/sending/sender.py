@@ -31,7 +31,9 @@ from tca_wire.messages.declarations import (
 from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
 
-_TASK = checks.Kind("a task that was sent or found, such as tasks(WALK)[0]", lambda task: isinstance(task, TaskRef))
+_TASK = checks.ArgumentKind(
+    "a task that was sent or found, such as tasks(WALK)[0]", lambda task: isinstance(task, TaskRef)
+)
 
 
 class TaskOptions(TypedDict, total=False):

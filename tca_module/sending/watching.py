@@ -151,7 +151,7 @@ class Watching(CentralServices):
 
 
 def _watch_options(
-    monitor: Monitor[Any], options: Watched | MonitorOptions, kinds: Mapping[str, checks.Kind]
+    monitor: Monitor[Any], options: Watched | MonitorOptions, kinds: Mapping[str, checks.ArgumentKind]
 ) -> WatchOptions:
     """The options as central knows them. Raises MisuseError for those that the monitor can't have."""
     what = name_of(monitor)

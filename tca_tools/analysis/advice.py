@@ -12,7 +12,7 @@ from tca_tools.analysis.advice_words import Advice, Topic, Words
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.concurrency import Overlap, why_held
 from tca_tools.analysis.critical_path import CriticalPath
-from tca_tools.analysis.failures import Kind
+from tca_tools.analysis.failures import FailureKind
 from tca_tools.analysis.held_up import Before, HeldUp, held_up
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
@@ -35,7 +35,7 @@ def advice(
     path: CriticalPath | None,
     overlaps: list[Overlap],
     uses: list[Use],
-    kinds: list[Kind],
+    kinds: list[FailureKind],
     at_least: float,
     other: CriticalPath | None = None,
 ) -> list[Advice]:
@@ -75,7 +75,7 @@ def _of_spans(
 # --- failures ------------------------------------------------------------------------------------------------------
 
 
-def _on_failures(path: CriticalPath, kinds: list[Kind], window: Span, called: str) -> Iterator[Advice]:
+def _on_failures(path: CriticalPath, kinds: list[FailureKind], window: Span, called: str) -> Iterator[Advice]:
     """The failures of a kind that were overcome, and whose handlers were on the path: what they took. A failure that
     ended something made the run shorter.
     """

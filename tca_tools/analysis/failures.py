@@ -56,7 +56,7 @@ class Case:
 
 
 @dataclass(slots=True)
-class Kind:
+class FailureKind:
     """All failures of one name raised on one message."""
 
     failure: str
@@ -80,18 +80,18 @@ class Kind:
         return all(case.fate in GOOD_FATES for case in self.cases)
 
 
-def failures(run: Run) -> list[Kind]:
+def failures(run: Run) -> list[FailureKind]:
     """The failures by name and message: first those of which most were not overcome, then by what they cost. With what
     nobody was told of nothing else failed: it comes after those.
     """
-    kinds: dict[tuple[str, str], Kind] = {}
+    kinds: dict[tuple[str, str], FailureKind] = {}
     found = [((one.failure.name, one.message.name), _case(run, one)) for one in all_failures(run)]
     for key, case in [*found, *_refused(run)]:
-        kinds.setdefault(key, Kind(*key)).cases.append(case)
+        kinds.setdefault(key, FailureKind(*key)).cases.append(case)
     return sorted(kinds.values(), key=_rank)
 
 
-def _rank(kind: Kind) -> tuple[int, int, float]:
+def _rank(kind: FailureKind) -> tuple[int, int, float]:
     bad = [case.fate for case in kind.cases if case.fate not in GOOD_FATES]
     return bad.count(Fate.UNTOLD) - len(bad), -len(bad), -kind.cost
 

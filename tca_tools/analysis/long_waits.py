@@ -10,7 +10,7 @@ from typing import NamedTuple
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import HandlerWait, Queueing, State, Suspension, Task
 from tca_tools.run.whole_run import Run
-from tca_tools.why.keepers import Keepers, Part, parts_in_queue, parts_of_claim
+from tca_tools.why.keepers import Keepers, WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.why.wait_words import of_claim, of_queueing, wait_for
 from tca_tools.why.waits import NO_TIME, of_handler_wait, told_waits
 from tca_wire.text.facts_in_words import by_whom
@@ -121,7 +121,7 @@ def _in_queue(run: Run, queueing: Queueing) -> str:
     return _cut(run, parts_in_queue(run, queueing, message), lambda at, part: of_queueing(at, queueing, part.by))
 
 
-def _cut(run: Run, parts: list[Part], made: Callable[[RunAt, Part], WaitFor]) -> str:
+def _cut(run: Run, parts: list[WaitPart], made: Callable[[RunAt, WaitPart], WaitFor]) -> str:
     return causes_in_words((made(RunAt(run, part.start), part), min(part.end, run.time) - part.start) for part in parts)
 
 

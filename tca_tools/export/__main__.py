@@ -22,7 +22,7 @@ from tca_wire.journal.records import SEGMENT_SUFFIX
 from tca_wire.text.printable import printable
 
 
-class Format(NamedTuple):
+class ExportFormat(NamedTuple):
     """A format of exports."""
 
     suffixes: tuple[str, ...]
@@ -84,11 +84,11 @@ def _tables(run: Run, output: Path, suffix: str, write: Callable[[Table, Run, Bi
 
 
 FORMATS = {
-    "perfetto": Format((".pftrace", ".perfetto-trace"), _perfetto, b"\n"),  # a packet of a trace
-    "mcap": Format((".mcap",), _mcap, b"\x89MCAP0\r\n"),
-    "jsonl": Format((".jsonl",), _json_lines, b'{"t": '),
-    "csv": Format((), _csv, tables=".csv"),
-    "parquet": Format((), _parquet, b"PAR1", ".parquet"),
+    "perfetto": ExportFormat((".pftrace", ".perfetto-trace"), _perfetto, b"\n"),  # a packet of a trace
+    "mcap": ExportFormat((".mcap",), _mcap, b"\x89MCAP0\r\n"),
+    "jsonl": ExportFormat((".jsonl",), _json_lines, b'{"t": '),
+    "csv": ExportFormat((), _csv, tables=".csv"),
+    "parquet": ExportFormat((), _parquet, b"PAR1", ".parquet"),
 }
 
 
@@ -118,7 +118,7 @@ def export(log_path: Path | None, name: str | None, output: Path, *, force: bool
     journal.check()
 
 
-def _check_free(chosen: Format, output: Path, *, force: bool) -> None:
+def _check_free(chosen: ExportFormat, output: Path, *, force: bool) -> None:
     """Raises ToolError if the export would destroy what is none of ours."""
     with made_for(output):
         is_file = not chosen.tables or (output.exists() and not output.is_dir())

@@ -6,17 +6,17 @@ from typing import BinaryIO
 import pyarrow as pa
 from pyarrow import parquet
 
-from tca_tools.export.tables import Kind, Table
+from tca_tools.export.tables import ColumnType, Table
 from tca_tools.run.whole_run import Run
 
 _ROWS_IN_A_GROUP = 1 << 16
 
 _TYPES = {
-    Kind.INTEGER: pa.int64(),
-    Kind.SECONDS: pa.float64(),
-    Kind.TEXT: pa.string(),
-    Kind.FLAG: pa.bool_(),
-    Kind.JSON: pa.string(),
+    ColumnType.INTEGER: pa.int64(),
+    ColumnType.SECONDS: pa.float64(),
+    ColumnType.TEXT: pa.string(),
+    ColumnType.FLAG: pa.bool_(),
+    ColumnType.JSON: pa.string(),
 }
 
 

@@ -23,7 +23,7 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitKind
 
 
-class Kind(StrEnum):
+class ColumnType(StrEnum):
     """The type of a column."""
 
     TEXT = ""
@@ -37,11 +37,11 @@ Row = tuple[Any, ...]
 
 
 class Table:
-    """A name, columns with their kinds, and how the rows are made, oldest first."""
+    """A name, columns with their types, and how the rows are made, oldest first."""
 
     def __init__(self, name: str, columns: str, rows: Callable[[Run], Iterator[Row]]) -> None:
         self.name = name
-        self.columns = {column: Kind(kind) for column, _, kind in (one.partition(":") for one in columns.split())}
+        self.columns = {column: ColumnType(word) for column, _, word in (one.partition(":") for one in columns.split())}
         self.rows = rows
 
 

@@ -8,7 +8,7 @@ from operator import attrgetter
 from typing import Any
 
 from tca_tools.gantt import titles
-from tca_tools.gantt.chart import Bar, Chart, Ending, Kind, Mark, Row
+from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
 from tca_tools.run.fates import has_coped, went_on
 from tca_tools.run.records import HandlerWait, Handling, ModuleRecord, Queueing, State, Task
@@ -42,7 +42,7 @@ def chart(run: Run, start: float | None = None, end: float | None = None, pick: 
     return Chart(start, end, shown, list(dict.fromkeys(names)))
 
 
-def _shows_empty(row: Row, pick: Pick) -> bool:
+def _shows_empty(row: ResourceRow, pick: Pick) -> bool:
     """Whether an empty row is shown: that of a module that only sends has to be asked for."""
     return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
 
@@ -73,9 +73,9 @@ class _Filler:
         self.pick = pick
         self.start = -inf if start is None else start
         self.end = inf if end is None else end
-        self.rows: dict[tuple[str, str], Row] = {}
+        self.rows: dict[tuple[str, str], ResourceRow] = {}
 
-    def filled(self) -> dict[tuple[str, str], Row]:
+    def filled(self) -> dict[tuple[str, str], ResourceRow]:
         """The rows, with the bars of everything that is asked for and shows."""
         run, modules = self.run, [one for one in self.run.modules.values() if self.pick.row(one.name)]
         for module in modules:
@@ -92,23 +92,23 @@ class _Filler:
         for queueing in filter(self._wants, self._showing(run.queueings)):
             number = queueing.message_id
             span = run.name(number), queueing.start, queueing.end
-            bar = self._bar(Kind.QUEUED, *span, titles.queued, queueing, of=number)
+            bar = self._bar(BarKind.QUEUED, *span, titles.queued, queueing, of=number)
             bar.raised = self._raised(number, bar)
             self._row(queueing.module, queueing.resource).queued.append(bar)
         for task in run.tasks.values():
             self._add_kept(task)
         for claim in chain.from_iterable(run.grants.values()):
             if self.pick.row(claim.module):
-                kind = Kind.RESERVED if claim.is_reserved else Kind.LOCKED
+                kind = BarKind.RESERVED if claim.is_reserved else BarKind.LOCKED
                 start = claim.start if claim.granted is None else claim.granted
                 bar = self._bar(kind, claim.sender, start, claim.end, titles.claimed, claim)
                 self._row(claim.module, claim.resource).claims.append(bar)
         return self.rows
 
-    def _row(self, module: str, resource: str) -> Row:
+    def _row(self, module: str, resource: str) -> ResourceRow:
         key = (module, resource)
         if key not in self.rows:
-            self.rows[key] = Row(place(*key) if module else resource or NO_HANDLER, is_nobodys=not module)
+            self.rows[key] = ResourceRow(place(*key) if module else resource or NO_HANDLER, is_nobodys=not module)
         return self.rows[key]
 
     def _wants(self, one: Handling | Queueing) -> bool:
@@ -122,21 +122,21 @@ class _Filler:
         return self.run.time if end is None else end
 
     def _bar(
-        self, kind: Kind, name: str, start: float, end: float | None, title: Any, *about: Any, of: int | None = None
+        self, kind: BarKind, name: str, start: float, end: float | None, title: Any, *about: Any, of: int | None = None
     ) -> Bar:
         """A bar *of* a message; *title* tells of the run *about* what."""
         is_beside = of is not None and self.pick.messages is not None and of not in self.pick.messages
         return Bar(name, start, self._until(end), partial(title, self.run, *about), kind, end is None, is_beside)
 
     def _handled(self, one: Handling) -> Bar:
-        bar = self._bar(Kind.HANDLED, one.name, one.start, one.end, titles.handled, one, of=one.message_id)
+        bar = self._bar(BarKind.HANDLED, one.name, one.start, one.end, titles.handled, one, of=one.message_id)
         if one.outcome is Outcome.FAILED:
             bar.ending = Ending.COPED if has_coped(self.run, one) else Ending.FAILED
         elif one.outcome is Outcome.KILLED:
             bar.ending = Ending.KILLED
         who = titles.described(self.run, one)
         for wait in _lasting(one.waits):
-            part = self._bar(Kind.WAITING, one.name, wait.start, wait.end, titles.waits, who, wait)
+            part = self._bar(BarKind.WAITING, one.name, wait.start, wait.end, titles.waits, who, wait)
             part.end = min(part.end, bar.end)
             bar.waits.append(part)
         bar.raised = self._raised(one.message_id, bar)
@@ -144,8 +144,8 @@ class _Filler:
 
     def _awaited(self, module: str, wait: HandlerWait) -> Bar:
         what = (titles.awaited_name(self.run, wait), wait.start, wait.end, titles.waits, module, wait)
-        bar = self._bar(Kind.AWAITED, *what)
-        bar.waits = [self._bar(Kind.WAITING, *what)]
+        bar = self._bar(BarKind.AWAITED, *what)
+        bar.waits = [self._bar(BarKind.WAITING, *what)]
         return bar
 
     def _raised(self, number: int, bar: Bar) -> list[Mark]:
@@ -173,7 +173,7 @@ class _Filler:
                 continue
             if state is State.SUSPENDED:
                 span = (start, None if end == inf else end)
-                bar = self._bar(Kind.SUSPENDED, task.name, *span, titles.suspended, task, *span, of=task.id)
+                bar = self._bar(BarKind.SUSPENDED, task.name, *span, titles.suspended, task, *span, of=task.id)
                 self._row("", SUSPENDED).queued.append(bar)
             else:
                 self._row(*where).held += self._held(task, start, end)
@@ -188,7 +188,7 @@ class _Filler:
                 continue
             some = [wait for wait in waits if wait.start <= since < wait.end]
             span = (since, None if until == inf else until)
-            bar = self._bar(Kind.HELD, task.name, *span, titles.held, task, *span, some, of=task.id)
+            bar = self._bar(BarKind.HELD, task.name, *span, titles.held, task, *span, some, of=task.id)
             bar.why = partial(titles.why_held, self.run, "" if bars else f"{task}: ", since, some)
             bar.follows = bars[0] if bars else None
             bars.append(bar)

@@ -12,7 +12,7 @@ _FEWEST = 8
 """Columns of a reason."""
 
 
-class Kind(StrEnum):
+class BarKind(StrEnum):
     """The kinds of bars."""
 
     HANDLED = "handling"
@@ -40,13 +40,13 @@ RAISED = {
     Ending.COPED: "failure raised beside the handler, and handled",
 }
 MEANINGS: dict[str, str] = {
-    Kind.HANDLED: "handling",
-    Kind.WAITING: "waiting for a reply, task or lock",
-    Kind.QUEUED: "queued",
-    Kind.SUSPENDED: "suspended",
-    Kind.HELD: "held",
-    Kind.LOCKED: "locked",
-    Kind.RESERVED: "reserved",
+    BarKind.HANDLED: "handling",
+    BarKind.WAITING: "waiting for a reply, task or lock",
+    BarKind.QUEUED: "queued",
+    BarKind.SUSPENDED: "suspended",
+    BarKind.HELD: "held",
+    BarKind.LOCKED: "locked",
+    BarKind.RESERVED: "reserved",
     CONNECTED: "connected",
     Ending.FAILED: "failed",
     Ending.COPED: "failed, and handled",
@@ -74,7 +74,7 @@ class Bar:
     end: float
     title: Callable[[], str]
     """Tells all there is to say about it."""
-    kind: Kind = Kind.HANDLED
+    kind: BarKind = BarKind.HANDLED
     is_open: bool = False
     """Whether it went on when the journal ended."""
     is_beside: bool = False
@@ -108,11 +108,11 @@ class Bar:
     @property
     def labels(self) -> tuple[str, ...]:
         """The labels that may stand on it, the best first: ``waits for walk``, ``walk``."""
-        return (f"waits for {self.name}", self.name) if self.kind is Kind.AWAITED else (self.name,)
+        return (f"waits for {self.name}", self.name) if self.kind is BarKind.AWAITED else (self.name,)
 
 
 @dataclass(slots=True)
-class Row:
+class ResourceRow:
     """One resource, or what is no module's."""
 
     label: str
@@ -155,7 +155,7 @@ class Chart:
 
     start: float
     end: float
-    rows: list[Row]
+    rows: list[ResourceRow]
     names: list[str]
     """Messages in the order in which they were first sent, whatever the span: a name's place tells its colour."""
 
@@ -173,7 +173,7 @@ class Chart:
         bars, marks = list(self.bars()), (mark for bar in self.bars() for mark in bar.raised if self.shows(mark.time))
         seen: set[str] = {bar.kind for bar in (*bars, *claims)} | {bar.ending for bar in bars}
         seen |= {RAISED[mark.ending] for mark in marks} | {CONNECTED for row in self.rows if row.is_idle}
-        return seen | {Kind.WAITING for bar in bars if bar.waits}
+        return seen | {BarKind.WAITING for bar in bars if bar.waits}
 
 
 def lanes_of(bars: list[Bar]) -> int:

@@ -5,7 +5,7 @@ from html import escape
 
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale
-from tca_tools.gantt.chart import MEANINGS, RAISED, Chart, Ending, Kind
+from tca_tools.gantt.chart import MEANINGS, RAISED, BarKind, Chart, Ending
 from tca_tools.gantt.looks import COLOURS, LONGEST_LABEL, MARGIN, dark
 from tca_tools.gantt.queues import CURVE, is_curve
 from tca_tools.terminal import cut
@@ -17,13 +17,13 @@ _MOST_NAMES = 40
 _GREY = "#52606d"
 _WHOLE = 'width="1" height="1" patternContentUnits="objectBoundingBox"'
 _LOOKS: dict[str, str] = {
-    Kind.HANDLED: 'fill="#3e4c59"',
-    Kind.WAITING: 'fill="#c5cbd3"',
-    Kind.QUEUED: 'fill="url(#queued)"',
-    Kind.SUSPENDED: 'fill="url(#suspended)"',
-    Kind.HELD: f'fill="#ffffff" stroke="{_GREY}" stroke-dasharray="4 3"',
-    Kind.LOCKED: 'class="locked"',
-    Kind.RESERVED: 'class="reserved"',
+    BarKind.HANDLED: 'fill="#3e4c59"',
+    BarKind.WAITING: 'fill="#c5cbd3"',
+    BarKind.QUEUED: 'fill="url(#queued)"',
+    BarKind.SUSPENDED: 'fill="url(#suspended)"',
+    BarKind.HELD: f'fill="#ffffff" stroke="{_GREY}" stroke-dasharray="4 3"',
+    BarKind.LOCKED: 'class="locked"',
+    BarKind.RESERVED: 'class="reserved"',
     Ending.FAILED: 'class="failed"',
     Ending.COPED: 'class="coped"',
     Ending.KILLED: 'fill="url(#killed)"',
@@ -40,7 +40,7 @@ def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     """The squares of the legend (attributes of a ``<rect>``), and what each means."""
     seen, curves = chart.seen(), {id(row) for row in chart.rows if is_curve(row, scale)}
     hatched = {bar.kind for row in chart.rows for bar in row.queued if id(row) not in curves}
-    seen -= {Kind.QUEUED, Kind.SUSPENDED} - hatched
+    seen -= {BarKind.QUEUED, BarKind.SUSPENDED} - hatched
     items = [(_LOOKS[key], words) for key, words in MEANINGS.items() if key in seen and key in _LOOKS]
     items += [(f'fill="{CURVE}"', "how many are queued or suspended")] * bool(curves)
     items += [(f'fill="url(#{flag})"', words) for end, flag, words in _FLAGS if not seen.isdisjoint((end, RAISED[end]))]
@@ -70,7 +70,7 @@ def patterns(chart: Chart, *, of_names: bool = True) -> str:
 
 
 def _of_legend() -> Iterator[str]:
-    yield from (_pattern(kind, "", _GREY) for kind in (Kind.QUEUED, Kind.SUSPENDED))
+    yield from (_pattern(kind, "", _GREY) for kind in (BarKind.QUEUED, BarKind.SUSPENDED))
     yield f'<pattern id="killed" {_WHOLE}><rect width="1" height="1" fill="#8a97a5"/>'
     yield f'<rect x="0.75" width="0.25" height="1" fill="{COLOURS[Ending.KILLED]}"/></pattern>'
     for ending, flag, _ in _FLAGS:
@@ -83,8 +83,8 @@ def _of_names(chart: Chart) -> Iterator[str]:
         yield _pattern(kind, str(numbers[name]), dark(numbers[name]))
 
 
-def _pattern(kind: Kind, number: str, colour: str) -> str:
-    angle, gap = (45, 5) if kind is Kind.QUEUED else (-45, 9)
+def _pattern(kind: BarKind, number: str, colour: str) -> str:
+    angle, gap = (45, 5) if kind is BarKind.QUEUED else (-45, 9)
     return (
         f'<pattern id="{kind}{number}" width="{gap}" height="5" patternUnits="userSpaceOnUse" '
         f'data-lean="rotate({angle})" patternTransform="rotate({angle})"><rect width="{gap}" height="5" '

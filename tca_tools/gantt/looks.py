@@ -3,7 +3,7 @@
 import colorsys
 
 from tca_tools.drawing import svg
-from tca_tools.gantt.chart import Ending, Row
+from tca_tools.gantt.chart import Ending, ResourceRow
 from tca_tools.terminal import cut
 from tca_wire.text.printable import printable
 
@@ -58,11 +58,11 @@ def light(number: int) -> str:
     return "#" + "".join(f"{round(channel + (255 - channel) * _TINT):02x}" for channel in channels)
 
 
-def row_label(row: Row) -> str:
+def row_label(row: ResourceRow) -> str:
     """The row's name as it is shown."""
     return cut(printable(row.label), LONGEST_LABEL)
 
 
-def label_room(row: Row) -> float:
+def label_room(row: ResourceRow) -> float:
     """How many pixels its name needs at most: nothing scrolls to what is cut off there."""
     return svg.width_of(row_label(row)) * _WIDEST

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from tca_tools.drawing.svg import rectangle, width_of
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.blocks import queue_lengths
-from tca_tools.gantt.chart import Row, lanes_of
+from tca_tools.gantt.chart import ResourceRow, lanes_of
 from tca_wire.text.measures import from_to
 
 QUEUE_LANE = 9.0
@@ -19,7 +19,7 @@ _BESIDE = 6.0
 CURVE = "#7b8794"
 
 
-def is_curve(row: Row, scale: Scale) -> bool:
+def is_curve(row: ResourceRow, scale: Scale) -> bool:
     """Whether only the length of its queue is drawn: of a long one, and of one that is mostly in bars too narrow."""
     if lanes_of(row.queued) > (_MOST_OF_NOBODYS if row.is_nobodys else MOST_QUEUE_LANES):
         return True
@@ -27,13 +27,13 @@ def is_curve(row: Row, scale: Scale) -> bool:
     return 2 * sum(width for width in widths if width < _HATCHED) > sum(widths)
 
 
-def queue_height(row: Row, *, is_curve: bool) -> float:
+def queue_height(row: ResourceRow, *, is_curve: bool) -> float:
     """How much room its queue takes."""
     tall = lanes_of(row.queued) * QUEUE_LANE
     return min(max(tall, _LOWEST), _HIGHEST) if is_curve and lanes_of(row.queued) > 1 else tall
 
 
-def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
+def curve(row: ResourceRow, scale: Scale, column: float, top: float) -> Iterator[str]:
     """How many wait, as a line of steps; beside the first of the highest, left or right of it, the number, if ever more
     than one does.
     """

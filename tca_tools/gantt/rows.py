@@ -8,7 +8,7 @@ from operator import attrgetter, itemgetter
 from tca_tools.drawing.svg import lines, rectangle, text
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.blocks import in_blocks, share_of
-from tca_tools.gantt.chart import Bar, Chart, Ending, Row, lanes_of
+from tca_tools.gantt.chart import Bar, Chart, Ending, ResourceRow, lanes_of
 from tca_tools.gantt.looks import CHARACTER, COLOURS, dark, light, row_label
 from tca_tools.gantt.queues import MOST_QUEUE_LANES, QUEUE_LANE, curve, is_curve, queue_height
 from tca_tools.terminal import columns_of
@@ -44,18 +44,18 @@ class Painter:
         self._scale = scale
         self._curves = {id(row) for row in chart.rows if is_curve(row, scale)}
 
-    def height(self, row: Row) -> float:
+    def height(self, row: ResourceRow) -> float:
         """How high a row is."""
         held = min(lanes_of(row.held), _MOST_HELD_LANES + 1) * _HELD_LANE
         return min(row.lanes, _MOST_LANES) * _LANE + queue_height(row, is_curve=id(row) in self._curves) + held
 
-    def label(self, row: Row, right: float, top: float) -> str:
+    def label(self, row: ResourceRow, right: float, top: float) -> str:
         """The row's name; of a long one the whole at the mouse."""
         y, name = top + min(_LANE, self.height(row)) / 2 + 4, row_label(row)
         whole = f"<title>{text(row.label)}</title>" if name != printable(row.label) else ""
         return f'<text class="label" x="{right:.1f}" y="{y:.1f}">{text(name)}{whole}</text>'
 
-    def band(self, row: Row, top: float) -> Iterator[str]:
+    def band(self, row: ResourceRow, top: float) -> Iterator[str]:
         """When its module was connected, and when somebody had the resource for himself."""
         scale, height = self._scale, self.height(row)
         for start, end in row.connected:
@@ -69,7 +69,7 @@ class Painter:
                 room = min(right, scale.x(free[0].start)) if free else right
                 yield from self._words(f"{one.kind} by {one.name}", "in", left, room, top + _LANE / 2 + 4)
 
-    def bars(self, row: Row, top: float) -> Iterator[str]:
+    def bars(self, row: ResourceRow, top: float) -> Iterator[str]:
         """Its bars, what waits below them, and flags above."""
         for bar in self._in_blocks(row.handled):
             y = top + min(bar.lane, _MOST_LANES - 1) * _LANE + 2
@@ -95,7 +95,7 @@ class Painter:
         left = self._scale.x(bar.start)
         return left, max(self._scale.x(bar.end), left + self._scale.finest)
 
-    def _held(self, row: Row, top: float) -> Iterator[str]:
+    def _held(self, row: ResourceRow, top: float) -> Iterator[str]:
         """The held tasks, with what each waits for in words."""
         for bar in self._in_blocks(row.held):
             if bar.lane < _MOST_HELD_LANES:
@@ -179,7 +179,7 @@ class Painter:
             until = f' data-to="{right:.2f}"' if len(self._scale.depths) > 1 else ""  # a page keeps it in sight
             yield f'<text class="{kind}" x="{x:.2f}" y="{y:.1f}"{until} pointer-events="none">{text(words)}</text>'
 
-    def _flags(self, row: Row, top: float) -> Iterator[str]:
+    def _flags(self, row: ResourceRow, top: float) -> Iterator[str]:
         """Flags where something failed, for its bar may be too narrow to be seen: red ones over amber ones."""
         for ending in (Ending.COPED, Ending.FAILED):
             found = [(bar.end, bar.title()) for bar in row.handled if bar.ending is ending]

@@ -8,7 +8,7 @@ import click
 
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import queue_lengths
-from tca_tools.gantt.chart import CONNECTED, MEANINGS, RAISED, Bar, Chart, Ending, Kind, Row, lanes_of
+from tca_tools.gantt.chart import CONNECTED, MEANINGS, RAISED, Bar, BarKind, Chart, Ending, ResourceRow, lanes_of
 from tca_tools.terminal import columns_of, cut, padded
 from tca_wire.text.printable import printable
 
@@ -19,8 +19,10 @@ _MOST_QUEUE_LANES = 4
 _FAILURES = {Ending.FAILED: ("!", "red"), Ending.COPED: ("~", "yellow")}
 _COLOURS = "blue yellow green magenta cyan bright_blue bright_magenta bright_green bright_cyan"
 _END, _NEXT_CAUSE, _TICK = "end", "next cause", "tick"
-_DRAWN = (Kind.HANDLED, _END, Kind.WAITING, Kind.QUEUED, Kind.SUSPENDED, Kind.HELD, _NEXT_CAUSE, Kind.LOCKED,
-          Kind.RESERVED, _TICK, CONNECTED)  # fmt: skip
+_DRAWN = (
+    BarKind.HANDLED, _END, BarKind.WAITING, BarKind.QUEUED, BarKind.SUSPENDED, BarKind.HELD, _NEXT_CAUSE,
+    BarKind.LOCKED, BarKind.RESERVED, _TICK, CONNECTED,
+)  # fmt: skip
 UNICODE = dict(zip(_DRAWN, "█▉▒░┄·╎╳╱╵─", strict=True))  # noqa: RUF001 - they look like no letters in a long line
 ASCII = dict(zip(_DRAWN, "#|=.-:|x/'_", strict=True))
 """The characters of what is drawn."""
@@ -89,7 +91,7 @@ def chart_lines(chart: Chart, width: int, blocks: dict[str, str] = UNICODE) -> I
 def _legend(chart: Chart, width: int, blocks: dict[str, str]) -> Iterator[str]:
     """The meanings of the characters, in lines of at most *width* columns."""
     looks = {kind: character * 2 for kind, character in blocks.items()}
-    looks |= {ending: blocks[Kind.HANDLED] + character for ending, (character, _) in _FAILURES.items()}
+    looks |= {ending: blocks[BarKind.HANDLED] + character for ending, (character, _) in _FAILURES.items()}
     looks |= {RAISED[ending]: character for ending, (character, _) in _FAILURES.items()}
     seen, line = chart.seen(), ""
     for word in (f"{looks[key]} {meaning}" for key, meaning in MEANINGS.items() if key in seen and key in looks):
@@ -113,7 +115,7 @@ def _axis(chart: Chart, columns: int, blocks: dict[str, str]) -> Iterator[_Cells
 
 
 def _row_cells(
-    row: Row, chart: Chart, columns: int, blocks: dict[str, str], colours: dict[str, str]
+    row: ResourceRow, chart: Chart, columns: int, blocks: dict[str, str], colours: dict[str, str]
 ) -> Iterator[_Cells]:
     handled = [_Cells(chart, columns) for _ in range(min(row.lanes, _MOST_LANES))]
     for bar in row.handled:
@@ -141,7 +143,9 @@ def _row_cells(
     yield from [cells] * bool(claims)
 
 
-def _held(row: Row, chart: Chart, columns: int, blocks: dict[str, str], colours: dict[str, str]) -> Iterator[_Cells]:
+def _held(
+    row: ResourceRow, chart: Chart, columns: int, blocks: dict[str, str], colours: dict[str, str]
+) -> Iterator[_Cells]:
     """The held tasks, with what each waits for."""
     count = lanes_of(row.held)
     lanes = [_Cells(chart, columns) for _ in range(min(count, _MOST_QUEUE_LANES + 1))]
@@ -149,7 +153,7 @@ def _held(row: Row, chart: Chart, columns: int, blocks: dict[str, str], colours:
         if bar.lane < _MOST_QUEUE_LANES:
             first, behind = lanes[bar.lane].span(bar.start, bar.end)
             words = bar.words(behind - first - 4)
-            lanes[bar.lane].paint(bar.start, bar.end, blocks[Kind.HELD], words, colours[bar.name])
+            lanes[bar.lane].paint(bar.start, bar.end, blocks[BarKind.HELD], words, colours[bar.name])
             if bar.follows is not None:
                 lanes[bar.lane].characters[first] = blocks[_NEXT_CAUSE]
     if count > _MOST_QUEUE_LANES:
@@ -159,14 +163,14 @@ def _held(row: Row, chart: Chart, columns: int, blocks: dict[str, str], colours:
 
 def _paint_handled(cells: _Cells, bar: Bar, blocks: dict[str, str], colour: str) -> None:
     first, behind = cells.span(bar.start, bar.end)
-    line = [blocks[Kind.HANDLED]] * (behind - first)
+    line = [blocks[BarKind.HANDLED]] * (behind - first)
     if len(line) == 1 and bar.is_waiting:
-        line[0] = blocks[Kind.WAITING]
+        line[0] = blocks[BarKind.WAITING]
     elif len(line) > 1 and not bar.is_open and bar.end <= cells.chart.end:
         line[-1] = blocks[_END]  # a hair's breadth to the next bar
     for wait in bar.waits:
         start, end = cells.column(wait.start) - first, min(cells.column(wait.end) - first, len(line))
-        line[max(start, 0) : max(end, 0)] = [blocks[Kind.WAITING]] * (end - max(start, 0))
+        line[max(start, 0) : max(end, 0)] = [blocks[BarKind.WAITING]] * (end - max(start, 0))
     _write_name(line, *bar.labels)
     if bar.ending in _FAILURES:
         line[-1], colour = _FAILURES[bar.ending]

@@ -4,7 +4,7 @@ from collections.abc import Container
 from dataclasses import dataclass
 from functools import partial
 
-from tca_tools.gantt.chart import Row
+from tca_tools.gantt.chart import ResourceRow
 from tca_tools.run.fates import watches
 from tca_tools.run.records import OVER, Task
 from tca_tools.run.whole_run import Run
@@ -42,7 +42,9 @@ class Pick:
 ALL = Pick()
 
 
-def span_of(rows: list[Row], run: Run, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
+def span_of(
+    rows: list[ResourceRow], run: Run, pick: Pick, start: float | None, end: float | None
+) -> tuple[float, float]:
     """From when until when the chart goes: what was not asked for is where things happened, with a little room; of a
     run in which something goes on, until now. Who is just connected, or still has a lock, makes it no longer.
     """

@@ -16,7 +16,7 @@ from tca_tools.analysis.critical_path import (
     longest_task,
     shares,
 )
-from tca_tools.analysis.failures import Kind, failures
+from tca_tools.analysis.failures import FailureKind, failures
 from tca_tools.analysis.long_waits import WaitsOfKind, long_waits
 from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.step_words import why_then
@@ -52,7 +52,7 @@ class Contents(NamedTuple):
     """All that a report says, but for the pictures."""
 
     summary: Summary
-    kinds: list[Kind]
+    kinds: list[FailureKind]
     stories: dict[int, list[Sentence]]
     """Of some failing messages: their whole stories, cut."""
     waits: list[WaitsOfKind]
@@ -80,7 +80,7 @@ def contents(run: Run) -> Contents:
     return Contents(handling, kinds, _stories(run, kinds), long_waits(run, _WAITS), use, shown, shown_too, told)
 
 
-def _stories(run: Run, kinds: list[Kind]) -> dict[int, list[Sentence]]:
+def _stories(run: Run, kinds: list[FailureKind]) -> dict[int, list[Sentence]]:
     """The stories of the first failing message of each kind, then of others."""
     firsts = [kind.cases[0].message_id for kind in kinds]
     others = [case.message_id for kind in kinds[:KINDS] for case in kind.cases[1:_STORIES_EACH]]

@@ -19,7 +19,7 @@ _ALL_OPEN = 60
 
 
 @dataclass(slots=True)
-class Node:
+class TreeNode:
     """A task, or several that are not shown."""
 
     level: int
@@ -44,7 +44,7 @@ class Node:
 class Tree:
     """The rows of a tree."""
 
-    nodes: list[Node]
+    nodes: list[TreeNode]
     closes: int
     """How many levels end after the last."""
     total: int
@@ -56,12 +56,12 @@ def tree(run: Run, shown_at_most: int = SHOWN_AT_MOST) -> Tree:
     at = RunAt(run)
     rows = cut_off(outline(at, shown_at_most, min(_BESIDE_AT_MOST, shown_at_most)), 2 * shown_at_most)
     opened = set(at.tasks) if len(at.tasks) <= _ALL_OPEN else _with_trouble(at)
-    nodes: list[Node] = []
+    nodes: list[TreeNode] = []
     level = 0
     for row, below in zip(rows, [*rows, None][1:], strict=True):
         depth = min(row.depth, _DEEPEST)
         is_parent = below is not None and below.parent == row.number and depth < _DEEPEST
-        node = Node(depth, row, is_parent, row.task is not None and row.task.id in opened, level - depth)
+        node = TreeNode(depth, row, is_parent, row.task is not None and row.task.id in opened, level - depth)
         if row.task is None:
             node.folded = words.folded(row)
         else:

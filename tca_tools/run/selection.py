@@ -35,7 +35,7 @@ class Forest(Protocol):
         """The tasks right under *task*, oldest first."""
 
 
-class Part:
+class Excerpt:
     """Some tasks of a run, as they were. Those whose parents are not among them stand at the top."""
 
     def __init__(self, at: RunAt, chosen: Collection[int]) -> None:
@@ -105,7 +105,7 @@ def part_of(
     modules: Iterable[str] = (),
     start: float | None = None,
     end: float | None = None,
-) -> Part:
+) -> Excerpt:
     """The tasks under *roots* (None: all), of *modules* (none: all), that lived between *start* and *end*.
 
     What hangs above a task that was asked for is there too, up to the roots. A task is of the modules that handled it
@@ -128,7 +128,7 @@ def part_of(
         while parent != ROOT and parent not in chosen and (under is None or parent in under):
             chosen.add(parent)
             parent = run.tasks[parent].parent
-    return Part(at, chosen)
+    return Excerpt(at, chosen)
 
 
 def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:

@@ -69,7 +69,7 @@ def called(task: TaskAt) -> str:
     return printable(str(task)) + (f" ({said})" if (said := role(task)) else "")
 
 
-class Note(NamedTuple):
+class TaskNote(NamedTuple):
     """The words beside a task's state: ``waits until move {4} is achieved, for 3 s; in the end ...``."""
 
     text: str = ""
@@ -123,10 +123,10 @@ def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
     return note_of(at, task, within).within(None, at.time)
 
 
-def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "waits") -> Note:
+def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "waits") -> TaskNote:
     """The parts of a task's note. The *verb* goes before the things that it waits for."""
     if task.state in OVER:
-        return Note(failure_line(task.failure) if task.failure else _why_killed(at, task))
+        return TaskNote(failure_line(task.failure) if task.failure else _why_killed(at, task))
     last = in_the_end(at, task, within)
     waits = shown(at, task, with_children=False) or (shown(at, task) if last else [])
     told = told_now(at, task, waits)
@@ -145,13 +145,13 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     elif queries := asked(at, task):
         since = task.asking[0].received
         text, age = f"goes on while it waits {several_in_words(queries)}", Age(since, since)
-    return Note("; ".join(filter(None, (failed, printable(text)))), age, last, is_named, says_state, told)
+    return TaskNote("; ".join(filter(None, (failed, printable(text)))), age, last, is_named, says_state, told)
 
 
 _OF_TASKS = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.LISTENER)
 
 
-def with_state(at: RunAt, task: TaskAt, note: Note) -> str:
+def with_state(at: RunAt, task: TaskAt, note: TaskNote) -> str:
     """A note behind the task's state: ``held, waits until ...``, ``failed: slip``."""
     told = note.within(None, at.time)
     if not told or note.says_state:

@@ -27,7 +27,7 @@ _KNOWN = 1.0
 """Seconds until it is looked again which runs there are."""
 
 
-class Named(NamedTuple):
+class RunName(NamedTuple):
     """How a run is asked for, and what people call it."""
 
     address: str
@@ -35,7 +35,7 @@ class Named(NamedTuple):
     name: str
 
 
-class Run(NamedTuple):
+class ListedRun(NamedTuple):
     """One run that can be shown."""
 
     address: str
@@ -87,25 +87,25 @@ class Runs:
         self.newest_at_start = self._newest
         """By address: what a page that shows the run of a LOG need not be told of."""
 
-    def all(self) -> list[Run]:
+    def all(self) -> list[ListedRun]:
         """Those there are now, oldest first."""
         with self._lock:
             return self._look()
 
     @property
-    def first(self) -> Named:
+    def first(self) -> RunName:
         """The one to begin with."""
         return self.newest if self.follows else self._named(self._first)
 
     @property
-    def newest(self) -> Named:
+    def newest(self) -> RunName:
         """The one that began last; of a LOG the last that lies in it. Known for a while."""
         with self._lock:
             if monotonic() >= self._look_again:
                 self._look()
         return self._named(self._newest)
 
-    def names(self, shown: Shown) -> tuple[Named, Named]:
+    def names(self, shown: Shown) -> tuple[RunName, RunName]:
         """Of a run that is being read, and of the newest one, at one time."""
         newest, address = self.newest, shown.address
         if newest.address.startswith(f"{address}#"):  # it was empty until now: its reading will learn it
@@ -138,8 +138,8 @@ class Runs:
         for reading in readings:
             reading.stop()
 
-    def _named(self, address: str) -> Named:
-        return Named(address, self._names.get(address) or called(Path(address.partition("#")[0])))
+    def _named(self, address: str) -> RunName:
+        return RunName(address, self._names.get(address) or called(Path(address.partition("#")[0])))
 
     def _being_read(self, address: str) -> str:
         """By which address it was asked for first: a journal that was empty then had no epoch."""
@@ -171,7 +171,7 @@ class Runs:
         except UnusableLog:
             return None
 
-    def _look(self) -> list[Run]:
+    def _look(self) -> list[ListedRun]:
         """Those there are now, oldest first; what they are called is known from now on, and which is the newest."""
         newest = self._own
         if self.follows:
@@ -187,7 +187,7 @@ class Runs:
         self._look_again = monotonic() + _KNOWN
         return found
 
-    def _all(self) -> Iterator[Run]:
+    def _all(self) -> Iterator[ListedRun]:
         for place, name in _told_apart(self._all_places()).items():
             yield from self._in(place, name)
 
@@ -203,19 +203,19 @@ class Runs:
         last_first = dict.fromkeys([*reversed(beside), *reversed(self._places)])
         return list(reversed(last_first))
 
-    def _in(self, place: Path, name: str) -> Iterator[Run]:
+    def _in(self, place: Path, name: str) -> Iterator[ListedRun]:
         if place.is_file():
-            yield Run(_address(place, None), name, place, None, None)
+            yield ListedRun(_address(place, None), name, place, None, None)
             return
         try:
             epochs = self._folders.setdefault(place, Folder(place)).epochs()
         except UnusableLog:
             return
         if not epochs:
-            yield Run(_address(place, None), name, place, None, None)
+            yield ListedRun(_address(place, None), name, place, None, None)
         for number, opened in enumerate(epochs, 1):
             one = name if len(epochs) == 1 else f"{name}#{number}"
-            yield Run(_address(place, opened.epoch), one, place, opened.epoch, opened.began)
+            yield ListedRun(_address(place, opened.epoch), one, place, opened.epoch, opened.began)
 
     def _forget(self) -> list[Shown]:
         """Those that nobody looks at any more, but the last few: they are to be stopped."""

@@ -32,8 +32,8 @@ class Keepers(NamedTuple):
         return self.claim is others.claim and list(map(id, self.runs)) == list(map(id, others.runs))
 
 
-class Part(NamedTuple):
-    """As long as the keepers were the same."""
+class WaitPart(NamedTuple):
+    """A part of a wait in which the keepers were the same."""
 
     start: float
     end: float
@@ -133,13 +133,13 @@ def _sent_by(run: Run, number: int) -> str:
 # --- over time -------------------------------------------------------------------------------------------------------
 
 
-def parts_in_queue(run: Run, queueing: Queueing, message: Message) -> list[Part]:
+def parts_in_queue(run: Run, queueing: Queueing, message: Message) -> list[WaitPart]:
     """The keepers of a resource from a queued message, one after the other."""
     module, resource = queueing.module, queueing.resource
     return _parts(run, queueing, [module], resource, lambda at: kept_out(at, module, resource, message))
 
 
-def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[Part]:
+def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[WaitPart]:
     """The keepers of a resource from a claim, one after the other: in all copies of the module."""
     copies = [one for one in run.modules if called(one) == called(claim.module)]
     return _parts(run, wait, copies, claim.resource, lambda at: ahead_of_claim(at, claim))
@@ -164,16 +164,16 @@ def _parts(
     modules: list[str],
     resource: str,
     keepers: Callable[[RunAt], Keepers],
-) -> list[Part]:
+) -> list[WaitPart]:
     start, end = wait.start, inf if wait.end is None else wait.end
     turns = _turns(run, modules, resource, start, end)
     stops = [start, *sorted({time for time in turns if time is not None and start < time < end})]
-    found: list[Part] = []
+    found: list[WaitPart] = []
     for stop, after in zip(stops, [*stops[1:], end], strict=True):
         if after - stop < _NO_TIME and len(stops) > 1:
             continue
         by = keepers(RunAt(run, stop))
         if not found or not by.are(found[-1].by):
-            found.append(Part(stop if found else start, after, by))
+            found.append(WaitPart(stop if found else start, after, by))
     ends = [*(part.start for part in found[1:]), end]
     return [part._replace(end=end) for part, end in zip(found, ends, strict=True)]

@@ -13,7 +13,7 @@ from tca_tools.run.records import OVER, HandlerWait, Handling, Message, State, T
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
 from tca_tools.why.deciding import decisions, exhausted, retried
-from tca_tools.why.keepers import Part, parts_in_queue, parts_of_claim
+from tca_tools.why.keepers import WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.why.wait_words import NAMED, of_ahead, of_claim, of_query, of_queueing, told, wait_for
 from tca_tools.why.waits import NO_TIME, Wait, of_handler_wait, told_waits
 from tca_wire.text.bodies import data_text
@@ -217,11 +217,11 @@ def _waits_in_queues(run: Run, message: Message, moment: float) -> Iterator[Sent
             yield _lasting(start, end, f"queued {what}")
 
 
-def _one_after_the_other(parts: list[Part]) -> str:
+def _one_after_the_other(parts: list[WaitPart]) -> str:
     return f"kept busy by {counted(len(parts), 'other')}, one after the other"
 
 
-def _briefly(parts: list[Part], moment: float) -> Iterator[tuple[float, float, list[Part]]]:
+def _briefly(parts: list[WaitPart], moment: float) -> Iterator[tuple[float, float, list[WaitPart]]]:
     """The first and the last ones that had begun at a moment, and of those after it likewise; those between together.
     What is told of a moment stays the same when time goes on.
     """

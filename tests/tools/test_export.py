@@ -23,7 +23,7 @@ from tools.trace_reader import read_trace
 
 from tca_tools.export.__main__ import FORMATS, export
 from tca_tools.export.parquet_files import write_parquet
-from tca_tools.export.tables import TABLES, Kind, write_csv
+from tca_tools.export.tables import TABLES, ColumnType, write_csv
 from tca_tools.gantt.__main__ import gantt
 from tca_tools.log.__main__ import log
 from tca_tools.report.__main__ import report
@@ -96,12 +96,12 @@ def test_csv_and_parquet_hold_the_same_rows(history: History) -> None:
         ]
 
 
-def read(kind: Kind, text: str) -> Any:
+def read(kind: ColumnType, text: str) -> Any:
     """What a program makes of a cell."""
-    make: dict[Kind, Callable[[str], Any]] = {
-        Kind.INTEGER: int,
-        Kind.SECONDS: float,
-        Kind.FLAG: lambda word: {"true": True, "false": False}[word],
+    make: dict[ColumnType, Callable[[str], Any]] = {
+        ColumnType.INTEGER: int,
+        ColumnType.SECONDS: float,
+        ColumnType.FLAG: lambda word: {"true": True, "false": False}[word],
     }
     return make.get(kind, str)(text) if text else None
 

@@ -11,7 +11,7 @@ import pytest
 from tools.story import GOAL, QUERY, Story, locking, stumbling, walking
 from tools.trace_reader import Read, Slice, read_trace
 
-from tca_tools.export.trace.events import Span, in_lanes
+from tca_tools.export.trace.events import TraceSpan, in_lanes
 from tca_tools.export.trace.packets import write_trace
 from tca_tools.run.fold import History
 from tca_wire.journal import facts
@@ -184,7 +184,13 @@ def test_a_task_that_goes_on_after_its_failure(tmp_path: Path) -> None:
 
 
 def test_lanes() -> None:
-    crossing = [(Span(0, 5), "a"), (Span(1, 3), "b"), (Span(2, 4), "c"), (Span(5, None), "d"), (Span(6, 6), "e")]
+    crossing = [
+        (TraceSpan(0, 5), "a"),
+        (TraceSpan(1, 3), "b"),
+        (TraceSpan(2, 4), "c"),
+        (TraceSpan(5, None), "d"),
+        (TraceSpan(6, 6), "e"),
+    ]
     assert [[thing for _, thing in lane] for lane in in_lanes(crossing)] == [["a", "d"], ["b", "e"], ["c"]]
 
 

@@ -11,7 +11,7 @@ from tools.story import COMMAND, QUERY, THIS, Story, locking, silent_for, stumbl
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import in_blocks, queue_lengths, share_of
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED, chart
-from tca_tools.gantt.chart import Chart, Kind, Row
+from tca_tools.gantt.chart import BarKind, Chart, ResourceRow
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import ALL, Pick
 from tca_tools.run.fold import History
@@ -42,7 +42,7 @@ def labels(drawing: Chart) -> list[str]:
     return [row.label for row in drawing.rows]
 
 
-def row_of(story: Story, label: str, pick: Pick = ALL) -> Row:
+def row_of(story: Story, label: str, pick: Pick = ALL) -> ResourceRow:
     return next(row for row in chart(story.fold(), pick=pick).rows if row.label == label)
 
 
@@ -152,7 +152,7 @@ def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_tha
 
     def suspended(*modules: str) -> list[float]:
         rows = chart(run, pick=Pick(modules=modules) if modules else ALL).rows
-        return [bar.start for row in rows for bar in row.queued if bar.kind is Kind.SUSPENDED]
+        return [bar.start for row in rows for bar in row.queued if bar.kind is BarKind.SUSPENDED]
 
     assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
 

@@ -16,7 +16,7 @@ from tools.test_coping import asking
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.build import chart
-from tca_tools.gantt.chart import Bar, Kind, Row
+from tca_tools.gantt.chart import Bar, BarKind, ResourceRow
 from tca_tools.gantt.looks import dark, light
 from tca_tools.gantt.queues import curve, is_curve, queue_height
 from tca_tools.gantt.svg import svg_text
@@ -152,10 +152,10 @@ def test_the_width_of_a_text(words: str, pixels: float) -> None:
 SCALE = Scale(1000.0, 0.0, 1000.0)
 
 
-def queue(*bars: tuple[float, float], is_nobodys: bool = False) -> Row:
+def queue(*bars: tuple[float, float], is_nobodys: bool = False) -> ResourceRow:
     """A row of what waits, each bar in its lane, on a plot of 1000 pixels and seconds."""
-    waiting = [Bar("step", start, end, str, Kind.QUEUED, lane=lane) for lane, (start, end) in enumerate(bars)]
-    return Row("legs", queued=waiting, is_nobodys=is_nobodys)
+    waiting = [Bar("step", start, end, str, BarKind.QUEUED, lane=lane) for lane, (start, end) in enumerate(bars)]
+    return ResourceRow("legs", queued=waiting, is_nobodys=is_nobodys)
 
 
 def test_a_queue_is_hatched_where_that_can_be_seen_and_else_a_curve() -> None:

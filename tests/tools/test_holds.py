@@ -341,10 +341,10 @@ STANDS = Last("calibrate {3}", 3, "no module handles", "no module handles that",
 LATE = Last("ring bell {12}", 12, "waits until 500.250 s", "that waits until 500.250 s", 2)
 CAUSE = "waits until a very long name of a step {7} is achieved"
 END = "in the end for calibrate {3}"
-WAITS = words.Note(CAUSE, SINCE_1, STANDS)
-IS_NAMED = words.Note("waits until calibrate {3} is achieved", SINCE_1, STANDS, is_named=True)
-IN_ALL = words.Note("waits until walk {7} is achieved", Age(3.0, 1.0))
-ONLY_END = words.Note("", None, LATE)
+WAITS = words.TaskNote(CAUSE, SINCE_1, STANDS)
+IS_NAMED = words.TaskNote("waits until calibrate {3} is achieved", SINCE_1, STANDS, is_named=True)
+IN_ALL = words.TaskNote("waits until walk {7} is achieved", Age(3.0, 1.0))
+ONLY_END = words.TaskNote("", None, LATE)
 
 
 @pytest.mark.parametrize(
@@ -367,7 +367,7 @@ ONLY_END = words.Note("", None, LATE)
     ],
 )
 def test_what_is_told_of_waits_gives_way_before_their_end_and_the_cause_last(
-    note: words.Note, room: int | None, told: str
+    note: words.TaskNote, room: int | None, told: str
 ) -> None:
     assert note.within(room, 4.0) == told
 

@@ -22,7 +22,7 @@ T = TypeVar("T")
 Details = dict[str, Any]
 
 
-class Span(NamedTuple):
+class TraceSpan(NamedTuple):
     """From when until when (None: it goes on); in nanoseconds."""
 
     start: int
@@ -34,7 +34,7 @@ class Span(NamedTuple):
         return inf if self.end is None else self.end
 
 
-class Kind(IntEnum):
+class EventKind(IntEnum):
     """The kind of an event; the numbers are Perfetto's."""
 
     BEGIN = 1
@@ -51,7 +51,7 @@ class Event(NamedTuple):
     is_arrival: bool
     """Whether an arrow leads here: such an event comes after others of its time, where the arrow may begin."""
     track: int
-    kind: Kind
+    kind: EventKind
     name: str = ""
     category: str = ""
     details: Details | None = None
@@ -93,10 +93,10 @@ class Trace:
         self.tracks.append(track)
         return track
 
-    def span(self, start: float, end: float | None) -> Span:
+    def span(self, start: float, end: float | None) -> TraceSpan:
         """A span of seconds in nanoseconds."""
         first = self.nanoseconds(start)
-        return Span(first, None if end is None else max(self.nanoseconds(end), first))
+        return TraceSpan(first, None if end is None else max(self.nanoseconds(end), first))
 
     def events(self) -> Iterator[Event]:
         """All events, in the order of time; those of one track in their own order."""
@@ -104,21 +104,21 @@ class Trace:
 
 
 def begin(
-    track: Track, span: Span, name: str, category: str, details: Details | None = None, flow: int | None = None
+    track: Track, span: TraceSpan, name: str, category: str, details: Details | None = None, flow: int | None = None
 ) -> Event:
     """The begin of a slice; *flow* is the arrow that leads to it."""
     flows = [flow] if flow else []
-    return Event(span.start, flow is not None, track.uuid, Kind.BEGIN, name, category, details, flows)
+    return Event(span.start, flow is not None, track.uuid, EventKind.BEGIN, name, category, details, flows)
 
 
 def instant(track: Track, time: int, name: str, category: str, details: Details, flows: Sequence[int] = ()) -> Event:
     """Something that takes no time; *flows* are the arrows that begin here."""
-    return Event(time, False, track.uuid, Kind.INSTANT, name, category, details, flows)
+    return Event(time, False, track.uuid, EventKind.INSTANT, name, category, details, flows)
 
 
-def slices(track: Track, spans: Iterable[tuple[Span, Event]]) -> Iterator[Event]:
+def slices(track: Track, spans: Iterable[tuple[TraceSpan, Event]]) -> Iterator[Event]:
     """Slices from their begins; the spans lie within each other or apart, and are sorted, outermost first."""
-    around: list[Span] = []
+    around: list[TraceSpan] = []
     for span, event in spans:
         while around and around[-1].last <= span.start:
             yield from _end(track, around.pop())
@@ -128,7 +128,7 @@ def slices(track: Track, spans: Iterable[tuple[Span, Event]]) -> Iterator[Event]
         yield from _end(track, around.pop())
 
 
-def within(track: Track, span: Span, outer: Event, *inside: Iterable[Event]) -> Iterator[Event]:
+def within(track: Track, span: TraceSpan, outer: Event, *inside: Iterable[Event]) -> Iterator[Event]:
     """A slice with what is inside it; of events of one time, those of the first come first."""
     yield outer
     yield from in_order(*inside)
@@ -140,21 +140,21 @@ def in_order(*events: Iterable[Event]) -> Iterator[Event]:
     return heapq.merge(*events, key=itemgetter(0))
 
 
-def counter(track: Track, spans: Iterable[Span]) -> Iterator[Event]:
+def counter(track: Track, spans: Iterable[TraceSpan]) -> Iterator[Event]:
     """How many of the spans there are at a time: an event wherever that changes."""
     for time, number in levels((span.start, span.last) for span in spans):
         if time < inf:
-            yield Event(int(time), False, track.uuid, Kind.COUNTER, value=number)
+            yield Event(int(time), False, track.uuid, EventKind.COUNTER, value=number)
 
 
-def _end(track: Track, span: Span) -> Iterator[Event]:
+def _end(track: Track, span: TraceSpan) -> Iterator[Event]:
     if span.end is not None:
-        yield Event(span.end, False, track.uuid, Kind.END)
+        yield Event(span.end, False, track.uuid, EventKind.END)
 
 
-def in_lanes(spans: Iterable[tuple[Span, T]]) -> list[list[tuple[Span, T]]]:
+def in_lanes(spans: Iterable[tuple[TraceSpan, T]]) -> list[list[tuple[TraceSpan, T]]]:
     """Each span, with what belongs to it, in the first lane that is free when it starts. In a lane none overlap."""
-    found: dict[int, list[tuple[Span, T]]] = defaultdict(list)
+    found: dict[int, list[tuple[TraceSpan, T]]] = defaultdict(list)
     ordered = sorted(spans, key=lambda pair: pair[0].start)
     for pair, lane in zip(ordered, lanes((span.start, span.last) for span, _ in ordered), strict=True):
         found[lane].append(pair)

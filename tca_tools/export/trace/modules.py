@@ -9,8 +9,8 @@ from tca_tools.export.trace.details import of_handling, of_message, of_wait
 from tca_tools.export.trace.events import (
     Details,
     Event,
-    Span,
     Trace,
+    TraceSpan,
     Track,
     begin,
     counter,
@@ -69,14 +69,14 @@ class _Place:
     """A resource: what happened in it and before it."""
 
     def __init__(self) -> None:
-        self.handlings: list[tuple[Span, Handling]] = []
-        self.queueings: list[tuple[Span, Queueing]] = []
-        self.claims: list[tuple[Span, Claim]] = []
+        self.handlings: list[tuple[TraceSpan, Handling]] = []
+        self.queueings: list[tuple[TraceSpan, Queueing]] = []
+        self.claims: list[tuple[TraceSpan, Claim]] = []
 
     def add_to(self, trace: Trace, group: Track, ranks: Iterator[int], name: str, sent: Sent) -> None:
         """Tracks for handlings, waits that overlap, claims, the queue and its length."""
         rank = next(ranks)
-        further: list[tuple[Span, HandlerWait]] = []
+        further: list[tuple[TraceSpan, HandlerWait]] = []
         for lane in in_lanes(self.handlings):
             track = trace.add(name, group, rank)
             runs = []
@@ -93,26 +93,28 @@ class _Place:
         _add_lanes(trace, group, next(ranks), f"queue of {name}", self.queueings, _queued)
 
 
-Begin = Callable[[Trace, Track, Span, Any], Event]
+Begin = Callable[[Trace, Track, TraceSpan, Any], Event]
 
 
-def _add_lanes(trace: Trace, group: Track, rank: int, name: str, spans: Iterable[tuple[Span, Any]], of: Begin) -> None:
+def _add_lanes(
+    trace: Trace, group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], of: Begin
+) -> None:
     """As many tracks of one name as it takes."""
     for lane in in_lanes(spans):
         track = trace.add(name, group, rank)
         track.events = _slices(trace, track, lane, of)
 
 
-def _slices(trace: Trace, track: Track, spans: Iterable[tuple[Span, Any]], of: Begin) -> Iterator[Event]:
+def _slices(trace: Trace, track: Track, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> Iterator[Event]:
     return slices(track, ((span, of(trace, track, span, thing)) for span, thing in spans))
 
 
 def _run(
     trace: Trace,
     track: Track,
-    span: Span,
+    span: TraceSpan,
     handling: Handling,
-    waits: list[tuple[Span, HandlerWait]],
+    waits: list[tuple[TraceSpan, HandlerWait]],
     sent: list[Message],
 ) -> Iterator[Event]:
     """A handling with its waits, what it sent, and its failure."""
@@ -131,13 +133,13 @@ def _failure(trace: Trace, handling: Handling) -> Details:
     return {"failure": texts[-1] if texts else None, "handled": has_coped(trace.run, handling)}
 
 
-def _waits(trace: Trace, around: Span, handling: Handling) -> list[tuple[Span, HandlerWait]]:
+def _waits(trace: Trace, around: TraceSpan, handling: Handling) -> list[tuple[TraceSpan, HandlerWait]]:
     """The waits of a handler, none longer than itself."""
     spans = [(trace.span(wait.start, wait.end), wait) for wait in handling.waits]
     if around.end is None:
         return spans
     last = around.end
-    return [(Span(min(span.start, last), int(min(span.last, last))), wait) for span, wait in spans]
+    return [(TraceSpan(min(span.start, last), int(min(span.last, last))), wait) for span, wait in spans]
 
 
 def _flow(message: Message | None, delivery: int = 0) -> int:
@@ -175,17 +177,17 @@ def _connected(trace: Trace, group: Track) -> Iterator[Event]:
     return slices(group, [(span, begin(group, span, "connected", "module")) for span in spans])
 
 
-def _waiting(trace: Trace, track: Track, span: Span, wait: HandlerWait) -> Event:
+def _waiting(trace: Trace, track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
     what = "a lock" if wait.awaited in trace.run.claims else trace.run.name(wait.awaited)
     return begin(track, span, f"waits for {what}", "waiting", of_wait(trace.run, wait))
 
 
-def _queued(trace: Trace, track: Track, span: Span, queueing: Queueing) -> Event:
+def _queued(trace: Trace, track: Track, span: TraceSpan, queueing: Queueing) -> Event:
     message = trace.run.messages.get(queueing.message_id)
     details = {"id": queueing.message_id}
     return begin(track, span, trace.run.name(queueing.message_id), "queued", details, _flow(message))
 
 
-def _claimed(_trace: Trace, track: Track, span: Span, claim: Claim) -> Event:
+def _claimed(_trace: Trace, track: Track, span: TraceSpan, claim: Claim) -> Event:
     name = f"{'reserved' if claim.is_reserved else 'locked'} by {claim.sender}"
     return begin(track, span, name, "lock", {"id": claim.id, "ended": claim.ended or None})

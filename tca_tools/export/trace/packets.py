@@ -10,13 +10,13 @@ from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import TracePacket
 from perfetto.trace_builder.proto_builder import StreamingTraceProtoBuilder
 
 from tca_tools.export.nanoseconds import since_1970
-from tca_tools.export.trace.events import Event, Kind, Trace, Track, instant
+from tca_tools.export.trace.events import Event, EventKind, Trace, Track, instant
 from tca_tools.export.trace.modules import add_modules
 from tca_tools.export.trace.tasks import add_task_tree
 from tca_tools.run.whole_run import Run
 
 _SEQUENCE = 1
-_NAMED = (Kind.BEGIN, Kind.INSTANT)
+_NAMED = (EventKind.BEGIN, EventKind.INSTANT)
 _NAMELESS = "?"
 _REALTIME, _BOOTTIME = 1, 6
 _STARTS_ANEW, _NEEDS_NAMES = 1, 2
@@ -81,7 +81,7 @@ class _Writer:
         packet.timestamp = event.time
         written = packet.track_event
         written.type, written.track_uuid = int(event.kind), event.track
-        if event.kind is Kind.COUNTER:
+        if event.kind is EventKind.COUNTER:
             written.counter_value = event.value
         if event.kind in _NAMED:
             known = packet.interned_data

@@ -8,7 +8,18 @@ from math import inf
 from operator import itemgetter
 
 from tca_tools.export.trace.details import of_task
-from tca_tools.export.trace.events import Details, Event, Span, Trace, Track, begin, in_lanes, instant, slices, within
+from tca_tools.export.trace.events import (
+    Details,
+    Event,
+    Trace,
+    TraceSpan,
+    Track,
+    begin,
+    in_lanes,
+    instant,
+    slices,
+    within,
+)
 from tca_tools.run.fates import went_on
 from tca_tools.run.records import Task
 from tca_wire.points import Moment
@@ -33,24 +44,24 @@ def add_task_tree(trace: Trace) -> None:
             track.events = chain.from_iterable(starmap(partial(_task, trace, track), lane))
 
 
-def _task(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Event]:
+def _task(trace: Trace, track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
     outer = begin(track, span, task.name, "task", of_task(trace.run, task))
     return within(track, span, outer, _failures_and_kills(trace, track, span, task), _states(trace, track, span, task))
 
 
-def _states(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Event]:
+def _states(trace: Trace, track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
     """The states that it was in until its end."""
     stages: list[tuple[float, str]] = [(trace.nanoseconds(time), str(state)) for time, state in task.states]
     found = []
     for (start, state), (after, _) in pairwise([*stages, (span.last, "")]):
         end = min(after, span.last)
         if start < end:
-            stage = Span(int(start), None if end == inf else int(end))
+            stage = TraceSpan(int(start), None if end == inf else int(end))
             found.append((stage, begin(track, stage, state, "state")))
     return slices(track, found)
 
 
-def _failures_and_kills(trace: Trace, track: Track, span: Span, task: Task) -> list[Event]:
+def _failures_and_kills(trace: Trace, track: Track, span: TraceSpan, task: Task) -> list[Event]:
     news: list[tuple[float, str, Details]] = [
         (time, "failed", {"failure": text, "handled": went_on(trace.run, task, time)})
         for time, text in task.became("failure")
