@@ -10,7 +10,7 @@ from robots.ambler_sim.body import require_reach
 from robots.ambler_sim.errors import TerrainContact
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
 from robots.ambler_sim.motion import blend, ease, expected_seconds, leg_segments
-from robots.ambler_sim.pacing import OnTick, Pacer, Watch
+from robots.ambler_sim.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.plant import Plant, make_posture
 from robots.ambler_sim.stability import least_norm_loads
 from robots.ambler_sim.terrain import Terrain
@@ -79,7 +79,7 @@ class Robot:
         """
         self._rebase()
         segments = leg_segments(move, self._plant.attitude().pose, self._command[move.leg])
-        watch = Watch(expected_seconds(segments), on_tick)
+        watch = MoveWatch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
         contact = self._swing_over(move.leg, segments, watch)
         self._lower(move.leg, segments[-1].end[2] + motion.GUARD + motion.SEARCH_DEPTH, watch)
@@ -99,7 +99,7 @@ class Robot:
         start = self._plant.attitude().pose
         feet = to_world(start, feet_of(self._command))
         require_reach(joints_of(to_body(move.goal, feet)), TOLERANCE)
-        watch = Watch(move.duration, on_tick)
+        watch = MoveWatch(move.duration, on_tick)
         share, speed = 0.0, 1.0
         while share < 1.0 and speed > 0.0:
             share += speed * self._plant.tick / move.duration
@@ -140,7 +140,7 @@ class Robot:
         self._command = self._plant.joints()
         self.pacer.restart()
 
-    def _swing_over(self, leg: int, segments: list[motion.Segment], watch: Watch) -> Contact | None:
+    def _swing_over(self, leg: int, segments: list[motion.Segment], watch: MoveWatch) -> Contact | None:
         """Bring a leg over its foothold; what it met on its way, if anything. Then it is some way back from there."""
         lift, *others = segments
         self._swing(leg, lift, watch)
@@ -152,7 +152,7 @@ class Robot:
                 return contact
         return None
 
-    def _swing(self, leg: int, segment: motion.Segment, watch: Watch, *, feels: bool = False) -> float:
+    def _swing(self, leg: int, segment: motion.Segment, watch: MoveWatch, *, feels: bool = False) -> float:
         """Move a leg; the share of the segment that was done until it was stopped or, if it *feels*, met something.
 
         Other legs hold still meanwhile: levelling on five feet was seen to rock the robot over in physics.
@@ -177,7 +177,7 @@ class Robot:
         force = math.hypot(self._plant.pushes()[leg], self._plant.loads()[leg])
         return Contact(leg, foot.x, foot.y, foot.z, force)
 
-    def _lower(self, leg: int, deepest: float, watch: Watch) -> None:
+    def _lower(self, leg: int, deepest: float, watch: MoveWatch) -> None:
         """The guarded move: slowly down until the force sensor feels the ground."""
         down = motion.GUARDED_SPEED * self._plant.tick
         while self._plant.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
@@ -187,10 +187,10 @@ class Robot:
         if self._command[leg, 2] < deepest:
             self._airborne.discard(leg)
 
-    def _follow(self, pose: Pose, feet: Array, watch: Watch | None) -> None:
+    def _follow(self, pose: Pose, feet: Array, watch: MoveWatch | None) -> None:
         self._drive(joints_of(to_body(pose, feet), near=self._command[:, 0]), watch)
 
-    def _drive(self, joints: Array, watch: Watch | None = None) -> None:
+    def _drive(self, joints: Array, watch: MoveWatch | None = None) -> None:
         """One tick of everything."""
         tick = self._plant.tick
         self._plant.drive(joints, (joints - self._command) / tick)

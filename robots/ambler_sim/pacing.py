@@ -30,7 +30,7 @@ class Pacer:
             time.sleep(ahead)
 
 
-class Watch:
+class MoveWatch:
     """Follows one move of known length and remembers whether it was told to stop."""
 
     def __init__(self, seconds: float, on_tick: OnTick | None) -> None:

@@ -48,7 +48,7 @@ class Camera:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Rendering:
     """A rendering: RGB colours, depths (0 near to 1 far), which pixels are ground or objects on it, the world-to-screen
     matrix and the camera.
     """
@@ -75,7 +75,7 @@ def sun_over(pose: Pose) -> Camera:
     return Camera((pose.x + x, pose.y + y, pose.height + z), here, 11.0, near=SUN_DISTANCE - 15, far=SUN_DISTANCE + 15)
 
 
-def develop(frame: Frame, from_sun: Frame, terrain: Terrain, trail: Sequence[Foot]) -> Pixels:
+def develop(frame: Rendering, from_sun: Rendering, terrain: Terrain, trail: Sequence[Foot]) -> Pixels:
     """The finished picture, (height, width, 3). The renderer colours height fields badly, so ground is painted here."""
     image = frame.colours.astype(np.float64)
     places = _places(frame)
@@ -88,7 +88,7 @@ def develop(frame: Frame, from_sun: Frame, terrain: Terrain, trail: Sequence[Foo
     return _halved(image)
 
 
-def _places(frame: Frame) -> Array:
+def _places(frame: Rendering) -> Array:
     """The world point (n, 3) seen in each ground pixel, from its depth."""
     row, column = np.nonzero(frame.ground)
     height, width = frame.ground.shape
@@ -133,7 +133,7 @@ def _footprints(places: Array, trail: Sequence[Foot]) -> Array:
     return brightness
 
 
-def _shadow(places: Array, from_sun: Frame) -> Array:
+def _shadow(places: Array, from_sun: Rendering) -> Array:
     """Brightness: SHADOW where the sun sees an object instead of the ground, with soft edges."""
     height, width = from_sun.objects.shape
     x, y, _, w = from_sun.looking @ np.vstack([places.T, np.ones(len(places))])
@@ -150,7 +150,7 @@ def _softened(cells: Array) -> Array:
     return cells
 
 
-def _haze(frame: Frame) -> Array:
+def _haze(frame: Rendering) -> Array:
     """How much (0 to 1) ground pixels fade into the colour of the horizon."""
     near, far, depth = frame.camera.near, frame.camera.far, frame.depths[frame.ground]
     distance = near * far / (far - depth * (far - near))

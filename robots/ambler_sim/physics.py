@@ -110,7 +110,7 @@ class BulletPlant:
         """Leave the physics world."""
         pybullet.disconnect(physicsClientId=self._world)
 
-    def _frame(self, camera: photograph.Camera, size: tuple[int, int]) -> photograph.Frame:
+    def _frame(self, camera: photograph.Camera, size: tuple[int, int]) -> photograph.Rendering:
         """The image of a camera: colours, depths, and what is ground or object."""
         width, height = size
         view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
@@ -132,7 +132,7 @@ class BulletPlant:
         objects = [self._robot, *self._rocks]
         looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
         rgb = colours.astype(np.uint8).reshape(height, width, -1)[..., :3]
-        return photograph.Frame(rgb, depths, bodies == self._ground, np.isin(bodies, objects), looking, camera)
+        return photograph.Rendering(rgb, depths, bodies == self._ground, np.isin(bodies, objects), looking, camera)
 
     def _make_ground(self) -> int:
         """The terrain as a height field. The engine puts the middle of its height range at z = 0, hence the offset."""

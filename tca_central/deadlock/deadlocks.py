@@ -46,7 +46,7 @@ _CLOSES_NOTHING = (facts.Queued, facts.Delivered, facts.Returned, facts.Answered
 _SHOWN = 12  # parts of a circle that the error names
 
 
-class Scan:
+class DeadlockScan:
     """A look at all that blocks, in slices."""
 
     def __init__(self, central: State) -> None:
@@ -112,7 +112,7 @@ def on_look(central: State, _: None) -> None:
     """Look at all that blocks, or go on with that."""
     central.next_look = None
     if central.scan is None:
-        central.scan, central.may_have_closed = Scan(central), False
+        central.scan, central.may_have_closed = DeadlockScan(central), False
     else:
         central.scan.search.resume(SLICE)
     try:
@@ -126,7 +126,7 @@ def on_look(central: State, _: None) -> None:
             _schedule(central)
 
 
-def _look_at_next(central: State, scan: Scan) -> None:
+def _look_at_next(central: State, scan: DeadlockScan) -> None:
     one = scan.starts[-1]
     if isinstance(one, Connection):
         scan.search.count_edge()

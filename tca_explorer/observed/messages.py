@@ -35,7 +35,7 @@ class ObservedMessage(MessageView, msgspec.Struct, frozen=True, kw_only=True):
         return self.message_class.is_task
 
 
-class Taken(msgspec.Struct, frozen=True):
+class TakenRequest(msgspec.Struct, frozen=True):
     """A request that central has taken."""
 
     sender: str
@@ -77,7 +77,7 @@ class Situation:
         self.modules: tuple[str, ...] = ()  #: those connected, oldest first
         self.now = 0.0  #: seconds since the run began
         self.passed = 0.0  #: seconds that passed with the last action
-        self.taken: Taken | None = None  #: the request that central took with the last action
+        self.taken: TakenRequest | None = None  #: the request that central took with the last action
         self.broken = ""  #: the promise that central broke with the last action
 
     @property

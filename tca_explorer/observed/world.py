@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import msgspec
 
-from tca_explorer.observed.messages import ObservedMessage, Situation, Taken, TrackedMessage
+from tca_explorer.observed.messages import ObservedMessage, Situation, TakenRequest, TrackedMessage
 from tca_properties.algebra import Breach
 from tca_properties.world import Found, Predicate
 from tca_wire.points import Moment
@@ -138,7 +138,7 @@ class World:
                 for key, claim in sorted(self._situation.held_by.items())}  # fmt: skip
 
     @property
-    def taken(self) -> Taken | None:
+    def taken(self) -> TakenRequest | None:
         """The request of a script that central took with the last action; None if there was none, or it was refused or
         too late.
         """

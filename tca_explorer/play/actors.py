@@ -138,7 +138,7 @@ class Actor:
         return known(self.known.index(task))
 
 
-class Line:
+class ModuleLine:
     """A connection of a module's run to central, and what is being done on it."""
 
     def __init__(self, name: str, run: "ModuleRun") -> None:
@@ -177,7 +177,7 @@ class ModuleRun:
     def __init__(self, module: ScenarioModule, number: int) -> None:
         self.module = module
         self.name = module.name if number == 1 else f"{module.name} run {number}"
-        self.lines: list[Line] = []  #: those that central has not seen end; the module's own first
+        self.lines: list[ModuleLine] = []  #: those that central has not seen end; the module's own first
         self.steps_joined = 0
         self.first = deque(module.first)  #: programs to run before it handles anything
         self.is_alive = True
@@ -199,7 +199,7 @@ class ModuleRun:
         """Saying hello; and, where it handles anything, saying what, and a hello for each slot."""
         return 2 + len(self.module.slots) if self.module.formats or self.module.first else 1
 
-    def may_say_goodbye(self) -> list[Line]:
+    def may_say_goodbye(self) -> list[ModuleLine]:
         """Those of its lines that may end now because it leaves: what does nothing, its own line last."""
         if not self.is_leaving:
             return []

@@ -9,8 +9,8 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, Effect, Event, Record, RequestReceived
 from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.observed.fold import Fold
-from tca_explorer.observed.messages import Taken
-from tca_explorer.play.actors import Actor, Line, OpenRequest
+from tca_explorer.observed.messages import TakenRequest
+from tca_explorer.play.actors import Actor, ModuleLine, OpenRequest
 from tca_explorer.play.identifiers import MessageId, RequestNumber, renamed, renamed_rows
 from tca_explorer.scenario.requests import call_of
 from tca_explorer.scenario.scenario import Scenario
@@ -35,7 +35,7 @@ class Exchange:
         self.central.tree.newest = MessageId(0)
         self.fold = Fold()
         self.now = 0.0  #: seconds since the run began
-        self.lines: dict[str, Line] = {}  #: connections that central has not seen end
+        self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
         self.facts: list[Fact] = []  #: recorded with the last action
         self.names: dict[int, str] = {}  #: of all messages ever sent; for people
         self.scenario = scenario
@@ -74,11 +74,11 @@ class Exchange:
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
-    def take(self, line: Line, actor: Actor) -> None:
+    def take(self, line: ModuleLine, actor: Actor) -> None:
         """An actor takes the step that it is at."""
         _TAKE[type(actor.step)](self, line, actor, actor.step)
 
-    def go_on(self, line: Line) -> None:
+    def go_on(self, line: ModuleLine) -> None:
         """Play the parts that are no action: a script awaits or reads something, or ends if it handles nothing."""
         while (actor := line.actor) is not None and actor not in line.delivered:
             if actor.step is not None:
@@ -102,7 +102,7 @@ class Exchange:
             else:
                 return
 
-    def _ask(self, line: Line, actor: Actor, step: Ask) -> None:
+    def _ask(self, line: ModuleLine, actor: Actor, step: Ask) -> None:
         self._declare(line, step)
         if isinstance(step.header, headers.Lock):
             self._check_lock(step.header)
@@ -120,7 +120,7 @@ class Exchange:
             else:
                 actor.number = number
         if not any(map(_declines, self.receive(line.name, header, step.body))):
-            self.fold.taken = Taken(line.run.name, call_of(header))
+            self.fold.taken = TakenRequest(line.run.name, call_of(header))
 
     def _check_lock(self, header: headers.Lock) -> None:
         """A module that is lost takes its resources along; one that nobody ever has is a mistake."""
@@ -134,7 +134,7 @@ class Exchange:
                 f"modules {', '.join(owners)} have a resource '{header.resource}': say which with module="
             )
 
-    def _declare(self, line: Line, step: Ask) -> None:
+    def _declare(self, line: ModuleLine, step: Ask) -> None:
         """A module declares a message when it first uses it."""
         is_conditional = getattr(step.header, "if_handled", False)
         registry = self.central.registry.messages
@@ -148,27 +148,27 @@ class Exchange:
         if new:
             self.receive(line.name, headers.Register(self.next_number(), new))
 
-    def _await(self, _line: Line, actor: Actor, step: Await) -> None:
+    def _await(self, _line: ModuleLine, actor: Actor, step: Await) -> None:
         actor.late_at = None if step.seconds is None else self.now + step.seconds
 
-    def _give_up(self, line: Line, actor: Actor, step: GiveUp) -> None:
+    def _give_up(self, line: ModuleLine, actor: Actor, step: GiveUp) -> None:
         request = actor.requests.pop(step.request)
         actor.get(Got(step.kind, text=request.taken))
         self.receive(line.name, headers.GiveUp(request.number))
 
-    def _return(self, line: Line, actor: Actor, step: Return) -> None:
+    def _return(self, line: ModuleLine, actor: Actor, step: Return) -> None:
         line.stack.pop()
         if actor.delivery:
             self._reply(line, actor, step.body)
 
-    def _reply(self, line: Line, actor: Actor, body: bytes) -> None:
+    def _reply(self, line: ModuleLine, actor: Actor, body: bytes) -> None:
         """A handler returned: see Slot of tca_module. One that knew that its module ends may have done half of it."""
         if actor.knows_end and not actor.is_told:
             self.receive(line.name, headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran"))
         else:
             self.receive(line.name, headers.Reply(actor.delivery), body)
 
-    def _fail(self, line: Line, actor: Actor, step: Fail) -> None:
+    def _fail(self, line: ModuleLine, actor: Actor, step: Fail) -> None:
         line.stack.pop()
         if actor.delivery and step.was_killed and (actor.is_told or actor.is_ending):
             actor.learn()
@@ -179,12 +179,12 @@ class Exchange:
         elif not line.run.is_joined:
             raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
 
-    def _hang(self, _line: Line, _actor: Actor, _step: Hang) -> None:
+    def _hang(self, _line: ModuleLine, _actor: Actor, _step: Hang) -> None:
         """It never gets anything for that step."""
 
     # --- answers ------------------------------------------------------------------------------------------------------
 
-    def _get_delivery(self, line: Line, header: headers.Deliver, body: bytes) -> None:
+    def _get_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
         actor = Actor(program, Given(body, bool(header.task)), header.delivery, header.task)
         actor.life = program.beginning(Given(body, bool(header.task), renamed(header.context, actor.name)))
@@ -193,13 +193,13 @@ class Exchange:
             actor.be_told(module_ends=True)
         line.delivered.append(actor)
 
-    def _get_accepted(self, line: Line, header: headers.Accepted, _: bytes) -> None:
+    def _get_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
         for actor in line.actors:
             if header.number and actor.number == header.number and isinstance(actor.step, Ask):
                 actor.get(Got(actor.step.kind, id=actor.name(header.id)))
         self._answer(line, header.number, Got(_AWAITED, id=TaskId(0)))
 
-    def _get_refused(self, line: Line, header: headers.Refused, _: bytes) -> None:
+    def _get_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
         for actor in line.actors:
             if header.number and actor.number == header.number and isinstance(actor.step, Ask):
                 actor.get(Got(actor.step.kind, header.refusal, header.text))
@@ -207,10 +207,10 @@ class Exchange:
         if not self._answer(line, header.number, Got(_AWAITED, header.refusal, header.text)) and header.number:
             raise ScenarioError(f"{line.run.name}: {header.text}")
 
-    def _get_answer(self, line: Line, header: headers.Answer, body: bytes) -> None:
+    def _get_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
         self._answer(line, header.number, Got(_AWAITED, answer=replace(header, number=0), body=body))
 
-    def _answer(self, line: Line, number: int, got: Got) -> bool:
+    def _answer(self, line: ModuleLine, number: int, got: Got) -> bool:
         """Whether somebody wanted that answer."""
         for actor, request in _requests(line, number):
             if not request.is_over:
@@ -221,24 +221,24 @@ class Exchange:
                 return True
         return False
 
-    def _get_cancelled(self, line: Line, header: headers.Cancelled, _: bytes) -> None:
+    def _get_cancelled(self, line: ModuleLine, header: headers.Cancelled, _: bytes) -> None:
         for actor in _handlers(line, header.delivery):
             actor.be_told()
 
-    def _get_taken(self, line: Line, header: headers.Taken, _: bytes) -> None:
+    def _get_taken(self, line: ModuleLine, header: headers.Taken, _: bytes) -> None:
         for _actor, request in _requests(line, header.number):
             request.taken = header.text
 
-    def _get_suspended(self, line: Line, header: headers.Suspended, _: bytes) -> None:
+    def _get_suspended(self, line: ModuleLine, header: headers.Suspended, _: bytes) -> None:
         for actor in _handlers(line, header.delivery):
             actor.suspended = (*actor.suspended, header.is_suspended)
 
 
-def _handlers(line: Line, delivery: int) -> list[Actor]:
+def _handlers(line: ModuleLine, delivery: int) -> list[Actor]:
     return [actor for actor in line.actors if actor.delivery == delivery]
 
 
-def _requests(line: Line, number: int) -> list[tuple[Actor, OpenRequest]]:
+def _requests(line: ModuleLine, number: int) -> list[tuple[Actor, OpenRequest]]:
     return [(actor, one) for actor in line.actors for one in actor.requests.values() if one.number == number]
 
 
@@ -254,7 +254,7 @@ def _declines(effect: Effect) -> bool:
 
 
 # ruff: noqa: SLF001
-_TAKE: dict[type, Callable[[Exchange, Line, Actor, Any], None]] = {
+_TAKE: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
     Ask: Exchange._ask,
     Await: Exchange._await,
     GiveUp: Exchange._give_up,
@@ -262,7 +262,7 @@ _TAKE: dict[type, Callable[[Exchange, Line, Actor, Any], None]] = {
     Fail: Exchange._fail,
     Hang: Exchange._hang,
 }
-_GET: dict[type, Callable[[Exchange, Line, Any, bytes], None]] = {
+_GET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
     headers.Deliver: Exchange._get_delivery,
     headers.Accepted: Exchange._get_accepted,
     headers.Refused: Exchange._get_refused,

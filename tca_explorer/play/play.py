@@ -13,7 +13,7 @@ import msgspec
 from tca_central.events import ConnectionLost, Tick
 from tca_explorer.errors import ScenarioError
 from tca_explorer.observed.messages import TrackedMessage
-from tca_explorer.play.actors import Actor, Line, ModuleRun
+from tca_explorer.play.actors import Actor, ModuleLine, ModuleRun
 from tca_explorer.play.exchange import Exchange, connection_of
 from tca_explorer.scenario.scenario import Scenario
 from tca_explorer.scenario.steps import Await, Given, Got, ScriptRun
@@ -88,7 +88,7 @@ class Play(Exchange):
             yield Action(ActionKind.TIME)
         yield from (Action(ActionKind.LATE, line.name) for line, at in self._late() if at <= self.now)
 
-    def _late(self) -> list[tuple[Line, float]]:
+    def _late(self) -> list[tuple[ModuleLine, float]]:
         """The lines whose scripts wait no longer than until a time, with that time."""
         newest = [(line, line.stack[-1].late_at) for line in self.lines.values() if line.stack]
         return [(line, at) for line, at in newest if at is not None]
@@ -207,7 +207,7 @@ class Play(Exchange):
             self.receive(run.name, headers.Register(self.next_number(), messages, module.formats))
         else:
             resource = module.slots[done - 2] if done else ""
-            line = Line(f"{run.name}/{done - 1}" if done else run.name, run)
+            line = ModuleLine(f"{run.name}/{done - 1}" if done else run.name, run)
             run.lines.append(line)
             self.lines[line.name] = line
             hello = headers.Hello(self.next_number(), PROTOCOL_VERSION, module.name, run.name, done, resource)
@@ -227,7 +227,7 @@ class Play(Exchange):
         self._close(line)
         self.handle(ConnectionLost(self.now, connection_of(line.name)))
 
-    def _close(self, line: Line) -> None:
+    def _close(self, line: ModuleLine) -> None:
         line.run.lines.remove(line)
         del self.lines[line.name]
         if not line.run.lines:

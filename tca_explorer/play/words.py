@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from tca_explorer.observed.messages import TrackedMessage
-from tca_explorer.play.actors import Actor, Line
+from tca_explorer.play.actors import Actor, ModuleLine
 from tca_explorer.play.identifiers import renamed
 from tca_explorer.play.play import Action, ActionKind, Play, Waiting
 from tca_explorer.scenario.requests import in_words, point_in_words
@@ -34,7 +34,7 @@ def left_behind(play: Play, one: Waiting) -> str:
     return _stuck(play, next(line for line in play.lines.values() if actor in line.actors), actor)
 
 
-def _stuck(play: Play, line: Line, actor: Actor) -> str:
+def _stuck(play: Play, line: ModuleLine, actor: Actor) -> str:
     return f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}"
 
 
@@ -98,7 +98,7 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
 # --- scripts ---------------------------------------------------------------------------------------------------------
 
 
-def _who(line: Line, actor: Actor, play: Play) -> str:
+def _who(line: ModuleLine, actor: Actor, play: Play) -> str:
     return f"{line.run.name} in {_name(play, actor.task or actor.delivery)}" if actor.delivery else line.run.name
 
 

@@ -30,12 +30,12 @@ class _Node(NamedTuple):
     waits: int = 0
 
 
-class _Step(NamedTuple):
+class _Edge(NamedTuple):
     way: Transition
     to: _Node
 
 
-Graph = dict[_Node, list[_Step]]
+Graph = dict[_Node, list[_Edge]]
 
 
 def judge(scenario: Scenario, properties: Iterable[Property], states: list[SearchState]) -> Violation | None:
@@ -60,14 +60,14 @@ def judge(scenario: Scenario, properties: Iterable[Property], states: list[Searc
 def _owed(states: list[SearchState], places: dict[int, int], number: int, one: Property) -> Graph:
     """The states in which a property is owed, and the ways between them."""
     nodes = {_Node(place) for place, state in enumerate(states) if one.is_owed(state.memories[number])}
-    return {node: [_Step(way, to) for way in states[node.state].ways if (to := _Node(places[id(way.to)])) in nodes]
+    return {node: [_Edge(way, to) for way in states[node.state].ways if (to := _Node(places[id(way.to)])) in nodes]
             for node in nodes}  # fmt: skip
 
 
 def _waits(states: list[SearchState], places: dict[int, int]) -> Graph:
     """The waiters in each state, and the ways after which they still wait."""
     return {
-        _Node(place, one): [_Step(way, _Node(places[id(way.to)], way.carried[one])) for way in state.ways
+        _Node(place, one): [_Edge(way, _Node(places[id(way.to)], way.carried[one])) for way in state.ways
                             if way.carried[one] >= 0]
         for place, state in enumerate(states) if state.ways for one in range(len(state.ways[0].carried))
     }  # fmt: skip
@@ -101,7 +101,7 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
     stack: list[_Node] = []
     on_stack: set[_Node] = set()
     for root in graph:
-        work: list[tuple[_Node, Iterator[_Step]]] = [] if root in number else [(root, iter(()))]
+        work: list[tuple[_Node, Iterator[_Edge]]] = [] if root in number else [(root, iter(()))]
         while work:
             node, steps = work.pop()
             if node not in number:
@@ -141,9 +141,9 @@ def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Trans
     return ways
 
 
-def _path(inside: Graph, start: _Node, is_there: Callable[[_Step], bool]) -> list[_Step]:
+def _path(inside: Graph, start: _Node, is_there: Callable[[_Edge], bool]) -> list[_Edge]:
     """The shortest way whose last step is one of those wanted."""
-    came: dict[_Node, tuple[_Node, _Step]] = {}
+    came: dict[_Node, tuple[_Node, _Edge]] = {}
     nodes = deque([start])
     while True:
         node = nodes.popleft()

@@ -15,7 +15,7 @@ from tca_module.direct.note_batch import NoteBatch
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import direct, headers
 from tca_wire.packets.codec import pack, pack_item
-from tca_wire.packets.direct import Direct, Greet, Greeting, Taken
+from tca_wire.packets.direct import Begun, Direct, Greet, Greeting
 from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Deliver, Fail, GiveUp, Refused, Reply
 from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal
@@ -23,7 +23,7 @@ from tca_wire.vocabulary import Limit, Outcome, Refusal
 MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # messages, and bytes of their data; more stay in the socket
 MOST_SENDERS = 256
 ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # for each sender
-TAKEN_EVERY, TAKEN_BYTES = 64, 1 << 20  # informs, or bytes, begun with before their sender is told
+BEGUN_EVERY, BEGUN_BYTES = 64, 1 << 20  # informs, or bytes, begun with before their sender is told
 PACKETS = 256  # read at a time
 _MOST_MISSING = 2000  # numbers; senders have fewer on their way
 
@@ -192,9 +192,9 @@ class Inbox:
             if not waiting.is_query:
                 sender.untold += 1
                 sender.untold_bytes += len(waiting.body)
-            if sender.untold >= TAKEN_EVERY or sender.untold_bytes >= TAKEN_BYTES:
+            if sender.untold >= BEGUN_EVERY or sender.untold_bytes >= BEGUN_BYTES:
                 sender.untold = sender.untold_bytes = 0
-                self._socket.send(sender.address, pack_item(Taken(number)))
+                self._socket.send(sender.address, pack_item(Begun(number)))
             self._current = waiting
             waiting.began = self._clock()
             self._delivery -= 1

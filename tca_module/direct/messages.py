@@ -18,7 +18,7 @@ from tca_wire.packets.headers import Deliver, Send, ToCentral
 from tca_wire.packets.routes import Entrance, Noted
 
 
-class Entry:
+class OpenedEntrance:
     """A slot's socket for direct messages, before it has said Hello."""
 
     def __init__(self, central: str, messages: Iterable[Message[Any, Any]]) -> None:
@@ -32,8 +32,8 @@ class DirectMessages:
     """Sends and takes direct messages for one connection."""
 
     def __init__(
-        self, session: Session, transport: DealerTransport | None = None, way: str = "", door: Entry | None = None,
-        *, clock: Callable[[], float] = time.monotonic,
+        self, session: Session, transport: DealerTransport | None = None, way: str = "",
+        door: OpenedEntrance | None = None, *, clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         self._session = session
         self._clock = clock

@@ -1,6 +1,6 @@
 """A sender's way to one entrance.
 
-Messages are numbered. The slot says which it has begun (Taken, an Answer), so the sender knows how much is on its way,
+Messages are numbered. The slot says which it has begun (Begun, an Answer), so the sender knows how much is on its way,
 and refuses more than a bound. After a break or a silence the sender greets again; the slot says what has not arrived:
 queries are sent again under their numbers, informs are lost. After Closing a slot begins nothing.
 """
@@ -15,7 +15,7 @@ from tca_wire.errors import ProtocolError
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets import direct, headers
 from tca_wire.packets.codec import pack_item
-from tca_wire.packets.direct import Direct, Greet, Greeting, Taken
+from tca_wire.packets.direct import Begun, Direct, Greet, Greeting
 from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Refused
 from tca_wire.packets.routes import Entrance
 from tca_wire.vocabulary import Outcome, Refusal
@@ -161,7 +161,7 @@ class DirectPath:
             request.answers.append((header, body))
             self._end(request)
 
-    def _on_taken(self, header: Taken, _: bytes) -> None:
+    def _on_begun(self, header: Begun, _: bytes) -> None:
         for number in [number for number in self._under_way if number <= header.number]:
             self._begun(number)
 
@@ -206,7 +206,7 @@ class DirectPath:
 
     _ON: ClassVar[dict[type, Callable[["DirectPath", Any, bytes], None]]] = {
         Greeting: _on_greeting,
-        Taken: _on_taken,
+        Begun: _on_begun,
         Answer: _on_answer,
         Refused: _on_refused,
         headers.Unknown: _on_unknown,

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import msgspec
 
 from tca_module.checks import CENTRAL, check
-from tca_module.direct.messages import DirectMessages, Entry
+from tca_module.direct.messages import DirectMessages, OpenedEntrance
 from tca_module.link.connection import Connection
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.session import Session
@@ -59,7 +59,7 @@ def _connection_by_socket(
     hello = msgspec.structs.replace(hello, pulse=transport.pulse)
     if direct:
         try:
-            door = Entry(address, direct)
+            door = OpenedEntrance(address, direct)
             hello = msgspec.structs.replace(hello, entrance=door.entrance)
         except OSError as error:
             log = logging.getLogger(f"tca.{hello.module}")

@@ -11,7 +11,7 @@ from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.sending.task_ref import SentTask, TaskRef, attachment
-from tca_module.sending.watching import Watching
+from tca_module.sending.watching import WatchingServices
 from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before
 from tca_wire.messages.controls import ExceptionHandler
@@ -85,7 +85,7 @@ def _flags_of(options: Mapping[str, object]) -> Flags:
     return flags
 
 
-class Sender(Watching):
+class Sender(WatchingServices):
     """Sends messages. Task, Module, Client and Callback are Senders."""
 
     def __init__(self, parent: TaskId = ROOT, origin: int = 0, *, is_shared: bool = False) -> None:

@@ -58,7 +58,7 @@ _WATCHED = {
 _OPTIONS = _WATCHED | {"sequential": checks.FLAG, "constraints": checks.CONSTRAINTS}
 
 
-class Watching(CentralServices):
+class WatchingServices(CentralServices):
     """The part of a Sender that watches tasks."""
 
     _parent: TaskId

@@ -17,7 +17,7 @@ from tca_tools.analysis.held_up import Before, HeldUp, held_up
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.step_words import still_handled, waited
-from tca_tools.analysis.steps import Doing, Step
+from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import span_of
 from tca_tools.run.fates import GOOD_FATES
 from tca_tools.run.whole_run import Run
@@ -144,7 +144,7 @@ def _on_waits(
     by_name = {use.name: use for use in uses}
     for held in held_up(run, causes, path, window, at_least):
         yield _on_wait(run, held, by_name, window, called)
-    delays: dict[str, list[Step]] = defaultdict(list)
+    delays: dict[str, list[PathStep]] = defaultdict(list)
     for step in path.steps:
         if step.doing is Doing.DELAY:
             delays[run.name(step.message_id)].append(step)
@@ -169,7 +169,7 @@ def _on_wait(run: Run, held: HeldUp, uses: dict[str, Use], window: Span, called:
     )  # fmt: skip
 
 
-def _longest(run: Run, wait: Before, step: Step) -> str:
+def _longest(run: Run, wait: Before, step: PathStep) -> str:
     """The longest of some waits, in words, with what is known of why."""
     asked = step.resumed.awaited if step.resumed else step.message_id
     told = f"{waited(run, step)}{',' * bool(step.resumed)} {duration(wait.seconds)}, until {run_time(wait.end)}"

@@ -15,7 +15,7 @@ from math import nextafter
 from operator import itemgetter
 
 from tca_tools.analysis.standing import going_on, last_change
-from tca_tools.analysis.steps import Doing, Step, delay_of
+from tca_tools.analysis.steps import Doing, PathStep, delay_of
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
@@ -37,7 +37,7 @@ class _At:
 _Over = tuple[float, float, HandlerWait]
 """When a wait was over, and what had come last by then: when, and the wait for that."""
 _END = itemgetter(0)
-_Back = tuple[Step | None, _At | None]
+_Back = tuple[PathStep | None, _At | None]
 """A step back, if it took time, and where the walk stands before it; None where it begins."""
 
 
@@ -53,18 +53,18 @@ class Causes:
         self._over: dict[int, list[_Over]] = {}
         """The waits of handlers that were walked through, by their ends."""
 
-    def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[Step]:
+    def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[PathStep]:
         """The steps that led to what happened at *time* to a message, or that a handler did then; the newest first."""
         return self._back(_At(time, message_id, handling), lambda _: None)
 
-    def back_before(self, step: Step, since: Callable[[Step], float | None]) -> Iterator[Step]:
+    def back_before(self, step: PathStep, since: Callable[[PathStep], float | None]) -> Iterator[PathStep]:
         """The steps before *step*, newest first, as if there had been no waits before those for which *since* says from
         when on they waited: from there the walk goes on with who waited, not with what he waited for.
         """
         start = since(step)
         return self._back(_before(step, step.start if start is None else start), since)
 
-    def _back(self, first: _At, since: Callable[[Step], float | None]) -> Iterator[Step]:
+    def _back(self, first: _At, since: Callable[[PathStep], float | None]) -> Iterator[PathStep]:
         at: _At | None = first
         seen = set()
         while at is not None and (place := (at.time, at.message_id, id(at.handling))) not in seen:
@@ -82,7 +82,7 @@ class Causes:
         start, wait = over[place - 1][1:] if place else (handling.start, None)
         before = _At(start, wait.awaited, wait=wait) if wait else _At(start, handling.message_id)
         message = handling.message_id
-        step = Step(start, at.time, Doing.WORK, message, handling.module, handling.resource, handling, wait)
+        step = PathStep(start, at.time, Doing.WORK, message, handling.module, handling.resource, handling, wait)
         return step, before
 
     def _as_ended(self, waits: list[HandlerWait], *, is_outside: bool = False) -> list[_Over]:
@@ -133,12 +133,12 @@ class Causes:
         if by is not None and by.start < time and (by.end is None or by.end >= time):
             return None, _At(time, number, by)
         if by is not None and by.end is not None and by.end < time:
-            return Step(by.end, time, Doing.OUTSIDE, number, module), _At(by.end, by.message_id, by)  # beside it
+            return PathStep(by.end, time, Doing.OUTSIDE, number, module), _At(by.end, by.message_id, by)  # beside it
         outside = self._outside.get(module, []) if by is None else []
         if not (place := bisect_left(outside, time, key=_END)):
             return None, None
         _, start, wait = outside[place - 1]
-        return Step(start, time, Doing.OUTSIDE, number, module, resumed=wait), _At(start, wait.awaited, wait=wait)
+        return PathStep(start, time, Doing.OUTSIDE, number, module, resumed=wait), _At(start, wait.awaited, wait=wait)
 
     def _at_claim(self, at: _At) -> _Back | None:
         """Back into who had a lock until then; or from a lock that was wanted until then, to where it was asked for."""
@@ -147,14 +147,14 @@ class Causes:
             return None if wanted is None else self._wanted(wanted, at.time)
         if held.by is not None and held.by.start < at.time and (held.by.end is None or held.by.end >= at.time):
             return None, _At(at.time, at.message_id, held.by)
-        return Step(held.granted, at.time, Doing.LOCKED, at.message_id, held.sender), _At(held.granted, held.id)
+        return PathStep(held.granted, at.time, Doing.LOCKED, at.message_id, held.sender), _At(held.granted, held.id)
 
     def _wanted(self, claim: Claim, time: float) -> _Back:
         """Back to where a lock was asked for: nothing is known that let it be granted, or it was wanted in vain."""
         if claim.start >= time:
             return self._by(claim.sender, claim.by, claim.id, time)
         message = claim.by.message_id if claim.by else claim.id
-        step = Step(claim.start, time, Doing.LOCKED, message, claim.module, claim.resource)
+        step = PathStep(claim.start, time, Doing.LOCKED, message, claim.module, claim.resource)
         return step, _At(claim.start, claim.id)
 
     # --- events without an origin: a time was due, or a cut-off ---------------------------------------------------
@@ -167,13 +167,13 @@ class Causes:
         queueing = next((one for one in queueings if one.end == time and one.start < time), None)
         if queueing is not None:
             doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
-            step = Step(queueing.start, time, doing, message.id, queueing.module, queueing.resource)
+            step = PathStep(queueing.start, time, doing, message.id, queueing.module, queueing.resource)
             return step, _At(queueing.start, message.id)
         for hold in message.holds if isinstance(message, Task) else ():
             if hold.over == time and isinstance(message, Task):
                 start, cause = delay_of(self._run, message, hold)
                 start = start if start < time else min(hold.added, time)  # it counts from when it was asked for
-                return Step(start, time, Doing.DELAY, message.id, ""), _At(start, cause)
+                return PathStep(start, time, Doing.DELAY, message.id, ""), _At(start, cause)
         if message.received == time:
             return None, (_At(time, message.about) if message.about in self._run.messages else None)
         return self._cut_off(message, at)
@@ -186,7 +186,7 @@ class Causes:
         start = monitor.reached.get(Moment.START_HANDLING, monitor.received)
         if start >= time:
             return None, _At(time, monitor.id)
-        return Step(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
+        return PathStep(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
 
     def _cut_off(self, message: Message, at: _At) -> _Back:
         """It was killed or suspended then, or somebody no longer waited for it: back to what it waited for itself."""
@@ -199,24 +199,24 @@ class Causes:
             return self._in_vain(at.wait, at.time)
         since = last_change(self._run, message, at.time)
         doing = Doing.KILLED if was_killed else Doing.UNKNOWN
-        return Step(since, at.time, doing, message.id, ""), _At(since, message.id)
+        return PathStep(since, at.time, doing, message.id, ""), _At(since, message.id)
 
     def _in_vain(self, wait: HandlerWait, time: float) -> _Back:
         """Nothing is known that ended a wait: back to where it began."""
         if (claim := self._run.claims.get(wait.awaited)) is not None:
             return self._wanted(claim, time)
         message_id, run = (wait.by.message_id, wait.by) if isinstance(wait.by, Handling) else (wait.awaited, None)
-        return Step(wait.start, time, Doing.UNKNOWN, wait.awaited, ""), _At(wait.start, message_id, run)
+        return PathStep(wait.start, time, Doing.UNKNOWN, wait.awaited, ""), _At(wait.start, message_id, run)
 
 
-def _resumed(task: Task, time: float) -> Step | None:
+def _resumed(task: Task, time: float) -> PathStep | None:
     """The part of a suspension that was over then in which nothing ran any more."""
     for one in task.suspensions:
         if one.end == time and (since := one.standstill) is not None and since < time:
-            return Step(since, time, Doing.SUSPENDED, one.cause, "")
+            return PathStep(since, time, Doing.SUSPENDED, one.cause, "")
     return None
 
 
-def _before(step: Step, since: float) -> _At:
+def _before(step: PathStep, since: float) -> _At:
     """Where a walk goes on that leaves out the wait before a step: in its handler, or where it was put into a queue."""
     return _At(since, step.message_id, step.handling if step.resumed else None)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.step_words import named, waited
-from tca_tools.analysis.steps import Doing, Step
+from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Handling, Task
 from tca_tools.run.whole_run import Run
@@ -42,13 +42,13 @@ class Chance(NamedTuple):
     """The command whose end let the planning begin."""
     second: int
     """The command that waited for the plan."""
-    held: Step
+    held: PathStep
     """The step that an order held back: it began, or went on, only in the gap."""
     start: float
     """When the acting resource had nothing to act any more."""
     end: float
     """When the resource acted again."""
-    steps: list[Step]
+    steps: list[PathStep]
     """The planning."""
     saving: float
     """At most so many seconds."""
@@ -115,12 +115,12 @@ def _chances(
 
 def _held_in(
     run: Run, causes: Causes, acting: Key, second: Handling, gap: float
-) -> tuple[Step, list[Step]] | None:  # fmt: skip
+) -> tuple[PathStep, list[PathStep]] | None:  # fmt: skip
     """The step that an order held back until a gap, and the steps planned from there on."""
     message = run.messages[second.message_id]
     if any(one.start < gap and (one.end is None or one.end > gap) for one in message.queueings):
         return None  # there was something to act: only it could not begin
-    steps: list[Step] = []
+    steps: list[PathStep] = []
     for step in causes.back_from(second.start, second.message_id):
         if step.end <= gap:
             break
@@ -134,7 +134,7 @@ def _held_in(
     return (steps[number], planning) if planning else None
 
 
-def _was_held(run: Run, step: Step, gap: float) -> bool:
+def _was_held(run: Run, step: PathStep, gap: float) -> bool:
     """Whether a step could have begun before the gap, had an order not held it back."""
     if step.resumed:
         return step.resumed.start < gap and step.resumed.awaited not in run.claims  # a lock is no order
@@ -145,7 +145,7 @@ def _was_held(run: Run, step: Step, gap: float) -> bool:
     return task.handlings[0].start == step.start and not was_queued
 
 
-def _plans(run: Run, step: Step, acting: Key) -> bool:
+def _plans(run: Run, step: PathStep, acting: Key) -> bool:
     """Whether a step is planning: work, of something else than commands, elsewhere than where is acted."""
     message = run.messages.get(step.message_id)
     if step.doing is not Doing.WORK or message is None or (step.module, step.resource) == acting:
@@ -156,7 +156,7 @@ def _plans(run: Run, step: Step, acting: Key) -> bool:
 # --- causes and remedies --------------------------------------------------------------------------------------------
 
 
-def why_held(run: Run, held: Step) -> str:
+def why_held(run: Run, held: PathStep) -> str:
     """The reason why the planning was held back, in words."""
     if held.resumed:
         return waited(run, held)
@@ -164,7 +164,7 @@ def why_held(run: Run, held: Step) -> str:
     return f"{run.describe(held.message_id)} was held {several_in_words(told(at, waits_now(at, held.message_id)))}"
 
 
-def _remedy(run: Run, held: Step) -> str:
+def _remedy(run: Run, held: PathStep) -> str:
     """The change that would help: the same for all chances of a kind."""
     name = run.name(held.message_id)
     if not held.resumed:
@@ -185,7 +185,7 @@ def _remedy(run: Run, held: Step) -> str:
 # --- how much it would save ----------------------------------------------------------------------------------------
 
 
-def _saving(run: Run, covers: dict[Key, Cover], held: Step, steps: list[Step], acts_since: float) -> float:
+def _saving(run: Run, covers: dict[Key, Cover], held: PathStep, steps: list[PathStep], acts_since: float) -> float:
     """The least of: the planning, place by place no more than its resource was free; and the acting before it."""
     since = max(acts_since, held.resumed.start if held.resumed else _might_begin(run, run.tasks[held.message_id], held))
     window = max(held.start - since, 0.0)
@@ -209,7 +209,7 @@ def _full(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
     return covers[key].within(*window)
 
 
-def _might_begin(run: Run, task: Task, held: Step) -> float:
+def _might_begin(run: Run, task: Task, held: PathStep) -> float:
     """When a task might have been planned at the earliest, were it not for what held it back last."""
     constraints = (hold.constraint for hold in task.holds)
     points = [one.before for one in constraints if one.after.moment in _PLANNING and one.before.task != task.id]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.standing import at_last
 from tca_tools.analysis.step_words import named
-from tca_tools.analysis.steps import Doing, Step
+from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import is_over, mattering
 from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
@@ -23,7 +23,7 @@ class CriticalPath:
     task: Task
     is_open: bool
     """Whether the task had not ended: then it leads to what went on last."""
-    steps: list[Step]
+    steps: list[PathStep]
     """Oldest first; each begins when the one before ends."""
     because: list[str] = field(default_factory=list)
     """Of an open one that leads to something outside of its task: the waits that lead there, in words."""

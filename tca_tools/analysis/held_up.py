@@ -18,7 +18,7 @@ from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.long_waits import is_in_vain
 from tca_tools.analysis.resources import kept_out
 from tca_tools.analysis.step_words import queueing_before
-from tca_tools.analysis.steps import Doing, Step
+from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.run.records import Claim
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, Span
@@ -47,7 +47,7 @@ class Before(NamedTuple):
 class HeldUp:
     """All waits of one kind and name on a path."""
 
-    waits: list[tuple[Before, Step]]
+    waits: list[tuple[Before, PathStep]]
     """Each with the step that began after it."""
     seconds: float
     """How long the path's steps waited so; where waits overlap, once."""
@@ -57,7 +57,7 @@ class HeldUp:
 
 def held_up(run: Run, causes: Causes, path: CriticalPath, window: Span, at_least: float) -> Iterator[HeldUp]:
     """The waits before the steps of a path, where they took *at_least* so many seconds in a window."""
-    found: dict[tuple[Words, str], list[tuple[Before, Step]]] = {}
+    found: dict[tuple[Words, str], list[tuple[Before, PathStep]]] = {}
     for step in path.steps:
         if before := _before(run, step):
             found.setdefault((before.words, before.name), []).append((before, step))
@@ -67,7 +67,7 @@ def held_up(run: Run, causes: Causes, path: CriticalPath, window: Span, at_least
             yield HeldUp(alike, seconds, Cover(_left_out(run, causes, alike[-1][1])).within(*window))
 
 
-def _before(run: Run, step: Step) -> Before | None:
+def _before(run: Run, step: PathStep) -> Before | None:
     """The wait of a step in a queue, or of its handler for a reply or a lock; None if it was neither."""
     message = run.messages.get(step.message_id)
     if message and (queueing := queueing_before(run, step)):
@@ -89,11 +89,11 @@ def _before(run: Run, step: Step) -> Before | None:
     return Before(said, run.name(wait.awaited), wait.start, step.start)
 
 
-def _left_out(run: Run, causes: Causes, last: Step) -> Iterator[Span]:
+def _left_out(run: Run, causes: Causes, last: PathStep) -> Iterator[Span]:
     """The spans that a walk back from the last step leaves out: waits like the one before it."""
     like = _before(run, last)
 
-    def since(step: Step) -> float | None:
+    def since(step: PathStep) -> float | None:
         found = _before(run, step)
         return found.start if found and like and found[:2] == like[:2] else None
 
@@ -103,7 +103,7 @@ def _left_out(run: Run, causes: Causes, last: Step) -> Iterator[Span]:
             yield from _not_unhandled(run, step)
 
 
-def _not_unhandled(run: Run, step: Step) -> Iterator[Span]:
+def _not_unhandled(run: Run, step: PathStep) -> Iterator[Span]:
     """The wait before a step, without the time in which nobody handled what was asked: that is told of elsewhere."""
     if (before := _before(run, step)) is None:
         return

@@ -8,7 +8,7 @@ from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import HandlerWait, Queueing, State, Suspension, Task
+from tca_tools.run.records import HandlerWait, Queueing, Suspension, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.why.keepers import Keepers, WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.why.wait_words import of_claim, of_queueing, wait_for
@@ -80,7 +80,7 @@ def _all(run: Run) -> Iterator[_Found]:
     """The held, suspended and queued messages, and the waits of handlers."""
     for task in run.tasks.values():
         for since, end, state in task.spans():
-            if state in (State.HELD, State.PLANNED):
+            if state in (TaskState.HELD, TaskState.PLANNED):
                 yield _Found(WaitKind.CONSTRAINT, task.id, since, None if end == inf else end, task)
     for suspension in run.suspensions():
         if (still := suspension.standstill) is not None:

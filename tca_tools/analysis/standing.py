@@ -7,7 +7,7 @@ on, its constraints, and its handlers that wait, lead to tasks elsewhere.
 from math import inf
 from typing import NamedTuple
 
-from tca_tools.analysis.steps import Doing, Step, delay_of
+from tca_tools.analysis.steps import Doing, PathStep, delay_of
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
 from tca_tools.run.whole_run import Run
@@ -28,7 +28,7 @@ class GoingOn(NamedTuple):
     """The message that runs; or at whose event something came to stand."""
     handling: Handling | None
     """The handler that went on until then."""
-    standing: Step | None
+    standing: PathStep | None
     """The step that stands; None: it runs."""
 
     def rank(self) -> tuple[bool, bool, float]:
@@ -41,19 +41,19 @@ def going_on(at: RunAt, message: Message, until: float) -> GoingOn | None:
     """The cause of a wait *until* just after a moment: runs come before standstills, and these before monitors that
     watch; of standstills the longest. None if nothing is known.
     """
-    return min(_Walk(at, message, until).found, key=GoingOn.rank, default=None)
+    return min(_WaitWalk(at, message, until).found, key=GoingOn.rank, default=None)
 
 
 def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
     """The cause of an open task's wait when the journal ends; and if it is not under the task, the waits that lead
     there, in words. If it is not known, since when nothing happened under the task.
     """
-    walk = _Walk(RunAt(run), task, run.time)
+    walk = _WaitWalk(RunAt(run), task, run.time)
     if (found := min(walk.found, key=GoingOn.rank, default=None)) is not None:
         return found, walk.way_to(found.node) if found.is_elsewhere else []
     last = last_change(run, task, inf)
     is_held = waits_now(RunAt(run), task.id) and not task.handling  # else its handler stands in a circle of waits
-    step = Step(last, run.time, Doing.HELD if is_held else Doing.UNKNOWN, task.id, "")
+    step = PathStep(last, run.time, Doing.HELD if is_held else Doing.UNKNOWN, task.id, "")
     return GoingOn(Node(task.id), False, task.id, None, step), []
 
 
@@ -74,7 +74,7 @@ class _Way(NamedTuple):
     is_elsewhere: bool
 
 
-class _Walk:
+class _WaitWalk:
     """From a task to all that it waits for, and what that waits for."""
 
     def __init__(self, at: RunAt, message: Message, until: float) -> None:
@@ -151,5 +151,5 @@ class _Walk:
         self, node: Node, number: int, cause: int, since: float, doing: Doing, module: str = "", resource: str = "",
         by: Handling | None = None,
     ) -> None:  # fmt: skip
-        step = Step(since, self._until, doing, number, module, resource)
+        step = PathStep(since, self._until, doing, number, module, resource)
         self.found.append(GoingOn(node, self._ways[node].is_elsewhere, cause, by, step))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import inf, nextafter
 
 from tca_tools.analysis.long_waits import handler_wait_in_words
-from tca_tools.analysis.steps import Doing, Step
+from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Message, Queueing, Task
 from tca_tools.run.whole_run import UNKNOWN, Run
@@ -25,7 +25,7 @@ def named(run: Run, number: int) -> str:
     return "what was sent before the journal begins" if name == UNKNOWN else name
 
 
-def queueing_before(run: Run, step: Step) -> Queueing | None:
+def queueing_before(run: Run, step: PathStep) -> Queueing | None:
     """The wait in a queue that ended when a step began."""
     message = run.messages.get(step.message_id)
     if message is None or step.resumed or step.doing is not Doing.WORK:
@@ -33,7 +33,7 @@ def queueing_before(run: Run, step: Step) -> Queueing | None:
     return next((one for one in reversed(message.queueings) if one.end == step.start and one.start < step.start), None)
 
 
-def waited(run: Run, step: Step) -> str:
+def waited(run: Run, step: PathStep) -> str:
     """``the handler of walk {1} waited until move {3} is achieved``: who waited before a step began, and for what."""
     if step.resumed is None:
         return f"{run.describe(step.message_id)} waited"
@@ -41,7 +41,7 @@ def waited(run: Run, step: Step) -> str:
     return f"{who} waited {handler_wait_in_words(run, step.resumed)}"
 
 
-def why_then(run: Run, step: Step) -> str:
+def why_then(run: Run, step: PathStep) -> str:
     """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is known."""
     message = run.messages.get(step.message_id)
     if message and step.doing in _WHY and (why := _WHY[step.doing](run, message, step)):
@@ -124,7 +124,7 @@ def still_handled(run: Run, message_id: int, until: float) -> str:
     return ""
 
 
-def _why_delayed(run: Run, message: Message, step: Step) -> str:
+def _why_delayed(run: Run, message: Message, step: PathStep) -> str:
     """Which delay it was; of one that is not over, until when it lasts."""
     delays = (one for one in waits_of(run, message.id) if one.kind is WaitKind.DELAY)
     delay = next((one for one in delays if min(one.end, run.time) == step.end), None)
@@ -137,7 +137,7 @@ def _why_delayed(run: Run, message: Message, step: Step) -> str:
     return f"it wait{'s' if is_open else 'ed'} {in_words(said)}{later}"
 
 
-def _why_suspended(_run: Run, message: Message, step: Step) -> str:
+def _why_suspended(_run: Run, message: Message, step: PathStep) -> str:
     for one in message.suspensions if isinstance(message, Task) else ():
         if one.start <= step.start and (one.end is None or one.end >= step.end):
             text = by_whom(one.by) + f" at {run_time(one.start)}" * (one.start < step.start)
@@ -145,7 +145,7 @@ def _why_suspended(_run: Run, message: Message, step: Step) -> str:
     return ""
 
 
-def _why_standing(run: Run, message: Message, step: Step) -> str:
+def _why_standing(run: Run, message: Message, step: PathStep) -> str:
     """The wait when the journal ends, or the step."""
     words = _in_words(run, waits_now(RunAt(run, nextafter(step.end, 0.0)), message.id), step.end)
     return f"it waits {words}{still_handled(run, message.id, step.end)}" if words else ""

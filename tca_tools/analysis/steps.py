@@ -26,7 +26,7 @@ class Doing(StrEnum):
 
 
 @dataclass(slots=True)
-class Step:
+class PathStep:
     """A span of time, and what had to pass in it before what follows could happen."""
 
     start: float

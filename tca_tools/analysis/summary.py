@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from tca_tools.run.fates import STANDINGS, standing
-from tca_tools.run.records import OVER, State, Task
+from tca_tools.run.records import OVER, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_wire.text.measures import counted, run_time
 from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import CENTRAL
 
-ENDED_BADLY = (State.FAILED, State.KILLED)
+ENDED_BADLY = (TaskState.FAILED, TaskState.KILLED)
 """States of a task that has ended and is not achieved."""
 _LONGEST = 200
 """Characters of a reason."""
@@ -72,7 +72,7 @@ def summary(run: Run) -> Summary:
         len(top),
         failures,
         _reasons(run, top),
-        bool(top) and all(task.state is State.ACHIEVED for task in top),
+        bool(top) and all(task.state is TaskState.ACHIEVED for task in top),
         _outcome(run, top, failures),
     )
 
@@ -115,7 +115,7 @@ def stands_by(task: Task) -> bool:
     """Whether it is a monitor that watches until somebody ends it: it still does, or a module has killed it."""
     if not task.message_class.is_monitor:
         return False
-    return not is_over(task) or (task.state is State.KILLED and task.killed_by != CENTRAL)
+    return not is_over(task) or (task.state is TaskState.KILLED and task.killed_by != CENTRAL)
 
 
 def is_over(task: Task) -> bool:
@@ -153,7 +153,7 @@ def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
     found: dict[object, list[Task]] = {}
     for task in top:
         if task.state in ENDED_BADLY:
-            failed = run.tasks.get(task.killed_for, task) if task.state is State.KILLED else task
+            failed = run.tasks.get(task.killed_for, task) if task.state is TaskState.KILLED else task
             why = failed.failure.name if failed.failure else task.killed
             found.setdefault((task.name, task.state, why), []).append(task)
     return sorted(((_ended(tasks[0]), len(tasks)) for tasks in found.values()), key=lambda row: -row[1])
@@ -162,5 +162,5 @@ def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
 def _ended(task: Task) -> str:
     """``move {5} failed: jam``: a task that was not achieved, and why."""
     killed = f"was killed: {task.why_killed or 'nobody said why'}"
-    text = first_line(f"{task} failed: {task.failure}" if task.state is State.FAILED else f"{task} {killed}")
+    text = first_line(f"{task} failed: {task.failure}" if task.state is TaskState.FAILED else f"{task} {killed}")
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"

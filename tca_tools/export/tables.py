@@ -33,24 +33,24 @@ class ColumnType(StrEnum):
     JSON = "json"
 
 
-Row = tuple[Any, ...]
+TableRow = tuple[Any, ...]
 
 
 class Table:
     """A name, columns with their types, and how the rows are made, oldest first."""
 
-    def __init__(self, name: str, columns: str, rows: Callable[[Run], Iterator[Row]]) -> None:
+    def __init__(self, name: str, columns: str, rows: Callable[[Run], Iterator[TableRow]]) -> None:
         self.name = name
         self.columns = {column: ColumnType(word) for column, _, word in (one.partition(":") for one in columns.split())}
         self.rows = rows
 
 
-def _run(run: Run) -> Iterator[Row]:
+def _run(run: Run) -> Iterator[TableRow]:
     first, last = (run.clock[0], run.clock[-1]) if run.clock else (None, None)
     yield run.epoch or None, run.began, first, last, max(run.time, last or 0.0), run.is_live, len(run.times)
 
 
-def _messages(run: Run) -> Iterator[Row]:
+def _messages(run: Run) -> Iterator[TableRow]:
     for message in run.messages.values():
         runs = message.handlings
         yield (
@@ -62,7 +62,7 @@ def _messages(run: Run) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def _failures(run: Run) -> Iterator[Row]:
+def _failures(run: Run) -> Iterator[TableRow]:
     for one in all_failures(run):
         yield (
             one.message.id, one.message.name, one.time, one.failure.name, one.failure.words or None, one.by or None,
@@ -74,7 +74,7 @@ def _delivery(handling: Handling | None) -> int | None:
     return handling.delivery or None if handling else None
 
 
-def _tasks(run: Run) -> Iterator[Row]:
+def _tasks(run: Run) -> Iterator[TableRow]:
     depths: dict[int, int] = {}
     for task in run.tasks.values():
         depths[task.id] = depths.get(task.parent, 0) + 1
@@ -84,13 +84,13 @@ def _tasks(run: Run) -> Iterator[Row]:
         yield *known, *reached, *killed, task.suspension is not None
 
 
-def _states(run: Run) -> Iterator[Row]:
+def _states(run: Run) -> Iterator[TableRow]:
     for task in run.tasks.values():
         for (start, state), (end, _) in pairwise(chain(task.states, [(None, None)])):
             yield task.id, task.name, str(state), start, end
 
 
-def _handlings(run: Run) -> Iterator[Row]:
+def _handlings(run: Run) -> Iterator[TableRow]:
     for handling in run.handlings:
         yield (
             handling.message_id or None, handling.delivery or None, handling.name, handling.module, handling.resource,
@@ -100,14 +100,14 @@ def _handlings(run: Run) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def _queueings(run: Run) -> Iterator[Row]:
+def _queueings(run: Run) -> Iterator[TableRow]:
     for queueing in run.queueings:
         name = run.name(queueing.message_id)
         where = (queueing.module, queueing.resource)
         yield queueing.message_id, name, *where, queueing.priority, queueing.start, queueing.end
 
 
-def _waits(run: Run) -> Iterator[Row]:
+def _waits(run: Run) -> Iterator[TableRow]:
     found = [(message.id, wait) for message in run.messages.values() for wait in waits_of(run, message.id)]
     found += [(0, of_handler_wait(run, wait)) for module in run.modules.values() for wait in module.waits]
     for number, wait in sorted(found, key=lambda one: one[1].start):
@@ -129,7 +129,7 @@ def _place(wait: Wait) -> tuple[str | None, str | None, int | None]:
     return record if isinstance(record, str) else None, None, None
 
 
-def _claims(run: Run) -> Iterator[Row]:
+def _claims(run: Run) -> Iterator[TableRow]:
     for claim in run.claims.values():
         yield (
             claim.id, claim.module, claim.resource, claim.is_reserved, claim.sender, claim.origin or None, claim.start,

@@ -11,7 +11,7 @@ from tca_tools.gantt import titles
 from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
 from tca_tools.run.fates import has_coped, went_on
-from tca_tools.run.records import HandlerWait, Handling, ModuleRecord, Queueing, State, Task
+from tca_tools.run.records import HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import lanes
 from tca_tools.why.waits import told_waits
@@ -22,7 +22,7 @@ NO_HANDLER = "(no handler)"
 """The row of what waits for a module that handles it."""
 SUSPENDED = "(suspended)"
 """The row of suspended tasks."""
-_HELD = (State.HELD, State.PLANNED)
+_HELD = (TaskState.HELD, TaskState.PLANNED)
 """States in which a task may not go on yet: it may not be handled, or may not be achieved."""
 
 
@@ -164,14 +164,14 @@ class _Filler:
 
     def _add_kept(self, task: Task) -> None:
         """The spans in which a task was held, where it was or would be handled, or suspended, in a row of their own."""
-        wanted = (State.SUSPENDED, *_HELD) if task.id in self.pick.held else (State.SUSPENDED,)
+        wanted = (TaskState.SUSPENDED, *_HELD) if task.id in self.pick.held else (TaskState.SUSPENDED,)
         if not any(state in wanted for _, state in task.states) or not self.pick.message(task.id):
             return
         for start, end, state in task.spans():
             where = _home(self.run, task, start, end) if state in wanted else None
             if where is None or not self.pick.row(where[0]):
                 continue
-            if state is State.SUSPENDED:
+            if state is TaskState.SUSPENDED:
                 span = (start, None if end == inf else end)
                 bar = self._bar(BarKind.SUSPENDED, task.name, *span, titles.suspended, task, *span, of=task.id)
                 self._row("", SUSPENDED).queued.append(bar)

@@ -20,7 +20,7 @@ from tca_tools.analysis.failures import FailureKind, failures
 from tca_tools.analysis.long_waits import WaitsOfKind, long_waits
 from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.step_words import why_then
-from tca_tools.analysis.steps import Doing, Step
+from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import Summary, summary
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story
@@ -42,7 +42,7 @@ class ShownPath(NamedTuple):
 
     path: CriticalPath
     shares: list[Share]
-    steps: list[tuple[Step, str, str]]
+    steps: list[tuple[PathStep, str, str]]
     """Each with what it was of, and why it did not begin sooner."""
     left_out: int
     left_out_seconds: float

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import OVER, State
+from tca_tools.run.records import OVER, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row, cut_off, outline
@@ -76,7 +76,7 @@ def _with_trouble(at: RunAt) -> set[int]:
     found: set[int] = set()
     for number in reversed(list(at.tasks)):  # children come before their parents
         state = at.tasks[number].state
-        if number in found or state is State.FAILED or state not in OVER:
+        if number in found or state is TaskState.FAILED or state not in OVER:
             found |= {number, at.tasks[number].parent}
     return found
 

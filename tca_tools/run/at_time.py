@@ -14,17 +14,17 @@ from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 from tca_tools.run.fates import standing, watches
 from tca_tools.run.records import (
     OVER,
-    Ahead,
     Claim,
+    EventAhead,
     Failure,
     HandlerWait,
     Handling,
     Hold,
     Message,
     Queueing,
-    State,
     Suspension,
     Task,
+    TaskState,
     going_on,
     lately,
 )
@@ -81,7 +81,7 @@ class TaskAt:
         return str(self.record)
 
     @property
-    def state(self) -> State:
+    def state(self) -> TaskState:
         """Its state."""
         return self.record.state_at(self.moment)
 
@@ -94,7 +94,7 @@ class TaskAt:
     def since(self) -> float:
         """From when on it was in that state; of a queued one, in the queue that it was in then."""
         since, state = self.record.states[self.record.place_at(self.moment)]
-        queueing = self.queueing if state is State.QUEUED else None
+        queueing = self.queueing if state is TaskState.QUEUED else None
         return max(since, queueing.start) if queueing else since
 
     @property
@@ -170,10 +170,10 @@ class TaskAt:
         return bool(begun) and any(begun[-1] < one.time <= self.moment for one in self.record.retries)
 
     @property
-    def ahead(self) -> list[Ahead]:
+    def ahead(self) -> list[EventAhead]:
         """Its deadlines that were to come, and when it was to be killed."""
         known = self._run.ahead.get(self.record.id, ())
-        return [one for one in known if one.set_at <= self.moment and self.state not in (*OVER, State.ENDING)]
+        return [one for one in known if one.set_at <= self.moment and self.state not in (*OVER, TaskState.ENDING)]
 
 
 def remembered(look: Callable[Concatenate["RunAt", _P], _T]) -> Callable[Concatenate["RunAt", _P], _T]:

@@ -12,21 +12,21 @@ from enum import StrEnum
 from math import inf
 from operator import attrgetter, itemgetter
 
-from tca_tools.run.records import OVER, Handling, Message, State, Task
+from tca_tools.run.records import OVER, Handling, Message, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome, Role
 
 _SINCE, _START = itemgetter(0), attrgetter("start")
-UNDECIDED = (State.RECOVERING, State.ENDING, State.FAILED)
+UNDECIDED = (TaskState.RECOVERING, TaskState.ENDING, TaskState.FAILED)
 """States in which a failure leaves its task first; what comes after them decides."""
 
 HANDLED = "failed (handled)"
 """How a task stands that has failed, if the run went on after that."""
 WATCHING = "watching"
 """How a monitor stands that has begun to watch, and goes on: as a task it is being achieved."""
-_MORE = {State.FAILED: HANDLED, State.ACHIEVING: WATCHING}
-STANDINGS = tuple(word for state in State for word in ((state, _MORE[state]) if state in _MORE else (state,)))
+_MORE = {TaskState.FAILED: HANDLED, TaskState.ACHIEVING: WATCHING}
+STANDINGS = tuple(word for state in TaskState for word in ((state, _MORE[state]) if state in _MORE else (state,)))
 """All words for how a task stands, in the order in which they are listed."""
 
 Failing = Message | Handling
@@ -101,16 +101,16 @@ def coped_with(run: Run, message: Message, moment: float = inf, known: float | N
     return bool(message.was("failure", moment)) and went_on(run, message, failed, moment if known is None else known)
 
 
-def standing(run: Run, task: Task, state: State, moment: float = inf) -> str:
+def standing(run: Run, task: Task, state: TaskState, moment: float = inf) -> str:
     """How a task in a state stands at a moment, in words; see ``STANDINGS``."""
     if watches(task, state, moment):
         return WATCHING
-    return HANDLED if state is State.FAILED and coped_with(run, task, moment) else str(state)
+    return HANDLED if state is TaskState.FAILED and coped_with(run, task, moment) else str(state)
 
 
-def watches(task: Task, state: State, moment: float = inf) -> bool:
+def watches(task: Task, state: TaskState, moment: float = inf) -> bool:
     """Whether it is a monitor that has begun to watch, and goes on."""
-    if not task.message_class.is_monitor or state not in (State.ACHIEVING, State.PLANNING):
+    if not task.message_class.is_monitor or state not in (TaskState.ACHIEVING, TaskState.PLANNING):
         return False
     if task.time_of(Moment.START_HANDLING) > moment:
         return False
@@ -126,7 +126,7 @@ def watching(task: Task) -> Iterator[tuple[float, float]]:
         begun = min((one.time for one in task.retries if one.time >= stopped), default=inf)
     spans.append((begun, inf))
     for since, over, state in task.spans():
-        for start, end in spans if state in (State.ACHIEVING, State.PLANNING) else ():
+        for start, end in spans if state in (TaskState.ACHIEVING, TaskState.PLANNING) else ():
             if max(start, since) < min(end, over):
                 yield max(start, since), min(end, over)
 
@@ -149,7 +149,7 @@ def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
         return [last.by] if is_open and last.by is not None else []
     became, top = _of_task(run, last, when), run.tasks[last.top]
     handler = _last_called(run, last, when, inf)
-    is_through = top.state is State.ACHIEVED or (handler is not None and handler.has_ended)
+    is_through = top.state is TaskState.ACHIEVED or (handler is not None and handler.has_ended)
     if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and is_through):
         return []
     return [last, top]
@@ -253,9 +253,9 @@ def _of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
     """
     first, last = task.place_at(time), task.place_at(known)
     decided = next((place for place in range(first, last + 1) if task.states[place][1] not in UNDECIDED), None)
-    if decided is None and task.states[last][1] is State.RECOVERING:
+    if decided is None and task.states[last][1] is TaskState.RECOVERING:
         return Fate.OPEN
-    if decided is not None and task.states[decided][1] is not State.KILLED:
+    if decided is not None and task.states[decided][1] is not TaskState.KILLED:
         if _was_begun_again(task, time, task.states[decided][0]):
             return Fate.RETRIED
         if time not in run.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
@@ -268,7 +268,7 @@ def _of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
     handler is through was not for this failure.
     """
     top, handler = run.tasks[task.top], _last_called(run, task, time, known)
-    if top is not task and top.state_at(known) is State.ACHIEVED:
+    if top is not task and top.state_at(known) is TaskState.ACHIEVED:
         return Fate.REPLACED
     if handler is None:
         return Fate.NOT_HANDLED

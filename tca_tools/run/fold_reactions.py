@@ -6,7 +6,7 @@ Each method that takes a ``fact`` takes all of that type.
 from math import inf
 
 from tca_tools.run.fold_records import RecordFold
-from tca_tools.run.records import Ahead, Exhausted, Failure, Hold, Retry, Task
+from tca_tools.run.records import EventAhead, Exhausted, Failure, Hold, Retry, Task
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point, TaskId
@@ -134,9 +134,9 @@ class ReactionFold(RecordFold):
     def _deadline(self, fact: facts.DeadlineSet) -> None:
         if (task := self.tasks.get(fact.task)) is not None:
             moment = next((moment for moment in Moment if fact.moment & moment), None)
-            self.ahead.setdefault(task.id, []).append(Ahead(self.time, fact.seconds, moment))
+            self.ahead.setdefault(task.id, []).append(EventAhead(self.time, fact.seconds, moment))
 
     def _kill_planned(self, fact: facts.KillPlanned) -> None:
         if fact.task in self.tasks:
-            ahead = Ahead(self.time, fact.seconds, None, fact.after, fact.scope, fact.by)
+            ahead = EventAhead(self.time, fact.seconds, None, fact.after, fact.scope, fact.by)
             self.ahead.setdefault(fact.task, []).append(ahead)

@@ -91,7 +91,7 @@ def run_folders() -> Iterator[Path]:
             yield path
 
 
-class Place(NamedTuple):
+class EntryPlace(NamedTuple):
     """Where an entry stands: a segment, and a byte of it."""
 
     segment: Path
@@ -114,7 +114,7 @@ class Log:
         """The segment that is being followed, or was last."""
         self._damage = ""
         """Why nothing more can be read of the segment that was read last."""
-        self.lost: Place | None = None
+        self.lost: EntryPlace | None = None
         """The end of a part that was read and is not there any more."""
         self._has_entries = False
         self._time = 0.0
@@ -162,7 +162,7 @@ class Log:
 
     def follow_places(
         self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
-    ) -> Iterator[tuple[Entry, Place]]:
+    ) -> Iterator[tuple[Entry, EntryPlace]]:
         """The entries as in *follow*, each with its place."""
         followed: set[Path] = set()
         while not (self._followed_by and self._folder is None):
@@ -273,14 +273,14 @@ class Log:
             self._said.add(line)
             click.echo(f"tca: {printable(line)}", err=True)
 
-    def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[tuple[Entry, Place]]:
+    def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[tuple[Entry, EntryPlace]]:
         self.segment = segment
         with self._excused(), segment.open("rb") as stream:
             reader = JournalReader(stream, str(segment))
             while True:
                 is_last = self.segments()[-1:] == [segment]  # asked first: after that nothing is added to it
                 for entry in self._counted(reader, segment):
-                    yield entry, Place(segment, reader.offset)
+                    yield entry, EntryPlace(segment, reader.offset)
                 self._note_end(segment, reader)
                 self._check_is_whole(segment, reader)
                 if not is_last or self._followed_by:
@@ -290,10 +290,10 @@ class Log:
     def _check_is_whole(self, segment: Path, reader: JournalReader) -> None:
         """Raise JournalDamaged if a segment that is followed is gone, or has lost something that was read."""
         if not segment.exists():
-            self.lost = Place(segment, 0)  # another one may come in its place
+            self.lost = EntryPlace(segment, 0)  # another one may come in its place
             raise JournalDamaged(f"{segment}: has been removed")
         if reader.torn < 0:
-            self.lost = Place(segment, reader.offset)
+            self.lost = EntryPlace(segment, reader.offset)
             raise JournalDamaged(f"{segment}: has become shorter than what was read of it, by {-reader.torn} bytes")
 
     def _note_end(self, segment: Path, reader: JournalReader) -> None:

@@ -19,7 +19,7 @@ from tca_wire.text.facts_in_words import kill_reason, place
 from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Role, Scope
 
 
-class State(StrEnum):
+class TaskState(StrEnum):
     """The state of a task at the moment folded so far."""
 
     HELD = "held"  # not begun: constraints or its parent do not allow it yet
@@ -36,7 +36,7 @@ class State(StrEnum):
     KILLED = "killed"
 
 
-OVER = (State.ACHIEVED, State.FAILED, State.KILLED)
+OVER = (TaskState.ACHIEVED, TaskState.FAILED, TaskState.KILLED)
 """States of a task that has ended."""
 
 
@@ -226,7 +226,7 @@ class Hold:
     """The wiretap whose listener it waits for, if it is that."""
 
 
-class Ahead(NamedTuple):
+class EventAhead(NamedTuple):
     """An event set for a task: it is killed, or fails if it has not reached a moment by then."""
 
     set_at: float
@@ -382,7 +382,7 @@ class Task(Message):
     """Nobody handled its failure. If it was not killed, because it survives what is above it, it goes on."""
     suspensions: list[Suspension] = field(default_factory=list)
     retries: list[Retry] = field(default_factory=list)
-    states: list[tuple[float, State]] = field(default_factory=list)
+    states: list[tuple[float, TaskState]] = field(default_factory=list)
     """From when on it was in which state."""
 
     @property
@@ -404,12 +404,12 @@ class Task(Message):
         """Which of its states it was in."""
         return max(bisect_right(self.states, time, key=_SINCE) - 1, 0)
 
-    def state_at(self, time: float) -> State:
+    def state_at(self, time: float) -> TaskState:
         """Its state at a time."""
         since, state = self.states[-1]
         return state if since <= time else self.states[self.place_at(time)][1]
 
-    def spans(self) -> Iterator[tuple[float, float, State]]:
+    def spans(self) -> Iterator[tuple[float, float, TaskState]]:
         """Its states, with from when until when it was in each."""
         ends = [*(since for since, _ in self.states[1:]), inf]
         return ((since, end, state) for (since, state), end in zip(self.states, ends, strict=True))
@@ -425,35 +425,35 @@ class Task(Message):
         return bool(self.retries and self.handlings) and self.retries[-1].time > self.handlings[-1].start
 
     @property
-    def state(self) -> State:
+    def state(self) -> TaskState:
         """Its current state."""
         return self._end_state() or self._running_state()
 
-    def _end_state(self) -> State | None:
+    def _end_state(self) -> TaskState | None:
         has_ended = self.has_ended
         if not has_ended and self.killed is not None:
-            return State.ENDING
+            return TaskState.ENDING
         if self.is_recovering and not has_ended:
-            return State.RECOVERING
+            return TaskState.RECOVERING
         if self.failure and not self.is_dealt_with and (has_ended or not (self.is_unhandled or self.is_retried)):
-            return State.FAILED
+            return TaskState.FAILED
         if self.killed is not None:
-            return State.KILLED
-        return State.ACHIEVED if has_ended else None
+            return TaskState.KILLED
+        return TaskState.ACHIEVED if has_ended else None
 
-    def _running_state(self) -> State:
+    def _running_state(self) -> TaskState:
         if self.suspension and not self.handling:
-            return State.SUSPENDED
+            return TaskState.SUSPENDED
         if self.is_queued:
-            return State.QUEUED
+            return TaskState.QUEUED
         if Moment.START_HANDLING not in self.reached:
-            return State.HELD
+            return TaskState.HELD
         is_achieving = Moment.START_ACHIEVING in self.reached
         if self.handling:
-            return State.HANDLING if is_achieving else State.PLANNING
+            return TaskState.HANDLING if is_achieving else TaskState.PLANNING
         if is_achieving:
-            return State.ACHIEVING
-        return State.PLANNED if Moment.END_PLANNING in self.reached else State.PLANNING
+            return TaskState.ACHIEVING
+        return TaskState.PLANNED if Moment.END_PLANNING in self.reached else TaskState.PLANNING
 
 
 @dataclass(slots=True)

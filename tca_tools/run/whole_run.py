@@ -8,8 +8,8 @@ from typing import Any
 
 from tca_tools.run.records import (
     NO_FAILURE,
-    Ahead,
     Claim,
+    EventAhead,
     Exhausted,
     Failure,
     HandlerWait,
@@ -42,7 +42,7 @@ class Reactions:
         """For tasks whose failure was not handled when that was so."""
         self.exhausted: dict[int, list[Exhausted]] = {}
         """For tasks whose failure was not handled the exception handlers that might not be called once more."""
-        self.ahead: dict[int, list[Ahead]] = {}
+        self.ahead: dict[int, list[EventAhead]] = {}
         """For tasks that are to be killed, or must be done by a time: that."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
         """For each monitor when its condition was tested, and whether it held."""

@@ -6,7 +6,7 @@ from math import ceil
 
 from tca_tools.analysis.resources import Key, Use, uses
 from tca_tools.analysis.summary import span_of
-from tca_tools.run.records import OVER, Handling, Message, Queueing, State, Task
+from tca_tools.run.records import OVER, Handling, Message, Queueing, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Span, levels
 from tca_tools.why.waits import waits_of
@@ -141,9 +141,9 @@ def _count(stats: MessageStats, message: Message) -> None:
     if message.handlings:
         stats.to_start.seconds.append(message.handlings[0].start - message.received)
     if isinstance(message, Task):
-        end = message.reached.get(Moment.END_ACHIEVING) if message.state is State.ACHIEVED else None
-        stats.failed += message.state is State.FAILED
-        stats.killed += message.state is State.KILLED
+        end = message.reached.get(Moment.END_ACHIEVING) if message.state is TaskState.ACHIEVED else None
+        stats.failed += message.state is TaskState.FAILED
+        stats.killed += message.state is TaskState.KILLED
         stats.open += message.state not in OVER
     else:
         end, last = message.answered, message.handlings[-1] if message.handlings else None

@@ -11,7 +11,7 @@ from operator import itemgetter
 
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fates import HANDLED, STANDINGS, WATCHING
-from tca_tools.run.records import State
+from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows, in_words
 from tca_tools.tasktree_viz.outline import Row
@@ -21,20 +21,20 @@ from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Role
 
 FILLS: dict[str, str] = {
-    State.HELD: "#ffffff",
-    State.QUEUED: "#fff3c4",
-    State.PLANNING: "#e9d8fd",
-    State.PLANNED: "#d6e4ff",
-    State.HANDLING: "#ffcf70",
-    State.ACHIEVING: "#ffe4b0",
+    TaskState.HELD: "#ffffff",
+    TaskState.QUEUED: "#fff3c4",
+    TaskState.PLANNING: "#e9d8fd",
+    TaskState.PLANNED: "#d6e4ff",
+    TaskState.HANDLING: "#ffcf70",
+    TaskState.ACHIEVING: "#ffe4b0",
     WATCHING: "#cdeef2",
-    State.ACHIEVED: "#cfeccb",
-    State.RECOVERING: "#ffc9a3",
-    State.SUSPENDED: "#e6e6c8",
-    State.ENDING: "#e8c4c0",
-    State.FAILED: "#f28b82",
+    TaskState.ACHIEVED: "#cfeccb",
+    TaskState.RECOVERING: "#ffc9a3",
+    TaskState.SUSPENDED: "#e6e6c8",
+    TaskState.ENDING: "#e8c4c0",
+    TaskState.FAILED: "#f28b82",
     HANDLED: "#dfae3f",
-    State.KILLED: "#d5d5d5",
+    TaskState.KILLED: "#d5d5d5",
 }
 _INK, _FAINT, _HEAVY = "#1f2933", "#52606d", "#0b4f8a"
 _LONGEST_NAME, _LONGEST_DATA, _LONGEST_NOTE, _MOST_LINES = 36, 48, 160, 3
@@ -102,7 +102,7 @@ def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
         return f'{_id(row)} [label="{words.folded(row)}", fontsize=10, style="filled,dashed", fillcolor="{fill}"];'
     task, state = row.task, row.task.standing
     style = "filled,rounded" if task.message_class.is_goal else "filled"
-    style += ",dashed" if task.state is State.HELD else ""
+    style += ",dashed" if task.state is TaskState.HELD else ""
     label = "<br/>".join(_label_lines(at, task, said, with_data))
     border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
     rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(words.tooltip(at, task))}{border}'

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
-from tca_tools.run.records import OVER, Message, State, Task
+from tca_tools.run.records import OVER, Message, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
 from tca_tools.why.deciding import called_for, calls, decider, retried
@@ -31,12 +31,12 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
     """The failures that led to a task's failure or kill, oldest first, as known at *moment*; empty if all went well."""
     task = run.tasks[number]
     found: list[tuple[float, _Place, Link]] = []
-    waiting = [_Cause(task, (), moment, moment)]
+    waiting = [_FailureCause(task, (), moment, moment)]
     seen = {task.id}
     killed = _killed(task)
     if not task.failures and killed <= moment:
         found.append((killed, (_END, 0), Link(killed, 0, f"{task} was killed: {task.why_killed}")))
-        waiting = [_Cause(culprit, (_CAUSES, 0), killed, moment) for culprit in _culprits(run, task)]
+        waiting = [_FailureCause(culprit, (_CAUSES, 0), killed, moment) for culprit in _culprits(run, task)]
     while waiting and len(found) < _MOST_LINKS:
         cause = waiting.pop()
         if cause.message.id in seen and cause.place:
@@ -57,7 +57,7 @@ to be handled again, its end.
 """
 
 
-class _Cause(NamedTuple):
+class _FailureCause(NamedTuple):
     """A failure, or something done for another one, that led to a task's failure."""
 
     message: Message
@@ -82,7 +82,7 @@ def _killed(task: Task) -> float:
     return inf if task.killed is None else task.written("killed")
 
 
-def _steps_of(run: Run, cause: _Cause) -> Iterator[tuple[_Place, Link]]:
+def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
     message, place, until, known = cause
     depth = len(place) // 2
     for time, failure in [one for one in message.failures if one[0] <= until]:
@@ -126,7 +126,7 @@ def _end(run: Run, task: Task, moment: float) -> str:
         is_known = at.state in OVER or _has_tried_again(task, moment)
         return f"{task}: {at.state} after all" if is_known else ""
     end = f"{task}: nobody dealt with its failure" if at.why_killed is None else f"{task} was killed: {at.why_killed}"
-    is_achieved = became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state is State.ACHIEVED
+    is_achieved = became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state is TaskState.ACHIEVED
     return end + (f"; {run.describe(task.top)} was achieved without it" if is_achieved else "")
 
 
@@ -144,7 +144,7 @@ def _has_tried_again(task: Task, moment: float) -> bool:
     return any(again <= run.start and run.end is not None and run.end <= moment for run in task.handlings)
 
 
-def _causes(run: Run, failed: _Cause) -> Iterator[_Cause]:
+def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
     """The message that its handler waited for when it failed; then the exception handlers that failed too."""
     message, place, moment, known = failed
     runs = [
@@ -156,14 +156,14 @@ def _causes(run: Run, failed: _Cause) -> Iterator[_Cause]:
         until = min(moment if one is None else one for one in (wait.end, end))
         awaited = run.messages.get(wait.awaited)
         if awaited is not None and _is_named(run, awaited, until, message):
-            yield _Cause(awaited, (*place, _CAUSES, 0), until, until)
+            yield _FailureCause(awaited, (*place, _CAUSES, 0), until, until)
     if not isinstance(message, Task):
         return
     for one, number in enumerate(message.caught_by):
         if (handler := run.tasks.get(number)) is not None:
             until = min(moment, _decided(message, handler.received))
             if any(time <= until for time, _ in handler.failures):
-                yield _Cause(handler, (*place, _CALLS, 2 * one + 1), until, known)
+                yield _FailureCause(handler, (*place, _CALLS, 2 * one + 1), until, known)
 
 
 def _decided(task: Task, failed: float) -> float:

@@ -10,7 +10,7 @@ from itertools import groupby
 from sys import maxsize
 
 from tca_tools.run.at_time import TaskAt
-from tca_tools.run.records import State
+from tca_tools.run.records import TaskState
 from tca_tools.run.selection import Forest
 from tca_wire.points import ROOT, TaskId
 
@@ -60,7 +60,7 @@ def outline(
             if is_shown:
                 rows += [_row(at, row, child) for child in some]
             else:
-                rows.append(_fold(at, Row(None, row.number, row.depth + 1, state=State.ACHIEVED), list(some)))
+                rows.append(_fold(at, Row(None, row.number, row.depth + 1, state=TaskState.ACHIEVED), list(some)))
         return _squeezed(at, rows, loud) if len(rows) > beside_at_most else rows
 
     return walked(below)
@@ -106,8 +106,8 @@ def _fold(at: Forest, into: Row, tasks: list[TaskId]) -> Row:
     for number in below:  # grows while it is walked
         below += at.children(number)
     into.folded += len(below)
-    into.killed += sum(at.tasks[number].state is State.KILLED for number in below)
-    into.state = State.KILLED if into.killed else into.state
+    into.killed += sum(at.tasks[number].state is TaskState.KILLED for number in below)
+    into.state = TaskState.KILLED if into.killed else into.state
     return into
 
 
@@ -117,7 +117,7 @@ def _loud(at: Forest) -> set[int]:
     """
     loud = {int(ROOT)}
     for number in sorted(at.tasks, reverse=True):  # children have larger numbers than their parents
-        if number in loud or not (at.tasks[number].state is State.ACHIEVED or _went_along(at, at.tasks[number])):
+        if number in loud or not (at.tasks[number].state is TaskState.ACHIEVED or _went_along(at, at.tasks[number])):
             loud.update((number, at.tasks[number].parent))
     return loud
 
@@ -125,7 +125,7 @@ def _loud(at: Forest) -> set[int]:
 def _went_along(at: Forest, task: TaskAt) -> bool:
     """Whether a task was killed with what it is under."""
     above = at.tasks.get(task.parent)
-    were_killed = task.state is State.KILLED and above is not None and above.state is State.KILLED
+    were_killed = task.state is TaskState.KILLED and above is not None and above.state is TaskState.KILLED
     return were_killed and above is not None and task.why_killed == above.why_killed
 
 
@@ -175,4 +175,4 @@ def _state_to_fold(row: Row, loud: set[int]) -> str | None:
     if not row.task:
         return row.state
     is_quiet = row.task.id not in loud or not row.task.children
-    return row.task.state if is_quiet and row.task.state is not State.FAILED else None
+    return row.task.state if is_quiet and row.task.state is not TaskState.FAILED else None

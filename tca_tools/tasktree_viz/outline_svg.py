@@ -8,12 +8,12 @@ from tca_tools.drawing.svg import document, rectangle, text
 from tca_tools.gantt.axis import ticks
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import STANDINGS
-from tca_tools.run.records import OVER, State
+from tca_tools.run.records import OVER, TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, arrows
 from tca_tools.tasktree_viz.dot import FILLS, borders, looks_of
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.tasktree_viz.plan import BOX, CHARACTER, LANE, LINE, Place, Plan, plan
+from tca_tools.tasktree_viz.plan import BOX, CHARACTER, LANE, LINE, Placement, Plan, plan
 
 _MARGIN, _GAP = 24.0, 18.0
 _TIMES = 460.0
@@ -74,7 +74,7 @@ class _Columns:
             yield f'<line class="grid" x1="{x:.1f}" y1="{top + 14:.1f}" x2="{x:.1f}" y2="{bottom:.1f}"/>'
             yield f'<text class="faint tick" x="{x:.1f}" y="{top + 9:.1f}">{label}</text>'
 
-    def line(self, place: Place, top: float) -> Iterator[str]:
+    def line(self, place: Placement, top: float) -> Iterator[str]:
         """State, notes and bars of one task."""
         task, y = place.row.task, top + place.top
         if task is None:
@@ -131,7 +131,7 @@ def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
     return " ".join(parts)
 
 
-def _box(at: RunAt, place: Place, top: float) -> Iterator[str]:
+def _box(at: RunAt, place: Placement, top: float) -> Iterator[str]:
     row, task, left, y = place.row, place.row.task, _MARGIN + place.left, top + place.top
     if task is None:
         look = f'fill="{FILLS.get(row.state, "#ffffff")}" stroke="#1f2933" stroke-dasharray="3 2"'
@@ -140,7 +140,7 @@ def _box(at: RunAt, place: Place, top: float) -> Iterator[str]:
         stroke = f'stroke="{border[0]}" stroke-width="2.2"' if border else 'stroke="#1f2933"'
         look = f'fill="{FILLS[task.standing]}" {stroke}'
         look += ' rx="7"' if task.message_class.is_goal else ""
-        look += ' stroke-dasharray="4 3"' if task.state is State.HELD else ""
+        look += ' stroke-dasharray="4 3"' if task.state is TaskState.HELD else ""
     title = words.tooltip(at, task) if task else place.label
     yield rectangle(look, left, y, left + place.width, BOX, title)
     yield f'<text class="name" x="{left + 7:.1f}" y="{y + 13.5:.1f}" pointer-events="none">{text(place.label)}</text>'

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from textwrap import wrap
 
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import State
+from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import SEQ, ArrowKind, Arrows, in_words
 from tca_tools.tasktree_viz.lanes import Line, lines
@@ -30,7 +30,7 @@ _LONGEST_AFTER = 100
 
 
 @dataclass(slots=True)
-class Place:
+class Placement:
     """One line of the picture."""
 
     row: Row
@@ -52,7 +52,7 @@ class Place:
 class Plan:
     """All lines, and how large they are together."""
 
-    places: list[Place]
+    places: list[Placement]
     width: float
     """Of the boxes with what stands right beside them."""
     height: float
@@ -70,13 +70,13 @@ def plan(at: RunAt, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan:
     for line in drawn:
         parent = rows[line.to[0]].parent
         shifts[parent] = max(shifts.get(parent, 0.0), line.lane * LANE)
-    places: list[Place] = []
+    places: list[Placement] = []
     top = 0.0
     for row in rows:
         label = cut_name(printable(str(row.task)), row.task.id, _LONGEST_NAME) if row.task else words.folded(row)
         above = places[row.parent].left if row.parent >= 0 else 0.0
         left = above + indent + shifts.get(row.parent, 0.0)
-        place = Place(row, left, top, columns_of(label) * CHARACTER + 14, label)
+        place = Placement(row, left, top, columns_of(label) * CHARACTER + 14, label)
         if row.task:
             _tell(place, at, row.task, with_data)
         places.append(place)
@@ -92,14 +92,14 @@ def plan(at: RunAt, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan:
     return Plan(places, width, top, notes * _NOTE_CHARACTER, indent, drawn)
 
 
-def _tell(place: Place, at: RunAt, task: TaskAt, with_data: bool) -> None:
+def _tell(place: Placement, at: RunAt, task: TaskAt, with_data: bool) -> None:
     note = words.with_state(at, task, words.note_of(at, task))
     place.notes = words.lines_of(note, _NOTE_COLUMNS, _NOTE_LINES)
     if with_data and (data := words.data(task)):
         place.notes += wrap(cut(data, _LONGEST_DATA), _NOTE_COLUMNS)
     place.planning = words.span(task, Interval.PLANNING)
     place.achieving = words.span(task, Interval.ACHIEVING)
-    if place.planning == place.achieving and task.state is not State.PLANNING:
+    if place.planning == place.achieving and task.state is not TaskState.PLANNING:
         place.planning = None
 
 

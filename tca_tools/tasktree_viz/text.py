@@ -7,27 +7,27 @@ import click
 
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fates import HANDLED, WATCHING
-from tca_tools.run.records import OVER, State
+from tca_tools.run.records import OVER, TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name, padded
 from tca_wire.points import Interval
 
 COLOURS: dict[str, str] = {
-    State.HELD: "bright_black",
-    State.QUEUED: "yellow",
-    State.PLANNING: "magenta",
-    State.PLANNED: "blue",
-    State.HANDLING: "cyan",
-    State.ACHIEVING: "cyan",
+    TaskState.HELD: "bright_black",
+    TaskState.QUEUED: "yellow",
+    TaskState.PLANNING: "magenta",
+    TaskState.PLANNED: "blue",
+    TaskState.HANDLING: "cyan",
+    TaskState.ACHIEVING: "cyan",
     WATCHING: "cyan",
-    State.ACHIEVED: "green",
-    State.RECOVERING: "bright_red",
-    State.SUSPENDED: "yellow",
-    State.ENDING: "bright_red",
-    State.FAILED: "red",
+    TaskState.ACHIEVED: "green",
+    TaskState.RECOVERING: "bright_red",
+    TaskState.SUSPENDED: "yellow",
+    TaskState.ENDING: "bright_red",
+    TaskState.FAILED: "red",
     HANDLED: "yellow",
-    State.KILLED: "red",
+    TaskState.KILLED: "red",
 }
 _WIDEST_NAME, _WIDEST_WITHOUT_END = 48, 64
 """Columns that guides and name may take: of a terminal, and where lines have no end."""
@@ -37,7 +37,7 @@ _LEAST_NOTE = 4
 """Columns: where there are fewer nothing is noted."""
 _WIDE = 8
 """Levels whose guides have room."""
-_STATE_WIDTH = max(map(len, State))
+_STATE_WIDTH = max(map(len, TaskState))
 _TIMES_WIDTH = 13
 _GAP = 2
 """Columns between two columns."""

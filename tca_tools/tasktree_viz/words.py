@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fates import STANDINGS
-from tca_tools.run.records import OVER, State
+from tca_tools.run.records import OVER, TaskState
 from tca_tools.run.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name
@@ -132,12 +132,12 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     told = told_now(at, task, waits)
     is_named = last is not None and len(told) == 1 and told[0].number == last.number and told[0].kind in _OF_TASKS
     failed = failure_line(task.failure)
-    if task.state is State.ENDING and not failed:
+    if task.state is TaskState.ENDING and not failed:
         failed = ": ".join(filter(None, ("killed", _why_killed(at, task))))
     text, age = "; ".join(coming(at, task)), age_of(waits)
     says_state = not failed and bool(waits) and is_told_with_state(task)
     if waits:
-        ahead = coming(at, task) if task.state is not State.ENDING else []
+        ahead = coming(at, task) if task.state is not TaskState.ENDING else []
         text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (f" ({'; '.join(ahead)})" if ahead else "")
     elif task.suspension and task.handling:
         by, age = by_whom(task.suspension.by), Age(task.suspension.start, task.suspension.start)
@@ -156,9 +156,9 @@ def with_state(at: RunAt, task: TaskAt, note: TaskNote) -> str:
     told = note.within(None, at.time)
     if not told or note.says_state:
         return told or task.standing
-    if task.state in (State.FAILED, State.KILLED, State.ENDING):
+    if task.state in (TaskState.FAILED, TaskState.KILLED, TaskState.ENDING):
         return f"{task.standing}: {told}"
-    says_how = task.failure and task.state is not State.RECOVERING
+    says_how = task.failure and task.state is not TaskState.RECOVERING
     return f"{task.state}, failed: {told}" if says_how else f"{task.state}, {told}"
 
 
@@ -202,7 +202,7 @@ def folded(row: Row) -> str:
     if row.is_rest:
         return f"{tasks if row.folded else 'and more'} further down"
     if 0 < row.killed < row.folded:
-        return f"{tasks}: {row.folded - row.killed} {State.ACHIEVED}, {row.killed} {State.KILLED}"
+        return f"{tasks}: {row.folded - row.killed} {TaskState.ACHIEVED}, {row.killed} {TaskState.KILLED}"
     return f"{tasks} {row.state}".rstrip()
 
 

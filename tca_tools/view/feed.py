@@ -14,7 +14,7 @@ from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
 from tca_tools.run.fates import WATCHING, Failing, failing, watches
 from tca_tools.run.fold import History
-from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
+from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.verdicts import Verdicts
@@ -222,10 +222,10 @@ class Feed:
             self.columns.add("hold", task.id, hold.constraint.before.task, kind_of_arrow(hold.constraint), hold.added)
         self._holds[task.id] = len(task.holds)
 
-    def _tell_suspension(self, task: Task, state: State, time: float) -> None:
+    def _tell_suspension(self, task: Task, state: TaskState, time: float) -> None:
         if (span := self._suspended.pop(task.id, None)) is not None:
             self._end_span(span, time)
-        if state is State.SUSPENDED:
+        if state is TaskState.SUSPENDED:
             by = next((one.by for one in reversed(task.suspensions) if one.start <= time), "")
             span = self._suspended[task.id] = self._add_span(
                 self._row("", SUSPENDED), SpanKind.SUSPENDED, task.name, task.id, time

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from tca_tools.errors import ToolError, UnusableLog
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.journals import Log, Place
+from tca_tools.run.journals import EntryPlace, Log
 from tca_tools.view.feed import Feed
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Closed, Entry
@@ -45,7 +45,7 @@ class Reading:
         """Whether central ended of its own will: nothing more comes."""
         self.problem = ""
         """Why nothing more can be read."""
-        self._lost: Place | None = None
+        self._lost: EntryPlace | None = None
         """The place where a removed or cut file ended the reading; nothing more can be read."""
         self.cut = ""
         """The remark on a last entry that is not whole."""
@@ -58,8 +58,8 @@ class Reading:
         self._look_again = 0.0
         self._known = (0.0, 0.0)
         """A time of this machine's clock, and what the run's clock showed then."""
-        self._places: list[Place] = []
-        self._pending: list[tuple[Entry, Place]] = []
+        self._places: list[EntryPlace] = []
+        self._pending: list[tuple[Entry, EntryPlace]] = []
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._read, name="journal", daemon=True)
 
@@ -204,7 +204,7 @@ class Reading:
         gc.freeze()
         gc.enable()
         if problem:
-            self._lost = self.log.lost or (None if self.log.segment.exists() else Place(self.log.segment, 0))
+            self._lost = self.log.lost or (None if self.log.segment.exists() else EntryPlace(self.log.segment, 0))
         with self:
             last = self.feed.history.time
             self._known = monotonic(), self.log.present(last) or last

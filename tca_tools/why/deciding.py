@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Exhausted, Handling, Retry, State, Task
+from tca_tools.run.records import Exhausted, Handling, Retry, Task, TaskState
 from tca_tools.run.selection import lineage
 from tca_tools.run.whole_run import Run
 from tca_wire.points import TaskId
@@ -32,7 +32,7 @@ def calls(at: RunAt, task: Task) -> Iterator[Call]:
             record = run.tasks[number]
             runs = [handling for handling in record.handlings if handling.start <= at.moment]
             by = f" in {runs[-1].module}" if runs else ""
-            how = "" if handler.state in (State.HANDLING, State.ACHIEVED) else f": {handler.state}"
+            how = "" if handler.state in (TaskState.HANDLING, TaskState.ACHIEVED) else f": {handler.state}"
             yield Call(record.received, 2 * one, f"{handler} was called{by}{how}")
         if number in run.reissued:
             yield Call(run.reissued[number], 2 * one + 1, f"{run.describe(number)} passed the failure on")

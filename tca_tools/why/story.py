@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import WATCHING, told_to
-from tca_tools.run.records import OVER, HandlerWait, Handling, Message, State, Task
+from tca_tools.run.records import OVER, HandlerWait, Handling, Message, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
 from tca_tools.why.deciding import decisions, exhausted, retried
@@ -30,7 +30,7 @@ _MANY = 3
 """Waits of one handler at a time, more of which are told as one; keepers told at either end of a wait in a queue."""
 _LONGEST_ANSWER = 40
 """Columns of an answer that is told among others."""
-_IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
+_IS_TOLD = {TaskState.QUEUED, TaskState.FAILED, TaskState.KILLED, TaskState.HANDLING, TaskState.SUSPENDED}
 """States of which other sentences tell."""
 
 
@@ -345,25 +345,25 @@ def _together(asked: list[_Asked], say: Callable[[list[WaitFor]], str]) -> Itera
 
 def _states(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
     """The states that nothing else tells of, with what ended them or keeps them up."""
-    waits, at, before = told_waits(run, task), RunAt(run, moment), State.HELD
+    waits, at, before = told_waits(run, task), RunAt(run, moment), TaskState.HELD
     for start, end, state in task.spans():
         before, last = state, before
         if end - start < NO_TIME:
             continue
         if state in OVER:
-            went_on = state is State.FAILED and task.killed is None and task.written("failure", start) < start
-            if last is State.ENDING or went_on:
+            went_on = state is TaskState.FAILED and task.killed is None and task.written("failure", start) < start
+            if last is TaskState.ENDING or went_on:
                 yield Sentence(start, "has ended")
             elif state not in _IS_TOLD:
                 yield Sentence(start, str(state))
         elif state not in _IS_TOLD:
             kept = [one for one in waits if start <= one.start < end]
-            if state is State.PLANNING and any(isinstance(one.record, Handling) for one in kept):
+            if state is TaskState.PLANNING and any(isinstance(one.record, Handling) for one in kept):
                 kept = []
             yield from _in_state(at, task, state, kept) if kept else [_lasting(start, end, str(state))]
 
 
-def _in_state(at: RunAt, task: Task, state: State, waits: list[Wait]) -> Iterator[Sentence]:
+def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Iterator[Sentence]:
     """The waits of a task in a state; many waits that ended before it came to that state are told together."""
     watched = [one for one in waits if one.kind is WaitKind.CONDITION]
     yield from (_lasting(one.start, one.end, WATCHING) for one in watched)
@@ -377,9 +377,9 @@ def _in_state(at: RunAt, task: Task, state: State, waits: list[Wait]) -> Iterato
             yield _of_group(at, task, state, some)
 
 
-def _of_group(at: RunAt, task: Task, state: State, waits: list[Wait]) -> Sentence:
+def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentence:
     start, end = waits[0].start, max(one.end for one in waits)
-    is_in_whatever_way = state is State.ENDING or task.is_retried
+    is_in_whatever_way = state is TaskState.ENDING or task.is_retried
     what = several_in_words(told(RunAt(at.run, start), waits, however=is_in_whatever_way))
     left = sum(one.end > at.moment for one in waits) if start <= at.moment < end else len(waits)
     more = f", {left} of them still to come" if left < len(waits) else ""
@@ -391,5 +391,9 @@ def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
     if end == inf or (task.killed is not None and task.written("killed") <= end):
         return ""
     awaited = [(run.tasks.get(one.on.number), one.end) for one in waits if one.kind is WaitKind.CONSTRAINT]
-    bad = [str(one) for one, over in awaited if one and one.states[-1] in ((over, State.FAILED), (over, State.KILLED))]
+    bad = [
+        str(one)
+        for one, over in awaited
+        if one and one.states[-1] in ((over, TaskState.FAILED), (over, TaskState.KILLED))
+    ]
     return f", but {listed(bad)} came to nothing" if bad else ""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import OVER, Ahead, Claim, Hold, Message, Queueing, State
+from tca_tools.run.records import OVER, Claim, EventAhead, Hold, Message, Queueing, TaskState
 from tca_tools.why.ends import MOST, End, Ends
 from tca_tools.why.keepers import Keepers, kept_out
 from tca_tools.why.waits import Wait, keepers_of, next_node, steps, waits_now
@@ -159,13 +159,13 @@ def reasons(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[str]
 
 def told_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
     """The waits of a task now, with names."""
-    return told(at, waits, however=task.state is State.ENDING or task.is_retried)
+    return told(at, waits, however=task.state is TaskState.ENDING or task.is_retried)
 
 
 def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
     """The waits of a task as shown: without running handlers, which the states show."""
     waits = waits_now(at, task.id)
-    if task.state is State.ENDING:
+    if task.state is TaskState.ENDING:
         return waits
     kept = [one for one in waits if one.kind is not WaitKind.RUNNING or not one.holds]
     return [one for one in kept if with_children or one.kind is not WaitKind.SUBTASK]
@@ -180,7 +180,7 @@ def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
 
 def how(task: TaskAt, verb: str = "waits") -> str:
     """The words before the reasons of a task: "waits", "suspended by operator panel,", "watches"."""
-    if task.watches and task.state is not State.ENDING:
+    if task.watches and task.state is not TaskState.ENDING:
         return "watches"
     if is_told_with_state(task) and task.suspension:
         return f"suspended{by_whom(task.suspension.by)},"
@@ -189,7 +189,7 @@ def how(task: TaskAt, verb: str = "waits") -> str:
 
 def is_told_with_state(task: TaskAt) -> bool:
     """Whether it is suspended, and known by whom: that is told with what it waits for."""
-    return task.state is State.SUSPENDED and bool(task.suspension and by_whom(task.suspension.by))
+    return task.state is TaskState.SUSPENDED and bool(task.suspension and by_whom(task.suspension.by))
 
 
 def age_of(waits: list[Wait]) -> Age | None:
@@ -260,7 +260,7 @@ def _is_said(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
 def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
     """Whether there is nothing to say of it but its name."""
     if end.kind is WaitKind.RESUME:
-        return task.state is State.SUSPENDED
+        return task.state is TaskState.SUSPENDED
     return end.kind in (None, WaitKind.RUNNING, WaitKind.LOCKED) or end.number not in at.tasks
 
 
@@ -305,7 +305,7 @@ def coming(at: RunAt, task: TaskAt) -> list[str]:
     return [said for one in task.ahead if (said := of_ahead(at, task, one))]
 
 
-def of_ahead(at: RunAt, task: TaskAt, ahead: Ahead) -> str:
+def of_ahead(at: RunAt, task: TaskAt, ahead: EventAhead) -> str:
     """One of them; "" if it is not to come any more."""
     if ahead.moment is not None:
         due = ahead.set_at + ahead.seconds

@@ -29,9 +29,9 @@ from tca_tools.run.records import (
     Hold,
     Message,
     Queueing,
-    State,
     Suspension,
     Task,
+    TaskState,
     going_on,
     lately,
 )
@@ -53,15 +53,15 @@ NO_TIME = 1e-6
 _BEFORE = {is_goal: {0: 0, **rules_of(is_goal).no_later} for is_goal in (True, False)}
 """As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
 _NEXT = {
-    State.HELD: START_HANDLING,
-    State.QUEUED: END_HANDLING,  # once more
-    State.PLANNING: END_PLANNING,
-    State.PLANNED: START_ACHIEVING,
-    State.HANDLING: END_HANDLING,
-    State.ACHIEVING: END_ACHIEVING,
-    State.RECOVERING: END_HANDLING,
-    State.SUSPENDED: 0,
-    State.ENDING: END_ACHIEVING,
+    TaskState.HELD: START_HANDLING,
+    TaskState.QUEUED: END_HANDLING,  # once more
+    TaskState.PLANNING: END_PLANNING,
+    TaskState.PLANNED: START_ACHIEVING,
+    TaskState.HANDLING: END_HANDLING,
+    TaskState.ACHIEVING: END_ACHIEVING,
+    TaskState.RECOVERING: END_HANDLING,
+    TaskState.SUSPENDED: 0,
+    TaskState.ENDING: END_ACHIEVING,
 }
 """The moment that a task in a state comes to next (0: it is to be resumed)."""
 _ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
@@ -220,7 +220,7 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     """The exception handlers that decide, one after the other."""
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     for since, over, state in task.spans():
-        if state is State.RECOVERING:
+        if state is TaskState.RECOVERING:
             if not called:  # the journal begins later
                 yield Wait(since, over, WaitKind.RECOVERY, Node(0), _ENDS)
             for handler, later in zip(called, [*(one.received for one in called[1:]), inf], strict=False):
@@ -290,14 +290,14 @@ def next_node(at: RunAt, number: int) -> Node:
 def _next(task: Task, time: float) -> Node:
     state = task.state_at(time)
     runs = bool(going_on(task.handlings, time)) or watches(task, state, time)
-    if runs and state is not State.ENDING and task.time_of(END_HANDLING) > time:
+    if runs and state is not TaskState.ENDING and task.time_of(END_HANDLING) > time:
         return Node(task.id, END_HANDLING)
     return Node(task.id, _next_moment(task, state, time))
 
 
-def _next_moment(task: Task, state: State, time: float) -> int:
+def _next_moment(task: Task, state: TaskState, time: float) -> int:
     """The next moment of a task in a state; a task handled once more comes to the same one again."""
-    if state is State.QUEUED and task.time_of(START_HANDLING) > time:
+    if state is TaskState.QUEUED and task.time_of(START_HANDLING) > time:
         return START_HANDLING
     moment = _NEXT.get(state, END_ACHIEVING)
     return END_ACHIEVING if moment == END_HANDLING and task.time_of(END_HANDLING) <= time else moment
@@ -465,7 +465,7 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     waits = keeping(at, next_node(at, number))
     task = at.run.tasks.get(number)
     place = task.place_at(at.moment) if task else 0
-    if task is not None and task.states[place][1] is State.SUSPENDED:
+    if task is not None and task.states[place][1] is TaskState.SUSPENDED:
         waits = [*_still_running(at, task), *waits]
     return [_told(at, number, task, place, wait) for wait in waits]
 
@@ -505,21 +505,21 @@ def told_waits(run: Run, task: Task) -> list[Wait]:
     return sorted(found, key=_START)
 
 
-def _moments_in_state(task: Task, state: State, since: float) -> int:
-    if state in (State.SUSPENDED, State.RECOVERING):
-        return 0 if state is State.SUSPENDED else _BEGINNING | END_HANDLING
+def _moments_in_state(task: Task, state: TaskState, since: float) -> int:
+    if state in (TaskState.SUSPENDED, TaskState.RECOVERING):
+        return 0 if state is TaskState.SUSPENDED else _BEGINNING | END_HANDLING
     return _moments(task, _next_moment(task, state, since), since)
 
 
-def _is_of_state(wait: Wait, state: State) -> bool:
+def _is_of_state(wait: Wait, state: TaskState) -> bool:
     """Whether something keeps a task since it is in its state, and not since the wait as such began."""
-    return wait.kind in _OF_ITS_STATE or state is State.ENDING
+    return wait.kind in _OF_ITS_STATE or state is TaskState.ENDING
 
 
 def _begun(task: Task, place: int) -> float:
     """Since when a task waits that is in one of its states. It goes on with a wait after a suspension."""
     states = task.states
-    while place > 1 and [state for _, state in states[place - 2 : place]] == [states[place][1], State.SUSPENDED]:
+    while place > 1 and [state for _, state in states[place - 2 : place]] == [states[place][1], TaskState.SUSPENDED]:
         place -= 2
     return states[place][0]
 

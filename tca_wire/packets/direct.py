@@ -47,14 +47,14 @@ class Greeting(_Header, frozen=True, tag=98):
     open: list[int] = []
 
 
-class Taken(_Header, frozen=True, tag=99):
+class Begun(_Header, frozen=True, tag=99):
     """All messages up to this number have been begun with."""
 
     number: int
 
 
 ToEntrance = Greet | Direct | GiveUp
-FromEntrance = Greeting | Taken | Answer | Refused | Unknown | Closing
+FromEntrance = Greeting | Begun | Answer | Refused | Unknown | Closing
 
 unpack_to_entrance = unpacker(ToEntrance, "no message to a slot")
 """The items of a packet that came to an entrance. Raises ProtocolError, whatever the bytes."""

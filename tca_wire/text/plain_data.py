@@ -81,12 +81,12 @@ class PlainFormat(Format[Any]):
     @property
     def takes_fields(self) -> bool:
         """Whether its values may have named fields."""
-        return _Fitting(self.shape).takes_fields(self.shape)
+        return _DataBuilder(self.shape).takes_fields(self.shape)
 
     def encode(self, value: Any) -> bytes:
         """*value*, in which texts may be Bare, as bytes. Raises BadData, naming the field, if it does not fit."""
         try:
-            fitted = _Fitting(self.shape).fit(self.shape, value, "")
+            fitted = _DataBuilder(self.shape).fit(self.shape, value, "")
         except RecursionError:
             raise BadData("it is nested too deeply") from None
         return super().encode(fitted)
@@ -95,7 +95,7 @@ class PlainFormat(Format[Any]):
 def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
     """Why the field at *path* (none: the whole) can't be *value*; "" if it can, as far as formats tell."""
     whole = PlainFormat(schema).shape
-    fitting, problem = _Fitting(whole), ""
+    fitting, problem = _DataBuilder(whole), ""
     try:
         for option in fitting.field(whole, path):
             try:
@@ -113,13 +113,13 @@ def knows_field(schema: str, path: Sequence[str]) -> bool:
     """Whether data of a format may have a field at *path*."""
     whole = PlainFormat(schema).shape
     try:
-        _Fitting(whole).field(whole, path)
+        _DataBuilder(whole).field(whole, path)
     except BadData:
         return False
     return True
 
 
-class _Fitting:
+class _DataBuilder:
     """Walks value and schema side by side, and builds the data. Unknown parts of a schema pass."""
 
     def __init__(self, schema: Any) -> None:

@@ -11,7 +11,7 @@ from ambler.builders import a_stance, the_first_leg_move
 from robots.ambler_sim import robot as robot_module
 from robots.ambler_sim.body import plan_shift
 from robots.ambler_sim.machine import Machine
-from robots.ambler_sim.pacing import Pacer, Watch
+from robots.ambler_sim.pacing import MoveWatch, Pacer
 from robots.ambler_sim.perception import points_of
 from robots.ambler_sim.robot import make_robot
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
@@ -92,7 +92,7 @@ def test_a_listener_that_said_stop_is_not_asked_again() -> None:
         asked.append(fraction)
         return False
 
-    watch = Watch(10.0, stop_at_once)
+    watch = MoveWatch(10.0, stop_at_once)
     watch.passed(1.0)
     watch.passed(1.0)
     assert (asked, watch.stopped) == ([0.1], True)

@@ -49,7 +49,7 @@ def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCent
     planners = gait_planner.planner, leg_planner.planner, body_planner.planner, perception.perception
     walkers = (*planners, controller.make_module(robot, None), make_task_manager(lambda _: None, lambda _: None))
     for program in (gait_planner, perception, error_recovery):
-        monkeypatch.setattr(program, "memory", program.Memory())
+        monkeypatch.setattr(program, "memory", type(program.memory)())
     with LocalCentral(check=True) as local, ExitStack() as stack:
         for module in (*walkers, monitoring.monitoring, error_recovery.recovery):
             monkeypatch.setattr(module, "central", local)

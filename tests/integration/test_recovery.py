@@ -11,7 +11,7 @@ import pytest
 
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
-from tca_tools.run.records import State, Task
+from tca_tools.run.records import Task, TaskState
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome, Role
 
@@ -75,7 +75,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
 def assert_walked(walk: Walk) -> None:
     assert walk.code == 0, walk.output
     (path,) = walk.named("traverse path")
-    assert path.state is State.ACHIEVED
+    assert path.state is TaskState.ACHIEVED
 
 
 @pytest.mark.parametrize("backend", ["kinematic", pytest.param("pybullet", marks=pytest.mark.soak)])
@@ -130,7 +130,7 @@ def test_when_nothing_helps_the_walk_is_given_up_and_the_user_is_told(walked: Wa
     assert "walk given up" in said
     assert "met something at" in said
     (path,) = done.named("traverse path")
-    assert path.state in (State.KILLED, State.FAILED)
+    assert path.state in (TaskState.KILLED, TaskState.FAILED)
 
 
 def test_the_rungs_are_tried_from_the_leg_up(walked: Walks) -> None:
@@ -149,7 +149,7 @@ def test_a_stability_check_precedes_every_move(walked: Walks, rock: str) -> None
     assert len(begun) >= 8
     for task, handling in begun:
         children = [history.tasks[child] for child in task.children]
-        checks = [check for check in children if check.name == "stability check" and check.state is State.ACHIEVED]
+        checks = [check for check in children if check.name == "stability check" and check.state is TaskState.ACHIEVED]
         before = [check for check in checks if check.reached[Moment.END_ACHIEVING] <= handling.start]
         assert len(before) >= task.handlings.index(handling) + 1
 
@@ -158,7 +158,7 @@ def test_a_stability_check_precedes_every_move(walked: Walks, rock: str) -> None
 def test_a_footfall_check_follows_every_leg_move(walked: Walks, rock: str) -> None:
     """No leg move is achieved, and nothing goes on after it, before its footfall was checked."""
     history = walked(rock).history
-    achieved = [task for task in walked(rock).named("move leg") if task.state is State.ACHIEVED]
+    achieved = [task for task in walked(rock).named("move leg") if task.state is TaskState.ACHIEVED]
     assert len(achieved) >= 4
     for task in achieved:
         (check,) = [history.tasks[child] for child in task.children if history.tasks[child].name == "footfall check"]

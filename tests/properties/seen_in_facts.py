@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import inf
 from typing import Any, NamedTuple
 
-from tca_tools.analysis.steps import Step
+from tca_tools.analysis.steps import PathStep
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point
 
@@ -19,10 +19,10 @@ class Seen(NamedTuple):
     end: float
     about: Any = None
 
-    def covers(self, step: Step) -> bool:
+    def covers(self, step: PathStep) -> bool:
         return self.start <= step.start and step.end <= self.end
 
-    def meets(self, step: Step) -> bool:
+    def meets(self, step: PathStep) -> bool:
         return self.start < self.end and self.start < step.end and step.start < self.end
 
 
@@ -128,29 +128,29 @@ class Facts:
 
     # --- questions -------------------------------------------------------------------------------------------------
 
-    def bears_out(self, step: Step) -> bool:
+    def bears_out(self, step: PathStep) -> bool:
         """Whether a step of a path says what really went on, all the time."""
         return bool(getattr(self, f"_{step.doing.name.lower()}")(step))
 
-    def _work(self, step: Step) -> bool:
+    def _work(self, step: PathStep) -> bool:
         runs = [one for one in self.of("run", step.message_id) if one.covers(step)]
         runs = [one for one in runs if one.about[:2] == (step.module, step.resource)]
         return any(not any(self._own_waits(run, step)) for run in runs)
 
-    def _own_waits(self, run: Seen, step: Step) -> Iterator[Seen]:
+    def _own_waits(self, run: Seen, step: PathStep) -> Iterator[Seen]:
         module, _, delivery = run.about
         return (one for one in self.of("wait", (module, delivery)) if one.meets(step))
 
-    def _outside(self, step: Step) -> bool:
+    def _outside(self, step: PathStep) -> bool:
         waits = (one for one in self.of("wait", (step.module, 0)) if one.meets(step))
         return any(one.covers(step) for one in self.of("member", step.module)) and not any(waits)
 
-    def _delay(self, step: Step) -> bool:
+    def _delay(self, step: PathStep) -> bool:
         over = [fact for time, fact in self.said if isinstance(fact, facts.TimedOut) and time == step.end]
         is_over = any(fact.constraint.after.task == step.message_id for fact in over)
         return is_over or step.end == self.said[-1][0] or self._is_cut_off(step)
 
-    def _is_cut_off(self, step: Step) -> bool:
+    def _is_cut_off(self, step: PathStep) -> bool:
         """Whether a delay would have lasted longer than the step."""
         told = ((time, fact) for time, fact in self.said if isinstance(fact, facts.Received | facts.Constrained))
         of_it = ((time, one) for time, fact in told for one in fact.constraints if one.after.task == step.message_id)
@@ -171,40 +171,40 @@ class Facts:
         )
         return next(reached, said if point.task == ROOT else inf)
 
-    def _no_handler(self, step: Step) -> bool:
+    def _no_handler(self, step: PathStep) -> bool:
         return any(one.covers(step) and not one.about[0] for one in self.of("queue", step.message_id))
 
-    def _queued(self, step: Step) -> bool:
+    def _queued(self, step: PathStep) -> bool:
         where = step.module, step.resource
         return any(one.covers(step) and one.about == where for one in self.of("queue", step.message_id))
 
-    def _locked(self, step: Step) -> bool:
+    def _locked(self, step: PathStep) -> bool:
         """Somebody had a lock; or one was wanted, and not granted."""
         had = any(one.covers(step) and self._claims[one.who][1] == step.module for one in self.of("lock"))
         where = step.module, step.resource
         return had or any(one.covers(step) and self._claims[one.who][0] == where for one in self.of("claim"))
 
-    def _suspended(self, step: Step) -> bool:
+    def _suspended(self, step: PathStep) -> bool:
         stood = any(one.covers(step) for one in self.of("suspension", step.message_id))
         return stood and not any(self.at_work_under(step))
 
-    def _killed(self, step: Step) -> bool:
+    def _killed(self, step: PathStep) -> bool:
         return self._unknown(step)
 
-    def _held(self, step: Step) -> bool:
+    def _held(self, step: PathStep) -> bool:
         return self._lives(step) and not any(one.meets(step) for one in self.of("run", step.message_id))
 
-    def _watching(self, step: Step) -> bool:
+    def _watching(self, step: PathStep) -> bool:
         return self._lives(step)
 
-    def _unknown(self, step: Step) -> bool:
+    def _unknown(self, step: PathStep) -> bool:
         """Of what was over nothing is unknown; nobody was at work for it who would have been the reason, and it stood in
         no queue.
         """
         stood = any(one.covers(step) for one in self.of("queue", step.message_id))
         return self._lives(step) and not stood and not any(self.at_work_under(step))
 
-    def _lives(self, step: Step) -> bool:
+    def _lives(self, step: PathStep) -> bool:
         return any(one.covers(step) for one in self.of("life", step.message_id))
 
     def under(self, task: int) -> set[int]:
@@ -215,7 +215,7 @@ class Facts:
                 found.add(fact.id)
         return found
 
-    def at_work_under(self, step: Step) -> Iterator[Seen]:
+    def at_work_under(self, step: PathStep) -> Iterator[Seen]:
         """The handlers that worked all the time for a task, and waited for nothing."""
         below = self.under(step.message_id)
         runs = (one for one in self.of("run") if one.who in below and one.covers(step))

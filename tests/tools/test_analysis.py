@@ -18,7 +18,7 @@ from tca_tools.analysis.resources import uses
 from tca_tools.analysis.summary import span_of, summary
 from tca_tools.report.contents import contents
 from tca_tools.run.fates import Fate
-from tca_tools.run.records import State
+from tca_tools.run.records import TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Cover, levels
 from tca_wire.journal import facts
@@ -31,7 +31,7 @@ def test_a_good_run() -> None:
     run = summary(stepping().fold())
     assert (run.outcome, run.is_good, run.failures) == ("The top-level task was achieved.", True, 0)
     assert (run.start, run.end, run.modules) == (1.0, 10.3, 3)
-    assert run.tasks == {State.ACHIEVED: 7}
+    assert run.tasks == {TaskState.ACHIEVED: 7}
 
 
 def test_a_run_that_is_not_over_and_one_of_nothing() -> None:

@@ -28,7 +28,7 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import HANDLED
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
-from tca_tools.run.records import State
+from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
@@ -200,7 +200,7 @@ def surviving() -> Story:
 
 def test_a_task_that_is_handled_after_a_failure_that_nobody_handled_has_failed() -> None:
     run = surviving().fold()
-    assert [state for _, state in run.tasks[STOP].states] == [State.QUEUED, State.HANDLING, State.FAILED]
+    assert [state for _, state in run.tasks[STOP].states] == [TaskState.QUEUED, TaskState.HANDLING, TaskState.FAILED]
     assert [RunAt(run, moment).tasks[STOP].failure for moment in (2.5, 3.5, 4.5)] == ["", *["timeout: late"] * 2]
     assert [(one.time, one.text) for one in story(run, STOP)][1:] == [
         (2.0, "queued for legs, busy with walk {1}"),
@@ -222,8 +222,8 @@ def test_who_is_retried_begins_anew_with_no_failure() -> None:
     move = told.command("move", "user", to="legs")
     told.at(2.0).say(facts.Retried(TaskId(move), b"", "user"))
     told.at(3.0).failed(move, "slip", "")  # nobody asks for that any more
-    assert told.at(4.0).delivered(move, "legs").fold().tasks[move].state is State.HANDLING
-    assert told.at(5.0).returned(move).reached(move, *Moment).fold().tasks[move].state is State.ACHIEVED
+    assert told.at(4.0).delivered(move, "legs").fold().tasks[move].state is TaskState.HANDLING
+    assert told.at(5.0).returned(move).reached(move, *Moment).fold().tasks[move].state is TaskState.ACHIEVED
 
 
 # --- the data of a failure are no result -----------------------------------------------------------------------------

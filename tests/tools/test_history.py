@@ -11,7 +11,7 @@ from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
-from tca_tools.run.records import HandlerWait, Offer, State
+from tca_tools.run.records import HandlerWait, Offer, TaskState
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
@@ -69,9 +69,9 @@ def test_a_failed_task_that_is_handled_anew_is_no_failure() -> None:
     story = Story()
     goal = story.goal("walk", "x", to="m")
     story.failed(goal, "slip", "")
-    assert story.fold().tasks[goal].state is State.FAILED
+    assert story.fold().tasks[goal].state is TaskState.FAILED
     story.delivered(goal, "m")
-    assert story.fold().tasks[goal].state is State.PLANNING
+    assert story.fold().tasks[goal].state is TaskState.PLANNING
 
 
 def test_who_handles_what_in_which_format() -> None:

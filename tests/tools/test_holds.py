@@ -15,7 +15,7 @@ from tca_tools.analysis.long_waits import long_waits as waits
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fates import Fate
 from tca_tools.run.fold import History
-from tca_tools.run.records import State
+from tca_tools.run.records import TaskState
 from tca_tools.run.selection import waited_for
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.failing import failure_chain
@@ -67,7 +67,7 @@ def test_a_task_that_a_wiretap_holds_names_the_listener_and_whose_it_is() -> Non
     move = tapped(player)
     history = folded(player)
     check = history.tasks[move].children[0]
-    assert history.tasks[move].state is State.HELD
+    assert history.tasks[move].state is TaskState.HELD
     reason = f"until check {{{check}}}, the listener of a wiretap by checker, has been handled"
     assert noted(history, move) == f"waits {reason}"
     assert f"held, {reason}" in told(history, move)
@@ -100,12 +100,12 @@ def test_a_killed_task_whose_handler_runs_has_not_ended() -> None:
     player.tick(28.0)
     player.task("user", "walk")
     history = folded(player)
-    assert history.tasks[move].state is State.ENDING
+    assert history.tasks[move].state is TaskState.ENDING
     assert noted(history, move) == "killed: too slow (by user); waits until its handler returns, for 29 s"
     player.reply("legs/1")
     history = folded(player)
     end = history.tasks[move].reached[Moment.END_ACHIEVING]
-    assert history.tasks[move].states[-1] == (end, State.KILLED)
+    assert history.tasks[move].states[-1] == (end, TaskState.KILLED)
     assert told(history, move)[-3:] == ["killed: too slow (by user)", "ending, until its handler returns", "has ended"]
 
 
@@ -224,7 +224,7 @@ def test_a_task_that_fails_under_what_was_killed_already_goes_on() -> None:
     tale = Story().module("legs", "move").at(1.0)
     move = tale.command("move", "user")
     tale.at(2.0).say(facts.Failed(move, "slip", "", True), facts.Unhandled(TaskId(move)))
-    assert tale.fold().tasks[move].state is State.HELD
+    assert tale.fold().tasks[move].state is TaskState.HELD
     assert failures(tale.fold())[0].cases[0].fate is Fate.NOT_HANDLED
 
 

@@ -11,7 +11,7 @@ from click.testing import Result
 from tools.story import THIS, Story, arcs, silent_for, stumbling, walking
 
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import State
+from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import KINDS, arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
@@ -248,7 +248,7 @@ def test_the_picture_shows_classes_states_and_order() -> None:
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
     assert 'style="filled,rounded"' in nodes["t2"]
     assert 'style="filled"' in nodes["t7"]
-    assert f'fillcolor="{FILLS[State.ACHIEVED]}"' in nodes["t6"]
+    assert f'fillcolor="{FILLS[TaskState.ACHIEVED]}"' in nodes["t6"]
     assert "handling since 3.40" in nodes["t7"]
     assert "achieved 1.40–3.40" in nodes["t6"]
     assert "{ rank=same; t2; t3; t4;  }" in dot

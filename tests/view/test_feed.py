@@ -17,7 +17,7 @@ from tca_tools.gantt.looks import dark
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import WATCHING, Failing, has_coped, went_on
 from tca_tools.run.fold import History
-from tca_tools.run.records import State
+from tca_tools.run.records import TaskState
 from tca_tools.view import verdicts
 from tca_tools.view.feed import LANES_OF, TABLES, Feed, SpanKind
 from tca_wire.journal import facts
@@ -192,7 +192,7 @@ def test_a_monitor_whose_action_goes_on_watches_no_longer() -> None:
     page.take(feed)
     assert [(time, state) for task, time, state in page.table("state") if task == monitor] == [
         (1.0, WATCHING),
-        (2.0, State.ACHIEVING),
+        (2.0, TaskState.ACHIEVING),
     ]
 
 

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from tools.story import Story, stumbling, walking
 
 from tca_module import Command, Goal, Module, Task, connect
-from tca_tools.run.journals import Log, Place
+from tca_tools.run.journals import EntryPlace, Log
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
@@ -268,7 +268,7 @@ class Halting(Log):
         self._first = first
         self.go_on = threading.Event()
 
-    def follow_places(self, wait: Callable[[], object] = lambda: None) -> Iterator[tuple[Entry, Place]]:
+    def follow_places(self, wait: Callable[[], object] = lambda: None) -> Iterator[tuple[Entry, EntryPlace]]:
         for number, found in enumerate(super().follow_places(wait)):
             if number == self._first:
                 self.go_on.wait()

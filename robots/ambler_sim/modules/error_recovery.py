@@ -57,7 +57,7 @@ def attach(module: Module) -> None:
     module.on_failure(None, GIVE_UP, of=TRAVERSE_PATH, maximum=1)
 
 
-class Memory:
+class ObstacleMemory:
     """The obstacles that legs have met so far: the scanner did not see them."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class Memory:
         return without(task.query(ELEVATION_MAP, stance), self.avoided)
 
 
-memory = Memory()
+memory = ObstacleMemory()
 
 
 @recovery.handles(RAISE_LEG)

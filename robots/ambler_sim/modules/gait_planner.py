@@ -33,7 +33,7 @@ planner = Module("gait planner")
 planner.resource("position check")
 
 
-class Memory:
+class StanceMemory:
     """The last stance that was measured: feet creep a little, so it is better than what was foreseen."""
 
     measured: Stance | None = None
@@ -50,7 +50,7 @@ class Memory:
         return replace(foreseen, feet=feet)
 
 
-memory = Memory()
+memory = StanceMemory()
 
 
 @planner.handles(TRAVERSE_ARC)

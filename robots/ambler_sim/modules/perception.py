@@ -13,7 +13,7 @@ FRESH = 1.4
 perception = Module("perception")
 
 
-class Memory:
+class GroundMemory:
     """The map so far, and where the robot was when it was last brought up to date."""
 
     ground: ElevationMap | None = None
@@ -25,7 +25,7 @@ class Memory:
         return seen is not None and math.hypot(pose.x - seen.x, pose.y - seen.y) < FRESH
 
 
-memory = Memory()
+memory = GroundMemory()
 
 
 @perception.handles(ELEVATION_MAP)
