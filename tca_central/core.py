@@ -25,7 +25,7 @@ from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Record, 
 from tca_central.failing import attaching, failures
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
-from tca_central.model.deliveries import Connection
+from tca_central.model.deliveries import Connection, Wiretap
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability, direct_routes
 from tca_central.requests import joining, replying, sending, variables, waiting
@@ -51,7 +51,7 @@ class Central(State):
         agenda = self.agenda
         # The agenda's items and their handlers, in this order: all of one kind before the next.
         self._outputs: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
-            (agenda.taps_to_fire, lambda tapped: taps.fire_before(self, *tapped)),
+            (agenda.taps_to_fire, self._fire_before),
             (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
             (agenda.only_watched, partial(monitors.end_watchers, self)),
             (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
@@ -186,6 +186,11 @@ class Central(State):
             else:
                 return
             agenda.settle()
+
+    def _fire_before(self, tapped: tuple[Task, list[Wiretap]]) -> None:
+        """Fire wiretaps before a task goes on. What no listener holds is reached before anything else follows."""
+        taps.fire_before(self, *tapped)
+        self.agenda.settle()
 
     def _start_all(self) -> None:
         """Start what may start: first exception handlers that nobody handles (that ends others), then monitors."""
