@@ -131,7 +131,7 @@ def _until_resumed(suspension: Suspension) -> str:
     who = by_whom(suspension.by)
     if suspension.standstill == suspension.start:
         return text + (f" (suspended{who})" if who else "")
-    return f"{text}; suspended{who} at {run_time(suspension.start)}, what ran then ran on"
+    return f"{text}; suspended{who} at {run_time(suspension.start)}, work under it went on"
 
 
 def _why_held(run: Run, task: Task, found: _Found) -> str:

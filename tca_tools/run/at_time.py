@@ -232,13 +232,13 @@ class RunAt:
         return point.task not in self.run.tasks or self.reached_at(point) is not None
 
     def ran_on(self, task: TaskAt) -> list[Handling]:
-        """The handlers of what is under a suspended task that still worked, though it was suspended."""
+        """The handlers of what is under a suspended task that worked, though it was suspended."""
         still = task.suspension.still if task.suspension else []
         return [run for run in still if self._works(run) and self._is_under(run.message_id, task.id)]
 
     def _works(self, run: Handling) -> bool:
         wait = going_on(run.waits, self.moment)
-        return run.until > self.moment and (wait is None or wait.moment is None)
+        return run.goes_on(self.moment) and (wait is None or wait.moment is None)
 
     def _is_under(self, task: int, above: int) -> bool:
         while task > above:  # what is above has the smaller number

@@ -230,6 +230,8 @@ class History(ReactionFold):
         if message:
             message.handlings.append(handling)
             self._touch(message.id)
+            if isinstance(message, Task):
+                self._work_on(message, handling)
 
     def _return(self, fact: facts.Returned) -> None:
         if handling := self._finish(fact.id):

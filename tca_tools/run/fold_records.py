@@ -38,6 +38,8 @@ class RecordFold(Run):
         """All of which something may have changed that they wait for."""
         self._followers: dict[int, list[Task]] = {}
         """By task those that a constraint keeps waiting for one of its moments."""
+        self._ever_suspended: set[TaskId] = set()
+        """The top-level tasks under which something was suspended."""
         self.asker: Handling | None = None
         """The run of a handler that asked for what the newest entry tells."""
 
@@ -118,13 +120,23 @@ class RecordFold(Run):
 
     def _suspend(self, top: Task, by: str) -> None:
         """Suspend a task with all that is under it."""
-        ran: list[Handling] = []
+        self._ever_suspended.add(top.top)
+        above = top.suspension  # of which a part was resumed alone
+        cause, still = (above.cause, above.still) if above else (TaskId(top.id), list[Handling]())
         for task in self._living(top):
             if not task.suspension:
-                task.suspensions.append(Suspension(TaskId(task.id), TaskId(top.id), self.time, ran, by=by))
+                task.suspensions.append(Suspension(TaskId(task.id), cause, self.time, still, by=by))
                 self._touch(task.id)
-            if task.handling:
-                ran.append(task.handling)
+            if task.handling and not above:
+                still.append(task.handling)
+
+    def _work_on(self, task: Task, handling: Handling) -> None:
+        """A handler begins: what it is under may be suspended all the same."""
+        above: Task | None = task if task.top in self._ever_suspended else None
+        while above is not None:
+            if (suspension := above.suspension) and suspension.cause == above.id:
+                suspension.still.append(handling)
+            above = self.tasks.get(above.parent)
 
     def _end_suspension(self, task: Task, *, is_resumed: bool = False, by: str = "") -> None:
         if suspension := task.suspension:

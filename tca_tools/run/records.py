@@ -257,7 +257,7 @@ class Suspension(Span):
     """The suspended task: this one, or one above it."""
     start: float
     still: list[Handling] = field(default_factory=list, repr=False)
-    """The handlers of *cause* and of what is under it that ran then, and ran on."""
+    """The handlers of *cause* and of what is under it that ran then, or began since: resumed alone, or made safe."""
     end: float | None = None
     is_resumed: bool = False
     """Whether it ended so; else the task itself ended."""
@@ -268,7 +268,7 @@ class Suspension(Span):
     @property
     def standstill(self) -> float | None:
         """From when on none of those handlers worked any more (None: one still does)."""
-        since = max([self.start, *map(self._work_end, self.still)])
+        since = max([self.start, *(self._work_end(one) for one in self.still if one.start < self.until)])
         return since if since < inf else None
 
     def _work_end(self, handling: Handling) -> float:

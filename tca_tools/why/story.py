@@ -176,7 +176,7 @@ def _suspensions(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
             text += f" with {cause}"
         yield _lasting(one.start, one.until, text)
         for handling in one.still:
-            if task.id in (handling.message_id, one.cause):
+            if handling.start < one.start and task.id in (handling.message_id, one.cause):
                 who = "its handler" if handling.message_id == task.id else run.describe(handling.message_id)
                 yield _lasting(one.start, handling.until, f"{who} still runs")
         if one.is_resumed:

@@ -527,4 +527,4 @@ def _begun(task: Task, place: int) -> float:
 def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
     """The handlers under a suspended task that still work."""
     for run in at.ran_on(at.tasks[task.id]):
-        yield Wait(at.tasks[task.id].since, run.until, WaitKind.RUNNING, node_of(at.run, run), 0, run)
+        yield Wait(max(at.tasks[task.id].since, run.start), run.until, WaitKind.RUNNING, node_of(at.run, run), 0, run)

@@ -186,7 +186,9 @@ class Facts:
 
     def _suspended(self, step: PathStep) -> bool:
         stood = any(one.covers(step) for one in self.of("suspension", step.message_id))
-        return stood and not any(self.at_work_under(step))
+        below = self.under(step.message_id)
+        at_work = (run for run in self.of("run") if run.who in below and run.meets(step))
+        return stood and all(any(self._own_waits(run, step)) for run in at_work)
 
     def _killed(self, step: PathStep) -> bool:
         return self._unknown(step)

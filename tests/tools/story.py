@@ -318,6 +318,20 @@ def mopping(by: str = "") -> Story:
     return story.at(12.0).say(facts.Closed("interrupted"))
 
 
+def resumed_alone() -> Story:
+    """A walk {1} is suspended before its moves begin. The first one {2} is resumed alone, and runs on when the walk is
+    suspended once more; the second one {3} begins when the walk is resumed.
+    """
+    story = Story().module("a", "walk").module("legs", "move").at(1.0)
+    walk = story.goal("walk", "user", to="a", begins=True)
+    first, second = story.command("move", "a", walk), story.command("move", "a", walk)
+    story.at(2.0).returned(walk).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel"))
+    story.at(4.0).say(facts.SuspendedOrResumed(TaskId(first), False)).delivered(first, "legs")
+    story.at(5.0).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(6.0).achieved(first)
+    story.at(9.0).say(facts.SuspendedOrResumed(TaskId(walk), False)).acted(second, "legs", 1.0)
+    return story.reached(walk, Moment.END_ACHIEVING)
+
+
 def stuck(drills: int = 4) -> Story:
     """Drills one after the other; the handler of the first one waits for a calibration that nobody handles."""
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)

@@ -184,9 +184,9 @@ def test_a_suspended_task_waits_from_when_on_nothing_of_it_runs() -> None:
     found = {kind.kind: kind for kind in waits(mopping().fold())}
     (wait,) = found[WaitKind.RESUME].longest
     assert (wait.who, wait.start, wait.seconds, wait.is_open) == ("mop floor {1}", 3.0, 6.0, False)
-    assert wait.what == "until it is resumed; suspended at 2.000 s, what ran then ran on"
+    assert wait.what == "until it is resumed; suspended at 2.000 s, work under it went on"
     by = {kind.kind: kind for kind in waits(mopping("panel").fold())}[WaitKind.RESUME].longest[0].what
-    assert by == "until it is resumed; suspended by panel at 2.000 s, what ran then ran on"
+    assert by == "until it is resumed; suspended by panel at 2.000 s, work under it went on"
     (nobody,) = found[WaitKind.HANDLER].longest
     assert (nobody.who, nobody.start, nobody.is_open) == ("fly {5}", 1.6, True)
     (still,) = (kind for kind in waits(mopping().fold(4.0)) if kind.kind is WaitKind.RESUME)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from tools.made_robots import commanding, near, recovering, stepping
-from tools.story import QUERY, Story, mopping, walking
+from tools.story import QUERY, Story, mopping, resumed_alone, walking
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
@@ -133,6 +133,13 @@ def test_a_suspended_task_of_which_nothing_ran_stood_in_a_queue_before() -> None
     assert path_of(story.fold()) == [
         ("walk", "a", 1.0, 1.5), ("no handler", "", 1.5, 3.0), ("suspended", "", 3.0, 5.0),
         ("no handler", "", 5.0, 7.0), ("fly", "a", 7.0, 8.0),
+    ]  # fmt: skip
+
+
+def test_what_was_resumed_alone_works_under_a_suspended_task() -> None:
+    assert path_of(resumed_alone().fold()) == [
+        ("walk", "a", 1.0, 2.0), ("suspended", "", 2.0, 4.0), ("move", "legs", 4.0, 6.0), ("suspended", "", 6.0, 9.0),
+        ("move", "legs", 9.0, 10.0),
     ]  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from click.testing import CliRunner
-from tools.story import ACTING, COMMAND, QUERY, THIS, Story, mopping, stumbling
+from tools.story import ACTING, COMMAND, QUERY, THIS, Story, mopping, resumed_alone, stumbling
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
@@ -97,6 +97,21 @@ def test_a_task_that_was_suspended_while_something_under_it_ran_and_resumed() ->
         "2.0 (1.0 s) its handler still runs",
         "3.0 achieved",
     ]
+
+
+def test_a_handler_runs_on_only_in_a_suspension_that_came_later() -> None:
+    assert told(resumed_alone().fold(), 2)[2:] == [
+        "2.0 (2.0 s) suspended by panel, until walk {1} is resumed",
+        "4.0 resumed",
+        "4.0 (2.0 s) handled by legs",
+        "5.0 (1.0 s) suspended by panel with walk {1}",
+        "5.0 (1.0 s) its handler still runs",
+        "6.0 achieved",
+    ]
+    at = RunAt(resumed_alone().fold(), 5.5)
+    assert note(at, at.tasks[1]) == (
+        "suspended by panel, until the handler of move {2} returns, and until walk {1} is resumed, for 1.5 s (3.5 s in all)"
+    )
 
 
 def test_who_suspended_and_resumed_is_told_to_those_who_wait() -> None:
