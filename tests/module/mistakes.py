@@ -1,0 +1,83 @@
+"""Declarations as a type checker sees them, and mistakes that it finds: read by test_types.py's mypy, never run."""
+
+from dataclasses import dataclass
+from typing import assert_type
+
+from tca_module import Broadcast, Command, Failure, Goal, LaterReply, Module, MultiQuery, Query, Task
+
+
+@dataclass
+class Footfall:
+    leg: int
+
+
+WALK = Goal("walk", Footfall)
+REST = Goal("rest")
+MOVE_LEG = Command("move leg", int, result=Footfall)
+STANCE = Query("stance", float, reply=list[int])
+TEMPERATURE = Query("temperature", reply=float)
+HEALTH = MultiQuery("health", reply=str)
+ALARM = Broadcast("alarm", str)
+COLLISION = Failure("collision", Footfall)
+
+
+def handlers(module: Module) -> None:
+    @module.handles(STANCE)
+    def stance(task: Task, radius: float) -> list[int]:
+        return [1]
+
+    @module.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        return 0.0
+
+    @module.handles(REST)
+    def rest(task: Task, _nothing: None) -> None:
+        return None
+
+    assert_type(stance(Task.__new__(Task), 1.0), list[int])
+
+
+def wrong_handlers(module: Module) -> None:
+    @module.handles(STANCE)  # type: ignore[arg-type]
+    def wrong_data(task: Task, radius: str) -> list[int]:
+        return []
+
+    @module.handles(STANCE)  # type: ignore[arg-type]
+    def wrong_reply(task: Task, radius: float) -> int:
+        return 1
+
+    @module.handles(STANCE)  # type: ignore[arg-type]
+    def without_data(task: Task) -> list[int]:
+        return []
+
+    @module.handles(TEMPERATURE)  # type: ignore[arg-type]
+    def wrong_reply_without_data(task: Task) -> str:
+        return ""
+
+    @module.handles(STANCE)  # type: ignore[arg-type]
+    async def wrong_reply_of_a_coroutine(task: Task, radius: float) -> int:
+        return 1
+
+    @module.handles(STANCE)  # type: ignore[arg-type]
+    def wrong_later_reply(task: Task, radius: float) -> LaterReply[int]:
+        return task.reply_later()
+
+
+def wrong_calls(module: Module, task: Task, later: LaterReply[Footfall]) -> None:
+    task.query(REST)  # type: ignore[arg-type]
+    task.goal(MOVE_LEG, 1)  # type: ignore[arg-type]
+    task.inform(ALARM, "x")  # type: ignore[arg-type]
+    task.goal(WALK, 5)  # type: ignore[misc]
+    task.goal(REST, sequentially=True)  # type: ignore[call-arg]
+    height: int = task.command(MOVE_LEG, 1).result()  # type: ignore[assignment]
+    later.reply(1)  # type: ignore[arg-type]
+    task.query_notify(TEMPERATURE, None, lambda _, degrees: degrees.upper())  # type: ignore[attr-defined]
+    module.after("soon", print)  # type: ignore[arg-type]
+    module.every(1.0)(wrong_handlers)  # type: ignore[type-var]
+    for health in task.multi_query_send(HEALTH):
+        _ = health.real, height  # type: ignore[attr-defined]
+    raise COLLISION(5)  # type: ignore[arg-type]
+
+
+async def wrong_await(task: Task) -> int:
+    return await task.query_send(STANCE, 1.0)  # type: ignore[arg-type]
