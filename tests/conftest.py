@@ -3,6 +3,7 @@
 import os
 import resource
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -31,6 +32,15 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     settings.register_profile("ours", derandomize=not config.getoption("--new-lives"), deadline=None)
     settings.load_profile("ours")
+    if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):
+        compile_once(config)
+
+
+def compile_once(config: pytest.Config) -> None:
+    """In a fresh clone one process makes the byte code, before each worker makes all of it."""
+    if not Path(__file__).with_name("central").joinpath("__pycache__").exists():
+        command = [sys.executable, "-m", "pytest", "-n", "0", "--collect-only", "-qq", *config.args]
+        subprocess.run(command, cwd=config.invocation_params.dir, stdout=subprocess.DEVNULL, check=False)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -145,7 +145,7 @@ CLAIMS = {
     "reserve": reserved,
     "reserve as long as it takes": reserved_as_long_as_it_takes,
 }
-LOSES = ("nothing", "its claim", "planner", "legs")
+LOSES = ("legs", "its claim", "nothing", "planner")
 
 
 def given(world: tca.World) -> bool:

@@ -451,9 +451,7 @@ def run(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     "keys",
     [
-        "q",
         CONTROL_C,
-        "/" + CONTROL_C,
         "/nothing like it" + ENTER + "q",  # as fast as a program types
         "gsoon" + LINE_END + "q",
     ],
