@@ -58,11 +58,12 @@ def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
 
 
 def last_change(run: Run, message: Message, before: float) -> float:
-    """When something last happened to a task or to what is under it, or when a message was handled last."""
-    if isinstance(message, Task):
-        times = [time for one in run.under(message) for time, _ in one.states]
-    else:
-        times = [handling.end for handling in message.handlings if handling.end is not None]
+    """When something last happened to a message or to what is under it: a new state, or a handler waits or is done."""
+    below = [*run.under(message)] if isinstance(message, Task) else []
+    handlings = [one for each in (message, *below) for one in each.handlings]
+    times = [time for one in below for time, _ in one.states]
+    times += [wait.start for one in handlings for wait in one.waits]
+    times += [one.end for one in handlings if one.end is not None]
     return max((time for time in times if time < before), default=message.received)
 
 

@@ -257,7 +257,7 @@ class Suspension(Span):
     """The suspended task: this one, or one above it."""
     start: float
     still: list[Handling] = field(default_factory=list, repr=False)
-    """The handlers of *cause* and of what is under it that ran then, or began since: resumed alone, or made safe."""
+    """Handlers of *cause* and under it that ran then, or began since: resumed alone, or to leave things safe."""
     end: float | None = None
     is_resumed: bool = False
     """Whether it ended so; else the task itself ended."""

@@ -82,8 +82,8 @@ class Told(Folding, Blocking):
         connections = self.central.registry.connections.values()
         if what == "give up":
             for one in [one for one in connections if one.waits or one.pauses][b % 4 :][:1]:
-                name, number = one.id.decode(), next(iter((*one.pauses, *one.waits)))
-                self.receive(name, headers.GiveUp(number, self.number(name) if c % 2 else 0))
+                name, (number, wait) = one.id.decode(), next(iter((*one.pauses.items(), *one.waits.items())))
+                self.receive(name, headers.GiveUp(number, self.number(name) if c % 2 else 0, wait.origin))
         elif c % 4 == 0:
             for one in [one for one in connections if one.resource][b:][:1]:
                 self.lose(one.id.decode())

@@ -103,6 +103,13 @@ def test_nothing_runs_when_the_journal_ends() -> None:
     assert path_of(story.fold()) == [("not known", "", 1.0, 4.0)]
 
 
+def test_a_handler_worked_until_it_waited_for_itself() -> None:
+    story = Story().module("a", "walk").at(1.0)
+    walk = story.goal("walk", "user", to="a", begins=True)
+    story.at(5.0).asked_by(walk).say(facts.WaitBegan("a", walk, TaskId(walk), Moment.END_ACHIEVING))
+    assert path_of(story.at(9.0).fold()) == [("walk", "a", 1.0, 5.0), ("not known", "", 5.0, 9.0)]
+
+
 def test_a_query_in_a_queue_that_a_journal_that_ends_waits_for() -> None:
     story = Story().module("a", "walk").module("eye", "where").at(1.0)
     walk = story.command("walk", "user", to="a")
