@@ -345,6 +345,7 @@ def test_a_fold_needs_no_central() -> None:
     assert list(tca.World(Fold(), {}).messages) == []
 
 
+@pytest.mark.soak
 def test_beside_two_gauges_both_are_polled() -> None:
     result = tca.explore(beside_a_clock(hangs, eventually(achieved(WALK)), readers=2))
     assert {action.name for action in goes_round(result)} == {"", "battery/1", "battery/2"}

@@ -166,6 +166,7 @@ def test_a_footfall_check_follows_every_leg_move(walked: Walks, rock: str) -> No
         assert check.reached[Moment.END_ACHIEVING] <= task.reached[Moment.END_ACHIEVING]
 
 
+@pytest.mark.soak
 def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> None:
     done = walk(tmp_path, "--backend", "kinematic", "--metres", "1", "--bare")
     assert_walked(done)

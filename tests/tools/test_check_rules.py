@@ -48,7 +48,7 @@ def test_every_transcript_of_central_keeps_them(path: Path) -> None:
 
 
 @given(st.lists(operation, max_size=60))
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_random_lives_keep_them(operations: list[tuple[str, int, int, int, int]]) -> None:
     life = Life(Player(check=False))
     for name, *numbers in operations:

@@ -182,7 +182,7 @@ def test_a_device_is_not_written_over(run: Path, tmp_path: Path, name: str) -> N
 
 
 @given(st.lists(FACTS, max_size=60))
-@settings(max_examples=12)
+@settings(max_examples=6)
 def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> None:
     """What a foreign program has written as a journal: nonsense perhaps, but exported without a stumble."""
     told = [fact for fact in told if not isinstance(fact, facts.Opened)]  # where another run begins reading ends

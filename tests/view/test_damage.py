@@ -88,9 +88,9 @@ def write_nonsense(run: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
-        (write_nonsense, "there is no record here"),
+        pytest.param(write_nonsense, "there is no record here", marks=pytest.mark.soak),
         (cut_short, "has become shorter than what was read of it, by 200 bytes"),
-        (remove, "00000001.tcaj: has been removed"),
+        pytest.param(remove, "00000001.tcaj: has been removed", marks=pytest.mark.soak),
         (shutil.rmtree, "can't be read"),
     ],
 )

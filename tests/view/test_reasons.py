@@ -155,7 +155,7 @@ def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(look: Loo
     expect(rows).to_have_count(0)
 
 
-@pytest.mark.parametrize("letters", ["A", "deep "])
+@pytest.mark.parametrize("letters", ["A", pytest.param("deep ", marks=pytest.mark.soak)])
 def test_a_text_of_any_length_is_shown_at_once_and_all_of_it_when_asked_for(
     look: Look, tmp_path: Path, letters: str
 ) -> None:

@@ -80,7 +80,10 @@ def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, 
     expect(page.locator("#clock")).not_to_have_text(there)
 
 
-@pytest.mark.parametrize(("how", "state"), [(signal.SIGTERM, "ended"), (signal.SIGKILL, "not closed")])
+@pytest.mark.parametrize(
+    ("how", "state"),
+    [(signal.SIGTERM, "ended"), pytest.param(signal.SIGKILL, "not closed", marks=pytest.mark.soak)],
+)
 def test_a_run_that_is_over_stands_still(look: Look, daemon: Central, user: Client, how: int, state: str) -> None:
     page = look(daemon.journal)
     expect(page.locator("#status")).to_have_text("live")
