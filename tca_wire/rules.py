@@ -34,7 +34,7 @@ class TaskRules:
         self.delivery = delivery  #: those that it reaches together when a handler gets it
         self.order = order
         """Moments, each with those that come directly before it, in an order in which one pass reaches all."""
-        self.no_later = {int(moment): 0 if moment & at_birth else self._no_later(moment) for moment in MOMENTS}
+        self.no_later = {moment: 0 if moment & at_birth else self._no_later(moment) for moment in map(int, MOMENTS)}
         """Each moment with all that are reached no later; nothing for those reached at birth."""
 
     def _no_later(self, moment: int) -> int:

@@ -83,15 +83,23 @@ class Ends:
 
     def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
         """The ends of the waits of any node."""
-        if (found := self._ends.get(node)) is None and within != 0:
+        if node not in self._ends and within != 0 and not self._is_plain(node, *steps(self._at, node)):
             self._follow(node, within)
-            found = self._ends.get(node)
-        return found or ()
+        return self._ends.get(node, ())
+
+    def _is_plain(self, node: Node, nexts: list[Node], leaves: list[WaitKind]) -> bool:
+        """Whether a node waits for one thing only, of which the ends are known: then it has the same."""
+        if len(nexts) != 1 or leaves or (found := self._ends.get(nexts[0])) is None:
+            return False
+        self._ends[node] = found
+        if found[0].number == nexts[0].number != node.number:
+            self.last.add(found[0])
+        return True
 
     def _follow(self, start: Node, within: int | None) -> None:
         """Go on as long as each waits for one thing only, as in a long chain; from there on search."""
-        ends, chain = self._ends, dict[Node, None]()
-        node = start
+        ends, node = self._ends, start
+        chain: dict[Node, None] = {}
         while node not in ends and node not in chain and (within is None or len(chain) < within):
             nexts, leaves = steps(self._at, node)
             if leaves or len(nexts) != 1:
@@ -103,10 +111,9 @@ class Ends:
             return
         if node not in ends:
             self._find(node, None if within is None else within - len(chain))
-        if (found := ends.get(node)) is not None and chain:
-            ends.update(dict.fromkeys(chain, found))
-            if found[0].number == node.number != next(reversed(chain)).number:
-                self.last.add(found[0])
+        for one in reversed(chain) if node in ends else ():
+            self._is_plain(one, [node], [])
+            node = one
 
     def circle(self, number: int) -> list[int]:
         """All that wait for each other in a circle, by its first."""
@@ -118,26 +125,24 @@ class Ends:
         """
         ends, order, lowest = self._ends, dict[Node, int](), dict[Node, int]()
         undecided: dict[Node, tuple[list[Node], list[WaitKind]]] = {}
-        way: list[tuple[Node, list[Node], Iterator[Node]]] = []
-        new: Node | None = start
-        while new is not None or way:
-            if new is not None:
+        way: list[tuple[Node, list[Node], Iterator[Node]]] = [(start, [], iter([start]))]
+        while way:
+            node, further, rest = way[-1]
+            for new in rest:
+                if new in order or new in ends:
+                    continue
                 if within is not None and len(order) > within:
                     return
                 order[new] = lowest[new] = len(order)
-                undecided[new] = further, _ = steps(self._at, new)
-                way.append((new, further, iter(further)))
-            node, further, rest = way[-1]
-            for new in rest:
-                if new not in order and new not in ends:
+                nexts, leaves = steps(self._at, new)
+                if not self._is_plain(new, nexts, leaves):
+                    undecided[new] = nexts, leaves
+                    way.append((new, nexts, iter(nexts)))
                     break
             else:
-                new = None
                 way.pop()
-                for one in further:
-                    if one not in ends and lowest[one] < lowest[node]:
-                        lowest[node] = lowest[one]
-                if lowest[node] == order[node]:
+                lowest[node] = min([lowest[node], *(lowest[one] for one in further if one not in ends)])
+                if lowest[node] == order[node] and node in undecided:
                     self._settle(undecided, node)
 
     def _settle(self, undecided: dict[Node, tuple[list[Node], list[WaitKind]]], first: Node) -> None:
@@ -158,7 +163,8 @@ class Ends:
 
     def _beyond(self, group: dict[Node, tuple[list[Node], list[WaitKind]]]) -> list[tuple[End, ...]]:
         """The ends of all that a group waits for elsewhere, and its own."""
-        numbers, own = {node.number for node in group}, set[End]()
+        numbers = {node.number for node in group}
+        own: set[End] = set()
         several: dict[int, tuple[End, ...]] = {}
         for node, (nexts, leaves) in group.items():
             if leaves or not nexts:
@@ -177,11 +183,13 @@ def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
     """
     ends = Ends.at(at)
     waiting: dict[int, tuple[tuple[End, ...], list[int]]] = {}
-    for number in at.tasks:
-        if at.run.tasks[number].state_at(at.moment) not in OVER:
-            found = ends.of(number)
-            if found[0].number != number or not found[0].goes_on:
-                waiting.setdefault(id(found), (found, []))[1].append(number)  # as they are all kept
+    for task in islice(at.run.tasks.values(), len(at.tasks)):
+        if task.state_at(at.moment) not in OVER:
+            found = ends.of(task.id)
+            if found[0].number != task.id or not found[0].goes_on:
+                if id(found) not in waiting:  # as they are all kept
+                    waiting[id(found)] = found, []
+                waiting[id(found)][1].append(task.id)
     first: dict[End, int] = {}
     things: dict[object, list[End]] = {}
     counts: Counter[object] = Counter()

@@ -14,8 +14,8 @@ from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
 from tca_tools.why.deciding import decisions, exhausted, retried
 from tca_tools.why.keepers import WaitPart, parts_in_queue, parts_of_claim
-from tca_tools.why.wait_words import NAMED, of_ahead, of_claim, of_query, of_queueing, told, wait_for
-from tca_tools.why.waits import NO_TIME, Wait, of_handler_wait, told_waits
+from tca_tools.why.wait_words import of_ahead, of_claim, of_query, of_queueing, told, wait_for
+from tca_tools.why.waits import NAMED, NO_TIME, Wait, of_handler_wait, told_waits
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
 from tca_wire.text.measures import counted, listed
@@ -345,7 +345,7 @@ def _together(asked: list[_Asked], say: Callable[[list[WaitFor]], str]) -> Itera
 
 def _states(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
     """The states that nothing else tells of, with what ended them or keeps them up."""
-    waits, at, before = told_waits(run, task), RunAt(run, moment), TaskState.HELD
+    waits, at, before = told_waits(run, task, together=True), RunAt(run, moment), TaskState.HELD
     for start, end, state in task.spans():
         before, last = state, before
         if end - start < NO_TIME:
@@ -378,11 +378,12 @@ def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Ite
 
 
 def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentence:
-    start, end = waits[0].start, max(one.end for one in waits)
+    ends = [end for one in waits for end in (one.end, *one.others)]
+    start, end = waits[0].start, max(ends)
     is_in_whatever_way = state is TaskState.ENDING or task.is_retried
     what = several_in_words(told(RunAt(at.run, start), waits, however=is_in_whatever_way))
-    left = sum(one.end > at.moment for one in waits) if start <= at.moment < end else len(waits)
-    more = f", {left} of them still to come" if left < len(waits) else ""
+    left = sum(one > at.moment for one in ends) if start <= at.moment < end else len(ends)
+    more = f", {left} of them still to come" if left < len(ends) else ""
     return _lasting(start, end, f"{state}, {what}{more}", _in_vain(at.run, task, waits, end))
 
 

@@ -13,16 +13,13 @@ from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, Claim, EventAhead, Hold, Message, Queueing, TaskState
 from tca_tools.why.ends import MOST, End, Ends
 from tca_tools.why.keepers import Keepers, kept_out
-from tca_tools.why.waits import Wait, keepers_of, next_node, steps, waits_now
+from tca_tools.why.waits import NAMED, Wait, keepers_of, next_node, steps, waits_now
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
 from tca_wire.text.waits_in_words import clauses, not_answered, reached
 from tca_wire.vocabulary import Scope
 from tca_wire.waits import WaitFor, WaitKind
-
-NAMED = 3
-"""How many of several are named."""
 
 
 class Age(NamedTuple):
@@ -48,7 +45,8 @@ def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[Wai
         groups.setdefault(id(wait) if is_alone else (wait.kind, wait.on.moment), []).append(wait)
     found = []
     for group in groups.values():
-        found += _some([wait_for(at, wait, however=however) for wait in group[:NAMED]], len(group))
+        number = sum(1 + len(wait.others) for wait in group)
+        found += _some([wait_for(at, wait, however=however) for wait in group[:NAMED]], number)
     return found
 
 

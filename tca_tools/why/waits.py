@@ -13,7 +13,7 @@ further nodes is a leaf: HANDLER, DELAY, CONDITION, RUNNING, and RESUME of what 
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from operator import attrgetter, itemgetter
@@ -50,6 +50,8 @@ from tca_wire.waits import WaitKind
 
 NO_TIME = 1e-6
 """Seconds: what lasts no longer is no wait to tell of."""
+NAMED = 3
+"""How many of several are named."""
 _BEFORE = {is_goal: {0: 0, **rules_of(is_goal).no_later} for is_goal in (True, False)}
 """As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only acts."""
 _NEXT = {
@@ -104,6 +106,8 @@ class Wait(NamedTuple):
     """The record of the wait, if that is more than a point of a task."""
     since: float = 0.0
     """Since when it has waited in all without a break, whatever for; no later than *start*."""
+    others: Sequence[float] = ()
+    """The ends of further subtasks that it stands for."""
 
     @property
     def seconds(self) -> float:
@@ -119,8 +123,8 @@ def waits_of(run: Run, number: int) -> list[Wait]:
     message = run.messages.get(number)
     found = list(_of_message(run, message)) if message else []
     if isinstance(message, Task):
-        found = [*_of_task(run, message), *_subtasks(run, message, END_ACHIEVING),
-                 *_subtasks(run, message, END_PLANNING), *found]  # fmt: skip
+        subtasks = [wait for one in (END_ACHIEVING, END_PLANNING) for wait in _subtasks(run, message, one)]
+        found = [*_of_task(run, message), *subtasks, *found]
     return [wait._replace(since=wait.start) for wait in sorted(found, key=_START)]
 
 
@@ -154,14 +158,24 @@ def node_of(run: Run, handling: Handling) -> Node:
     return Node(handling.message_id, 0, handling.delivery if is_one_of_many else 0)
 
 
-def _subtasks(run: Run, task: Task, moment: int, time: float | None = None) -> Iterator[Wait]:
-    """The waits for tasks right under a task, which keep it from being planned or achieved; only those at a *time*."""
-    last = task.time_of(moment)
-    for number in task.children:
-        child = run.tasks[number]
-        start, end = child.received, min(child.time_of(moment), last)
-        if start < end if time is None else start <= time < end:
-            yield Wait(start, end, WaitKind.SUBTASK, Node(number, moment), moment)
+def _subtasks(
+    run: Run, task: Task, moment: int, since: float = -inf, over: float = inf, *, together: bool = False
+) -> Iterator[Wait]:
+    """The waits for tasks right under a task, which keep it from being planned or achieved, as far as they lie between
+    two times. *together*: of those that begin at one time, only the first ones, of which the last stands for the rest.
+    """
+    last, number, begun = min(task.time_of(moment), over), 0, -inf
+    others: list[float] = []
+    for child in map(run.tasks.__getitem__, task.children):
+        start, end = max(child.received, since), min(child.time_of(moment), last)
+        if start >= end or (together and end - start < NO_TIME):
+            continue
+        number, begun = number + 1 if start == begun else 1, start
+        if number > NAMED and together:
+            others.append(end)
+            continue
+        others = []
+        yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, moment), moment, others=others if together else ())
 
 
 def _of_task(run: Run, task: Task) -> Iterator[Wait]:
@@ -246,11 +260,16 @@ class _Kept:
     """The waits and nodes that keep a node from coming about."""
 
     waits: list[Wait]
+    """Those for what is no subtask."""
+    subtasks: list[Node]
     nodes: list[Node]
     """Nodes that surely have to come about first."""
     leaves: list[WaitKind]
     others: list[Wait]
     """Waits whose further nodes are to be looked up at each moment."""
+
+
+_NOTHING = _Kept([], [], [], [], [])
 
 
 @dataclass(slots=True)
@@ -305,16 +324,28 @@ def _next_moment(task: Task, state: TaskState, time: float) -> int:
 
 def keeping(at: RunAt, node: Node) -> list[Wait]:
     """The waits that keep a task from a moment, or a message from being answered."""
-    message = at.run.messages.get(node.number)
-    return [] if message is None or message.received > at.moment else _kept(at, message, node).waits
+    kept = _kept(at, node)
+    return [*kept.waits, *(_subtask(at.run, one) for one in kept.subtasks)]
 
 
-def _kept(at: RunAt, message: Message, node: Node) -> _Kept:
-    turn = _turn(at.run, message, at.moment)
-    kept = turn.kept.get(node)
-    if kept is None:
-        waits = _look(at.run, message, node, turn.waits, at.moment)
-        nodes, leaves, others = dict[Node, None](), dict[WaitKind, None](), list[Wait]()
+def _subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
+    child, moment = run.tasks[node.number], node.moment
+    end = min(child.time_of(moment), run.tasks[child.parent].time_of(moment))
+    return Wait(child.received, end, WaitKind.SUBTASK, node, moment, others=others)
+
+
+def _kept(at: RunAt, node: Node) -> _Kept:
+    """What keeps a node from coming about; nothing of a claim, and of what is unknown."""
+    run, moment = at.run, at.moment
+    message = run.messages.get(node.number)
+    if message is None or message.received > moment:
+        return _NOTHING
+    turn = _turn(run, message, moment)
+    if (kept := turn.kept.get(node)) is None:
+        waits, subtasks = _look(run, message, node, turn.waits, moment)
+        nodes: dict[Node, None] = {}
+        leaves: dict[WaitKind, None] = {}
+        others: list[Wait] = []
         for wait in waits:
             if _is_leaf(wait):
                 leaves[wait.kind] = None
@@ -322,7 +353,8 @@ def _kept(at: RunAt, message: Message, node: Node) -> _Kept:
                 nodes[wait.on] = None
             else:
                 others.append(wait)
-        kept = turn.kept[node] = _Kept(waits, list(nodes), list(leaves), others)
+        nodes.update(dict.fromkeys(subtasks))
+        kept = turn.kept[node] = _Kept(waits, subtasks, list(nodes), list(leaves), others)
     return kept
 
 
@@ -331,16 +363,17 @@ def _is_leaf(wait: Wait) -> bool:
     return wait.kind in _LEAVES or is_own
 
 
-def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float) -> list[Wait]:
+def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float) -> tuple[list[Wait], list[Node]]:
+    """Those of the waits that keep it from a node, and the subtasks that do."""
     if not isinstance(message, Task):
-        return [one for one in waits if not node.delivery or _delivery(one) == node.delivery]
+        return [one for one in waits if not node.delivery or _delivery(one) == node.delivery], []
     if not node.moment:
-        return [one for one in waits if one.kind is WaitKind.RESUME]
+        return [one for one in waits if one.kind is WaitKind.RESUME], []
     wanted = _moments(message, node.moment, time)
     last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
-    under = _subtasks(run, message, last, time) if last else ()
+    under = [run.tasks[number] for number in message.children] if last else []
     found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
-    return [*found, *under]
+    return found, [Node(one.id, last) for one in under if one.received <= time < one.time_of(last)]
 
 
 def _resumes(task: Task, wait: Wait, time: float) -> bool:
@@ -413,12 +446,9 @@ def _nodes(at: RunAt, by: Keepers) -> list[Node]:
 
 def steps(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
     """All that has to come about before a node does; and the kinds of its waits that are leaves."""
-    if (claim := at.run.claims.get(node.number)) is not None:
+    kept = _kept(at, node)
+    if kept is _NOTHING and (claim := at.run.claims.get(node.number)) is not None:
         return _of_claim(at, claim)
-    message = at.run.messages.get(node.number)
-    if message is None or message.received > at.moment:
-        return [], []
-    kept = _kept(at, message, node)
     if not kept.others:
         return kept.nodes, kept.leaves
     more = [node for wait in kept.others for node in further(at, wait)]
@@ -448,9 +478,9 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
 
 def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
     """The constraints of tasks above that keep a task from what it comes to next, each with whose it is."""
-    above = [wait.on for wait in keeping(at, next_node(at, number)) if wait.kind is WaitKind.PARENT]
+    above = [wait.on for wait in _kept(at, next_node(at, number)).waits if wait.kind is WaitKind.PARENT]
     for node in above:  # grows while it is walked
-        waits = keeping(at, node)
+        waits = _kept(at, node).waits
         yield from ((node.number, wait.record) for wait in waits if isinstance(wait.record, Hold))
         above += [wait.on for wait in waits if wait.kind is WaitKind.PARENT]
 
@@ -460,9 +490,12 @@ def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
 
 def waits_now(at: RunAt, number: int) -> list[Wait]:
     """The waits of a message now. *start* is since when this is its cause: of a queued one, since when the same keeps
-    the resource busy.
+    the resource busy. The newest of many subtasks stands for all but the first ones.
     """
-    waits = keeping(at, next_node(at, number))
+    kept = _kept(at, next_node(at, number))
+    first, newest = kept.subtasks[:-1][:NAMED], kept.subtasks[-1:]
+    others = (inf,) * (len(kept.subtasks) - len(first) - 1)
+    waits = [*kept.waits, *(_subtask(at.run, one) for one in first), *(_subtask(at.run, one, others) for one in newest)]
     task = at.run.tasks.get(number)
     place = task.place_at(at.moment) if task else 0
     if task is not None and task.states[place][1] is TaskState.SUSPENDED:
@@ -489,19 +522,28 @@ def _last_outcome(at: RunAt, monitor: int) -> float:
     return tests[place - 1][0] if place > 1 else -inf  # before the first one nothing else was known
 
 
-def told_waits(run: Run, task: Task) -> list[Wait]:
-    """The waits of a task for what came next in each of its states, oldest first."""
+def told_waits(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
+    """The waits of a task for what came next in each of its states, oldest first. *together*: of subtasks that it waits
+    for from one time on, the last that is named stands for the rest.
+    """
     found: list[Wait] = []
-    waits = waits_of(run, task.id)
+    own, handled = list(_of_task(run, task)), list(_of_message(run, task))
     for place, (since, over, state) in enumerate(task.spans()):
         if state in OVER or over - since < NO_TIME:
             continue
-        wanted = _moments_in_state(task, state, since)
-        for wait in waits:
+        wanted, begun = _moments_in_state(task, state, since), _begun(task, place)
+        lasts = [one for one in (END_ACHIEVING, END_PLANNING) if one & wanted]
+        subtasks = [wait for one in lasts for wait in _subtasks(run, task, one, since, over, together=together)]
+        waits = [
+            *((one.start, one) for one in own),
+            *((run.tasks[one.on.number].received, one) for one in subtasks),
+            *((one.start, one) for one in handled),
+        ]
+        for _, wait in sorted(waits, key=_SINCE):
             start, end = max(wait.start, since), min(wait.end, over)
             if wait.holds & wanted and end - start >= NO_TIME:
-                begun = _begun(task, place) if _is_of_state(wait, state) else start
-                found.append(wait._replace(start=start, end=end, since=min(begun, start)))
+                of_all = min(begun, start) if _is_of_state(wait, state) else start
+                found.append(Wait(start, end, wait.kind, wait.on, wait.holds, wait.record, of_all, wait.others))
     return sorted(found, key=_START)
 
 

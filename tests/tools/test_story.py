@@ -11,6 +11,8 @@ from tca_tools.run.selection import messages_of
 from tca_tools.tasktree_viz.__main__ import tree
 from tca_tools.tasktree_viz.words import note
 from tca_tools.why.story import story
+from tca_tools.why.wait_words import reasons
+from tca_tools.why.waits import told_waits, waits_now
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, TaskId
@@ -301,3 +303,15 @@ def test_what_a_handler_asks_at_once_is_told_at_once() -> None:
         "2.5 (0.5 s) its handler asked salt {6}, and goes on",
         f"3.0 (0.5 s) {WAITS} reply to salt {{6}}",
     ]
+
+
+def test_of_very_many_subtasks_a_few_waits_are_made_and_all_are_counted() -> None:
+    tale = Story().module("boss", "walk").module("legs", "move").at(1.0)
+    walk = tale.goal("walk", "user", to="boss", begins=True)
+    moves = [tale.command("move", "boss", walk) for _ in range(1000)]
+    run = tale.returned(walk).at(2.0).delivered(moves[0], "legs").at(3.0).achieved(moves[0]).at(4.0).fold()
+    at = RunAt(run)
+    assert reasons(at, at.tasks[walk]) == ["until move {3}, move {4}, move {5} and 996 more are achieved"]
+    assert (len(waits_now(at, walk)), len(told_waits(run, run.tasks[walk], together=True))) == (4, 3)
+    kept = "achieving, until move {2}, move {3}, move {4} and 997 more are achieved, 999 of them still to come"
+    assert told(run, walk)[-1] == f"1.0 {kept}"
