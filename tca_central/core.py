@@ -236,6 +236,7 @@ class Central(State):
             while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > REMEMBERED_BYTES:
                 oldest = next(iter(self.outcomes))
                 self.outcome_bytes -= _size(self.outcomes.pop(oldest))
+                self.tree.never_began.pop(oldest, None)
                 self.forgotten = max(self.forgotten, oldest)
 
 

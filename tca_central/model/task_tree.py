@@ -237,6 +237,7 @@ class TaskTree:
         self.tasks: dict[int, Task] = {}
         self.suspended: dict[int, tuple[float, str]] = {}  #: by themselves: since when, by whom; oldest first
         self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
+        self.never_began: dict[int, int] = {}  #: of killed tasks whose outcome is known: the starts that never were
         self.newest = 0  #: the highest id given so far
         self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
         self.top_of_module: dict[str, Siblings] = {}  #: living top-level tasks per sending module

@@ -158,6 +158,8 @@ class Agenda:
         reason = kill_reason(verdict.why, verdict.by)
         for doomed in killed:
             doomed.killed = reason
+            if unbegun := STARTS & ~doomed.reached:
+                self.tree.never_began[doomed.id] = unbegun
             self._facts.append(Killed(TaskId(doomed.id), *verdict))
         self.holds.bequeath(killed)
         for doomed in killed:

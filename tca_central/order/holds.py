@@ -69,7 +69,7 @@ class Holds:
     # --- putting in force ------------------------------------------------------------------------------------------
 
     def add(self, constraint: Constraint, *, check: bool) -> list[Constraint]:
-        """Put one constraint in force; all that hold anything by it, [] if it is met already.
+        """Put one constraint in force; all that hold anything by it, [] if it is met already or void.
 
         Raises RequestError if it can never be met (looked for where *check*), or comes too late.
         """
@@ -78,8 +78,8 @@ class Holds:
         before, after = self.before(constraint), self.place(constraint.after)
         if not constraint.delay and (before is None or before.task.reached & before.moment):
             return []
-        if after is None or after.task.reached & after.moment:
-            raise RequestError(Refusal.TOO_LATE, f"constraint {constraint} comes too late: {constraint.after} is past")
+        if (after := self._to_come(constraint, after)) is None:
+            return []
         task, moment = after
         if before == (task, START_ACHIEVING) and moment == START_PLANNING and not constraint.delay:
             return [constraint] if self._delay_planning(task, constraint) else []
@@ -274,6 +274,20 @@ class Holds:
         if constraint.before.moment & STARTS:
             return None
         raise RequestError(Refusal.CYCLE, "a constraint waits for the end of the root, which never ends")
+
+    def _to_come(self, constraint: Constraint, after: Place | None) -> Place | None:
+        """The point that a constraint holds back; None if its interval never begins, as its task was killed before.
+
+        Raises RequestError if it is past.
+        """
+        if after is None or after.task.killed:
+            moment = constraint.after.moment
+            start = moment if moment & STARTS else moment >> 1
+            if self.tree.never_began.get(constraint.after.task, 0) & start:
+                return None
+        if after is None or after.task.reached & after.moment:
+            raise RequestError(Refusal.TOO_LATE, f"constraint {constraint} comes too late: {constraint.after} is past")
+        return after
 
     def place(self, point: Point) -> Place | None:
         """The live task and moment of a point; None if the task has ended."""

@@ -37,6 +37,7 @@ IGNORED = {
     },
     "TaskTree": {
         "newest", "tasks",  # ids are only names; all tasks are met as children
+        "never_began",  # only of tasks that a script can name: see _add_outcomes
         "suspended",  # for people
         "across",  # says no more than the constraints
         "guards",  # nor than what is attached
@@ -340,10 +341,13 @@ def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
 
 
 def _add_outcomes(walk: _Walk, play: Play) -> None:
-    """How tasks ended that somebody can still ask for."""
+    """How tasks ended that somebody can still ask for, or constrain."""
+    never_began = play.central.tree.never_began
     known = {walk.number_of_name(key): ended for key, ended in play.central.outcomes.items() if walk.knows_name(key)}
     for number in sorted(known):
         walk.add([number, *known[number]])
+    unbegun = {walk.number_of_name(key): starts for key, starts in never_began.items() if walk.knows_name(key)}
+    walk.add([*sorted(unbegun.items())])
 
 
 def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:

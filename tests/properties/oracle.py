@@ -229,7 +229,10 @@ class Oracle:
             for at in (wanted.before, wanted.after)
         )
         if wanted.delay or not oracle_rules.is_past(one):
-            assert other is not None
+            if oracle_rules.never_begins(self.world, wanted.after):
+                return
+            if other is None or oracle_rules.is_past(other):
+                raise Disagreement(f"central takes {wanted}, though {wanted.after} is past")
             oracle_rules.constrain(self.world, one, other, wanted.delay)
 
     # --- handlers return ---------------------------------------------------------------------------------------

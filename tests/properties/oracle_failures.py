@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from properties import oracle_locks, oracle_monitors, oracle_rules, oracle_taps
-from properties.oracle_records import SH, Attachment, Ending, Node, Trouble, World
+from properties.oracle_records import SH, STARTS, Attachment, Ending, Node, Trouble, World
 
 from tca_wire.journal import facts
 from tca_wire.vocabulary import Condition, Role, Scope
@@ -28,6 +28,7 @@ def kill(world: World, node: Node) -> None:
     killed = [one for one in _doomed(world, node) if not one.killed]
     for one in killed:
         one.killed = True
+        world.never_began |= {(one.id, moment) for moment in STARTS - one.past}
         oracle_rules.bequeath(world, one)
         if not one.slot:
             one.returned, one.wanted, one.waiting = True, False, False

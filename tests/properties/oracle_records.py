@@ -282,6 +282,7 @@ class World:
         self.collectors: list[Collector] = []
         self.claims: list[Claim] = []  # oldest first
         self.ended: set[int] = set()
+        self.never_began: set[tuple[int, Moment]] = set()  # the starts that tasks had not reached when they were killed
         self.spared: set[Node] = set()  # exception handlers that nobody handles, and that wait all the same
         self.news = False  # a wiretap has sent something
         self.seen = Seen([])

@@ -12,7 +12,7 @@ from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_ta
 from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Job, Node, Pair, World
 
 from tca_wire.constraints import Flags
-from tca_wire.points import Moment
+from tca_wire.points import Moment, Point
 from tca_wire.vocabulary import Role
 
 ORDER = {
@@ -38,6 +38,12 @@ def place(world: World, task: int, moment: Moment) -> tuple[Node, Moment] | None
 
 def is_past(point: tuple[Node, Moment] | None) -> bool:
     return point is None or point[1] in point[0].past
+
+
+def never_begins(world: World, point: Point) -> bool:
+    """Whether it is a point of an interval that never begins: its task was killed before."""
+    start = {EH: SH, EP: SP, EA: SA}.get(point.moment, point.moment)
+    return (point.task, start) in world.never_began
 
 
 # --- constraints -----------------------------------------------------------------------------------------------------
