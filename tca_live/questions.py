@@ -161,7 +161,8 @@ def attached(client: Client) -> tuple[Any, str]:
     """List the exception handlers, wiretaps and monitors in force.
 
     Each line says where it is attached, and by which modules. It stays when they leave: 'tca detach NUMBER' takes it
-    away.
+    away. "An earlier run" of a module that has come back attached it, and the present one has not: 'tca detach --stale'
+    takes away all that nobody else has attached.
     """
     known = client.status("attached")
     handlers = [
@@ -204,7 +205,8 @@ def attached_to(one: dict[str, Any]) -> str:
 
 
 def _owners(one: dict[str, Any]) -> str:
-    return ", ".join(f"{name} (has left)" if name in one["gone"] else name for name in one["modules"])
+    marks = dict.fromkeys(one["gone"], " (has left)") | dict.fromkeys(one["earlier"], " (an earlier run)")
+    return ", ".join(name + marks.get(name, "") for name in one["modules"])
 
 
 def _names(modules: Sequence[str]) -> str:

@@ -127,24 +127,49 @@ def _too_late(handle: TaskRef, what: str) -> click.ClickException:
 
 
 @click.command()
-@click.argument("what")
+@click.argument("what", required=False)
+@click.option("--stale", is_flag=True, help="All that earlier runs of modules have left behind.")
 @central_option
-def detach(what: str, central: str | None) -> None:
+def detach(what: str | None, central: str | None, *, stale: bool) -> None:
     """Take away an exception handler, wiretap or monitor.
 
     WHAT is its number in 'tca attached', or the name of the exception handler, listener or monitor if only one has it.
     What it has sent goes on. The module that attached it is not told, and may still count on it.
+
+    With --stale, all goes that a module which has come back had attached in an earlier run, and has not in this one.
     """
+    if stale == (what is not None):
+        raise click.UsageError("give a number or name, or --stale")
     with talking("detach", central) as client:
-        found = _find_attached(client, what)
-        was_there = client.detach(found.number)
-        click.echo(f"{printable(found.text)}: " + ("detached" if was_there else "was gone already"))
+        if what is None:
+            _detach_stale(client)
+        else:
+            _detach(client, _find_attached(client, what))
+
+
+def _detach_stale(client: Client) -> None:
+    known = client.status("attached")
+    found = [one for one in _all_attached(known) if one.left_by]
+    for one in found:
+        whose = listed([f"'{name}'" for name in one.left_by])
+        _detach(client, one._replace(text=f"{one.text}, which {whose} had attached in an earlier run"))
+    if cut := attached_in_all(known):
+        click.echo(f"of {cut} only the first were looked at: do it again")
+    elif not found:
+        click.echo("nothing is left of earlier runs")
+
+
+def _detach(client: Client, one: "_Attached") -> None:
+    was_there = client.detach(one.number)
+    click.echo(f"{printable(one.text)}: " + ("detached" if was_there else "was gone already"))
 
 
 class _Attached(NamedTuple):
     number: int
     name: str
     text: str
+    left_by: tuple[str, ...] = ()
+    """If it is stale: the modules that attached it in an earlier run."""
 
 
 def _find_attached(client: Client, what: str) -> _Attached:
@@ -175,6 +200,7 @@ def _all_attached(known: dict[str, Any]) -> list[_Attached]:
             one["id"],
             one[message],
             f"{kind.rstrip('s').replace('_', ' ')} {numbered(one[message], one['id'])} of {attached_to(one)}",
+            tuple(one["earlier"]) if one["is_stale"] else (),
         )
         for kind, message in kinds
         for one in known[kind]

@@ -241,7 +241,8 @@ class Module(Sender):
             for function in self._first:
                 function(self)
             handlers = self._handlers.values()
-            link.declare(*(handler.message for handler in handlers), handlers=[handler.format for handler in handlers])
+            messages, formats = [one.message for one in handlers], [one.format for one in handlers]
+            link.declare(*messages, handlers=formats, is_ready=True)
             self._open_slots(greeting.incarnation, patience, link.session.attachments)
         except BaseException:
             self._leave()

@@ -1,7 +1,7 @@
 """Exception handlers are attached: to a task, to all tasks of a message or to the root; and taken away again."""
 
 from tca_central.errors import RequestError
-from tca_central.model.deliveries import AttachedHandler, Connection, MessageType
+from tca_central.model.deliveries import AttachedHandler, Connection, MessageType, Module
 from tca_central.model.task_tree import Task
 from tca_central.state import State
 from tca_central.watching.taps import remove as remove_tap
@@ -23,7 +23,7 @@ def on_attach(central: State, connection: Connection, header: headers.Attach, _:
     if task is None:
         text = f"task {header.task} has ended: no exception handler can be attached to it"
         raise RequestError(Refusal.TOO_LATE, text)
-    attached = attach(central, header.attachment, message or task, connection.module.called)
+    attached = attach(central, header.attachment, message or task, connection.module)
     central.accept(connection, header.number, attached.id)
 
 
@@ -47,18 +47,20 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
             raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, not an exception handler")
 
 
-def attach(central: State, wanted: Attachment, place: Task | MessageType, by: str) -> AttachedHandler:
+def attach(central: State, wanted: Attachment, place: Task | MessageType, by: Module) -> AttachedHandler:
     """Attach an exception handler as the newest; the same one of the same module, or of a copy, makes room for it."""
     check_attachments(central, [wanted])
     others = place.more.attached if isinstance(place, Task) else place.attached
-    for other in others:
-        if (other.failure, other.handler.name, other.by) == (wanted.failure, wanted.handler, by):
-            _remove(central, other, by)
-            break
+    same = (wanted.failure, wanted.handler, by.called)
+    before = next((one for one in others if (one.failure, one.handler.name, one.by) == same), None)
+    if before is not None:
+        _remove(central, before, by.called)
     if len(others) >= MOST_ATTACHED:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
     handler = central.registry.messages[wanted.handler]
-    attached = AttachedHandler(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by)
+    attached = AttachedHandler(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by.called)
+    copies = before.holders.values() if before is not None else ()
+    attached.holders = {one.name: one for one in (*copies, by.holder) if one.run in central.registry.modules}
     is_first = not others
     others.append(attached)
     if isinstance(place, Task):

@@ -93,7 +93,13 @@ class Module:
         self.connections: dict[str, Connection] = {}  #: by session
         self.resources: dict[str, ModuleResource] = {}
         self.handlers: dict[str, Handler] = {}  #: by message name
+        self.is_ready = False  #: it has attached what it attaches at its start
         self.keeps: dict[int, None] = {}  #: ids of the tasks, living or ended, that it wants remembered
+
+    @property
+    def holder(self) -> "Holder":
+        """This run, as one that attaches something."""
+        return Holder(self.name, self.called, self.incarnation)
 
     @property
     def has_slots(self) -> bool:
@@ -160,10 +166,18 @@ class MessageType:
                     yield handler.resource
 
 
+class Holder(NamedTuple):
+    """A run of a program that has attached something."""
+
+    name: str  #: its module's, unique among those connected
+    called: str  #: the program's own
+    run: str  #: the incarnation
+
+
 class AttachedHandler:
     """An exception handler, attached to a task or to all tasks of a message."""
 
-    __slots__ = ("by", "failure", "handler", "id", "maximum", "place")
+    __slots__ = ("by", "failure", "handler", "holders", "id", "maximum", "place")
 
     def __init__(self, number: int, failure: str, handler: MessageType, maximum: int, place: Any, by: str) -> None:
         self.id = number  #: newer ones have higher ids
@@ -172,6 +186,7 @@ class AttachedHandler:
         self.maximum = maximum  #: of its calls for one task; 0: any number
         self.place = place  #: the task or message type that it is attached to
         self.by = by  #: the own name of the module that attached it
+        self.holders: dict[str, Holder] = {}  #: by name: the run that did, and those of its copies that had before
 
 
 class Wiretap:
@@ -187,8 +202,7 @@ class Wiretap:
         self.before = 0
         self.at = 0
         self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
-        self.holders: dict[str, str] = {}
-        """The modules that added it and have not taken it away: by unique name, what each calls itself."""
+        self.holders: dict[str, Holder] = {}  #: by name: the modules that added it and have not taken it away
 
 
 class Delivery:

@@ -52,9 +52,9 @@ class Registry:
                 made.join_copies(other)
         return module.resources[name]
 
-    def is_connected(self, name: str) -> bool:
-        """Whether there is a module of that (unique) name."""
-        return name in self._names
+    def ready_programs(self) -> set[str]:
+        """The programs of which a run is there that has attached what it attaches at its start."""
+        return {module.called for module in self.modules.values() if module.is_ready}
 
     def forget_connection(self, connection: Connection) -> None:
         """Remove a connection; its requests and answers are kept for a while."""

@@ -192,7 +192,7 @@ def _give_to_another(central: State, delivery: Delivery) -> None:
 
 
 def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
-    """A module declares messages and handlers: all of them or none."""
+    """A module declares messages and handlers: all of them or none; and says when it has attached all."""
     module, registry = connection.module, central.registry
     new = {declared.name: declared.message_class for declared in header.messages}
     for declared in header.messages:
@@ -216,6 +216,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
     listeners_come(central, [handled.message for handled in header.handlers])
     for handled in header.handlers:
         _add_handler(central, module, handled)
+    module.is_ready |= header.is_ready
     central.accept(connection, header.number)
 
 

@@ -127,7 +127,7 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
     enlist_monitor(central, task)
     for attachment in header.attachments:
-        attach(central, attachment, task, connection.module.called)
+        attach(central, attachment, task, connection.module)
     if header.keep:
         keep(central, task, connection.module)
     fire_after(central, task, SENT)

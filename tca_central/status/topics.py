@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 
 from tca_central.errors import RequestError
-from tca_central.model.deliveries import Connection, Handler, MessageType, ModuleResource
+from tca_central.model.deliveries import Connection, Handler, Holder, MessageType, ModuleResource
 from tca_central.model.registry import Value
-from tca_central.model.task_tree import KeptTask, Task, sender_name
+from tca_central.model.task_tree import KeptTask, Task
 from tca_central.order.holds import held_counts
 from tca_central.state import State
 from tca_central.status.load import load
@@ -173,9 +173,9 @@ def variables(central: State) -> list[dict[str, Any]]:
 def attached(central: State) -> dict[str, Any]:
     """The exception handlers, wiretaps and monitors in force, oldest first (of monitors those that are handled again
     last), at most SHOWN_TASKS of each, and in "totals" how many there are. A *task* of 0 without a *message* is the
-    root; a *failure* of "" is any. *gone* are those of the modules that have left.
+    root; a *failure* of "" is any.
     """
-    programs = {module.called for module in central.registry.modules.values()}
+    ready = central.registry.ready_programs()
     handlers = [
         {
             "id": one.id,
@@ -183,8 +183,7 @@ def attached(central: State) -> dict[str, Any]:
             "handler": one.handler.name,
             **_place(one.place),
             "maximum": one.maximum,
-            "modules": [one.by],
-            "gone": [one.by] * (one.by not in programs),
+            **_held(central, one.holders.values(), one.place, ready),
             "handled_by": _modules(one.handler),
         }
         for one in itertools.islice(central.attached.values(), SHOWN_TASKS)
@@ -195,28 +194,40 @@ def attached(central: State) -> dict[str, Any]:
             "condition": str(tap.condition),
             "listener": tap.listener.name,
             **_place(tap.place),
-            "modules": list(tap.holders),
-            "gone": [name for name in tap.holders if not central.registry.is_connected(name)],
+            **_held(central, tap.holders.values(), tap.place, ready),
             "handled_by": _modules(tap.listener),
             "is_monitor": tap.listener.message_class.is_monitor,
         }
         for tap in itertools.islice(central.taps.values(), SHOWN_TASKS)
     ]
-    monitors = [_monitor(central, watch.task) for watch in itertools.islice(central.watches.values(), SHOWN_TASKS)]
+    watches = itertools.islice(central.watches.values(), SHOWN_TASKS)
+    monitors = [_monitor(central, watch.task, ready) for watch in watches]
     totals = {
         "exception_handlers": len(central.attached), "wiretaps": len(central.taps), "monitors": len(central.watches)
     }  # fmt: skip
     return {"exception_handlers": handlers, "wiretaps": wiretaps, "monitors": monitors, "totals": totals}
 
 
-def _monitor(central: State, task: Task) -> dict[str, Any]:
-    sender = sender_name(task)
+def _monitor(central: State, task: Task, ready: set[str]) -> dict[str, Any]:
+    place = task.parent or central.tree.root
+    senders = [task.sender.module.holder] if task.sender else []
+    held = _held(central, senders, place, ready)
+    modules = held["modules"] or [CENTRAL]
+    return {"id": int(task.id), "monitor": task.message.name, **_place(place), **held, "modules": modules}
+
+
+def _held(central: State, holders: Iterable[Holder], place: Task | MessageType, ready: set[str]) -> dict[str, Any]:
+    """The modules that attached something. *gone* are those that have left; *earlier* those of which a later run is
+    there that has not attached it. It *is stale* if there are no others; what hangs at a task is not, and ends with it.
+    """
+    holders, runs = list(holders), central.registry.modules
+    back = ready - {one.called for one in holders if one.run in runs}
+    lasts = place is central.tree.root or isinstance(place, MessageType)
     return {
-        "id": int(task.id),
-        "monitor": task.message.name,
-        **_place(task.parent or central.tree.root),
-        "modules": [sender or CENTRAL],
-        "gone": [sender] * (sender != "" and not central.registry.is_connected(sender)),
+        "modules": [one.name for one in holders],
+        "gone": [one.name for one in holders if one.run not in runs and one.called not in back],
+        "earlier": [one.name for one in holders if one.called in back],
+        "is_stale": lasts and bool(holders) and all(one.called in back for one in holders),
     }
 
 

@@ -72,7 +72,7 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
     if listener.message_class.is_monitor:
         _check_monitor(central, header, tapped, listener)
     tap = _add(central, connection.module, header, listener, tapped, place)
-    tap.holders[connection.module.name] = connection.module.called
+    tap.holders[connection.module.name] = connection.module.holder
     for other in list(place.more.taps if isinstance(place, Task) else place.taps):
         is_said_anew = (other.condition, other.listener) == (tap.condition, listener) and other is not tap
         if is_said_anew and connection.module.name in other.holders:
@@ -148,8 +148,8 @@ def _add(
 def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -> None:
     """Remove a module's share in a tap; the tap goes with the last living program that added it, or *for_all*."""
     tap.holders.pop(by.name, None)
-    others = () if for_all else tap.holders.items()
-    if any(called != by.called or central.registry.is_connected(name) for name, called in others):
+    others = () if for_all else tap.holders.values()
+    if any(one.called != by.called or one.run in central.registry.modules for one in others):
         return
     (tap.place.more.taps if isinstance(tap.place, Task) else tap.place.taps).remove(tap)
     del central.taps[tap.id]

@@ -60,6 +60,7 @@ IGNORED = {
     },
     "ModuleResource": {"delivered", "busy"},  # likewise
     "Module": {"process"},
+    "AttachedHandler": {"holders"},  # for people
     "Delivery": {
         "ticket",  # marks void entries of the queue, which are left out
         "since",  # for people

@@ -89,15 +89,18 @@ class Connection:
     # --- requests --------------------------------------------------------------------------------------------------
 
     def declare(
-        self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = (), within: float = ACKNOWLEDGED_WITHIN
+        self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = (), is_ready: bool = False,
+        within: float = ACKNOWLEDGED_WITHIN,
     ) -> None:  # fmt: skip
-        """Tell central of messages, and which of them are handled here. Raises FormatRefused if others differ."""
+        """Tell central of messages, which of them are handled here, and that all is attached that is attached at the
+        start. Raises FormatRefused if others differ.
+        """
         new, handled = [message for message in messages if self._is_new(message)], list(handlers)
-        if not new and not handled:
+        if not new and not handled and not is_ready:
             return
         formats, names = [message.format for message in new], ", ".join(map(name_of, new or messages))
-        self.call(Register(0, formats, handled), f"declaring {names}", within=within)
-        self.session.declared(formats, handled)
+        self.call(Register(0, formats, handled, is_ready), f"declaring {names or 'that it is ready'}", within=within)
+        self.session.declared(formats, handled, is_ready=is_ready)
         self._declared.update({message.name: message for message in new})
 
     def _is_new(self, message: Message[Any, Any]) -> bool:

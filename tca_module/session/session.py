@@ -55,6 +55,7 @@ class Session:
         self._requests: dict[int, Request] = {}  #: not over, by number, oldest first
         self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
+        self._is_ready = False  #: central was told that all is attached that is attached at the start
         self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
         self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
         self._replies: list[tuple[headers.Reply | headers.Fail, bytes]] = []  #: central may not have got these yet
@@ -118,10 +119,11 @@ class Session:
         if self.is_welcome:
             self.outgoing.append((header, body))
 
-    def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat]) -> None:
+    def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool = False) -> None:
         """Remember what central has accepted, to declare it again after a restart."""
         self._messages.update({message.name: message for message in messages})
         self._handlers.update({handler.message: handler for handler in handlers})
+        self._is_ready |= is_ready
 
     def withdrawn(self) -> None:
         """This module handles nothing any more."""
@@ -211,10 +213,12 @@ class Session:
             self._forget()
             self._renew()
         self.is_welcome = True
-        if is_back and (self._messages or self._handlers) and (self.redeclaration.is_over or not is_new):
-            handlers = list(self._handlers.values()) if self.redeclaration.is_over else []
+        is_anything = self._messages or self._handlers or self._is_ready
+        if is_back and is_anything and (self.redeclaration.is_over or not is_new):
+            is_over, messages = self.redeclaration.is_over, list(self._messages.values())
+            handlers = list(self._handlers.values()) if is_over else []
             # Number 0: a new number would be higher than those repeated below, which central would take for answered.
-            self.outgoing.append((headers.Register(0, list(self._messages.values()), handlers), b""))
+            self.outgoing.append((headers.Register(0, messages, handlers, is_over and self._is_ready), b""))
         for request in self._requests.values():
             request.repeated = request.was_sent
             self._send(request)
@@ -231,8 +235,8 @@ class Session:
             self._number(request)
 
     def _declare_handlers(self) -> None:
-        if self._handlers:
-            self.outgoing.append((headers.Register(0, [], list(self._handlers.values())), b""))
+        if self._handlers or self._is_ready:
+            self.outgoing.append((headers.Register(0, [], list(self._handlers.values()), self._is_ready), b""))
 
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""

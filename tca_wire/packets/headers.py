@@ -16,7 +16,7 @@ from tca_wire.packets.routes import Entrance, EntranceGone, Noted, Route, WatchE
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 """Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
 
@@ -55,6 +55,8 @@ class Register(_Header, frozen=True, tag=2):
     number: int
     messages: list[MessageFormat]
     handlers: list[HandlerFormat] = []
+    is_ready: bool = False
+    """The module has attached what it attaches at its start: what its earlier runs attached besides is left behind."""
 
 
 class Unregister(_Header, frozen=True, tag=3):

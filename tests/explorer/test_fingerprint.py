@@ -15,7 +15,7 @@ from sampling import one_in
 from tca_central.control.steering import PendingKill
 from tca_central.core import Central
 from tca_central.events import ConnectionId
-from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, ModuleResource
+from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, ModuleResource
 from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Rare, Siblings, TaskTree, Verdict
@@ -279,7 +279,7 @@ def test_the_tables_name_what_there_is() -> None:
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
         central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Rare(), Siblings(),  # type: ignore[arg-type]
         Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
-        FailureContext(*[None] * 5),  # type: ignore[arg-type]
+        FailureContext(*[None] * 5), AttachedHandler(1, "", message, 0, message, "legs"),  # type: ignore[arg-type]
     ]  # fmt: skip
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)

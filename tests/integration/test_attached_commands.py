@@ -44,7 +44,9 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
         [str(look.id), "look", f"walk {{{walk.id}}}", "other script"],
     ]
     first = {"id": fell.id, "failure": "fell", "handler": "fix", "task": 0, "message": "walk", "maximum": 2}
-    assert told["exception_handlers"][0] == {**first, "modules": ["user"], "gone": [], "handled_by": []}
+    assert told["exception_handlers"][0] == {
+        **first, "modules": ["user"], "gone": [], "earlier": [], "is_stale": False, "handled_by": []
+    }  # fmt: skip
     assert [one["task"] for one in told["wiretaps"]] == [0, walk.id]
     text = tca(attached)[1]
     assert "other script (has left), user" in text

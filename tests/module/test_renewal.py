@@ -81,6 +81,14 @@ def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session)
     assert session.complaints == ["central was restarted: exception handlers and wiretaps attached anew: 2"]
 
 
+def test_central_is_told_again_that_all_is_attached(session: Session) -> None:
+    session.declared([], [], is_ready=True)
+    assert restart(session, "one") == [Register(0, [WALK, CHECK], [HANDLES_WALK], is_ready=True)]
+    assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
+    hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
+    assert said(session) == [Register(0, [], [HANDLES_WALK], is_ready=True)]
+
+
 def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(session: Session) -> None:
     until = Point(TaskId(7), Moment.END_ACHIEVING)
     guard = Tap(0, Condition.WHILE_ACHIEVING, "check", "walk", watch=WatchOptions(period=1, until=until))
