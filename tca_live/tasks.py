@@ -1,18 +1,17 @@
-"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``raise``, ``unlock`` and
-``detach``.
+"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``retry``, ``raise``,
+``unlock`` and ``detach``.
 """
 
 from typing import Any, NamedTuple
 
 import click
 
+from tca_live import steering
 from tca_live.questions import attached_in_all, attached_to
 from tca_live.shared import SECONDS, central_option, talking
+from tca_live.steering import find_task, too_late
 from tca_module.client import Client
-from tca_module.errors import Refused
-from tca_module.sending.task_ref import TaskRef
 from tca_wire.messages.declarations import Failure
-from tca_wire.points import ROOT
 from tca_wire.text.measures import listed, numbered
 from tca_wire.text.plain_data import Bare, PlainFormat
 from tca_wire.text.printable import printable
@@ -43,14 +42,7 @@ def kill(task: str, delay: float, why: str, central: str | None, *, descendants:
         raise click.UsageError(msg)
     scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS if siblings else Scope.TASK
     with talking("kill", central) as client:
-        handle = find_task(client, task)
-        if not handle.kill(why, delay=delay, scope=scope):
-            raise _too_late(handle, "killed")
-        whom = {Scope.DESCENDANTS: f"all under {handle}", Scope.SIBLINGS: f"the siblings of {handle}"}
-        is_over = scope is not Scope.TASK or delay or handle.info() is None
-        how = f"to be killed in {delay:g} s" if delay else "killed"
-        how = how if is_over else "told to end; it does when the handlers that run have returned"
-        click.echo(f"{whom.get(scope, handle)}: {how}")
+        click.echo(steering.kill(find_task(client, task), why, delay, scope))
 
 
 @click.command()
@@ -63,11 +55,7 @@ def suspend(task: str, central: str | None) -> None:
     Running handlers are told; they may hold or finish.
     """
     with talking("suspend", central) as client:
-        handle = find_task(client, task)
-        info = handle.info()
-        if not handle.suspend():
-            raise _too_late(handle, "suspended")
-        click.echo(f"{handle}: suspended" + " already" * (info is not None and info.suspended))
+        click.echo(steering.suspend(find_task(client, task)))
 
 
 @click.command()
@@ -79,11 +67,20 @@ def resume(task: str, central: str | None) -> None:
     TASK is a task's number, or its message's name if only one such task lives.
     """
     with talking("resume", central) as client:
-        handle = find_task(client, task)
-        info = handle.info()
-        if not handle.resume():
-            raise _too_late(handle, "resumed")
-        click.echo(f"{handle}: " + ("resumed" if info is None or info.suspended else "not suspended"))
+        click.echo(steering.resume(find_task(client, task)))
+
+
+@click.command()
+@task_argument
+@central_option
+def retry(task: str, central: str | None) -> None:
+    """Handle a task again, from the beginning.
+
+    TASK is a task's number, or its message's name if only one such task lives. All under it is killed first, except
+    monitors of others. A running handler is told; the task begins anew when it has returned.
+    """
+    with talking("retry", central) as client:
+        click.echo(steering.retry(find_task(client, task)))
 
 
 @click.command("raise")
@@ -101,7 +98,7 @@ def raise_failure(task: str, failure: str, text: str, data: str | None, central:
     with talking("raise", central) as client:
         handle = find_task(client, task)
         if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
-            raise _too_late(handle, "failed")
+            raise too_late(handle, "failed")
         click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
 
 
@@ -117,13 +114,6 @@ def unlock(resource: str, module: str | None, central: str | None) -> None:
     with talking("unlock", central) as client:
         was_held = client.unlock(resource, module)
         click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
-
-
-def _too_late(handle: TaskRef, what: str) -> click.ClickException:
-    """Central has done nothing: between the question and the request the task has ended."""
-    is_over = handle.info() is None
-    state = "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
-    return click.ClickException(f"{printable(str(handle))} {state}: it can't be {what} any more")
 
 
 @click.command()
@@ -219,44 +209,3 @@ def _not_attached(client: Client, number: int) -> str:
 
 def _listed(found: list[_Attached]) -> str:
     return f"{listed([one.text for one in found], named=_SHOWN)}: see 'tca attached'"
-
-
-def find_task(client: Client, named: str) -> TaskRef:
-    """The living task that a number, or a message's name, means. Raises ClickException if it means none, or many."""
-    if named.isdecimal() and named.isascii():
-        return _numbered(client, int(named))
-    if not named or not named.isprintable():
-        msg = f"'{printable(named)}' is no task: give the number of a task, or its message's name"
-        raise click.UsageError(msg)
-    found = client.tasks(named)
-    if not found:
-        msg = f"no living task is called '{named}': {_living(client)}"
-        raise click.ClickException(msg)
-    if len(found) > 1:
-        numbers = listed([str(handle.id) for handle in found], named=_SHOWN)
-        msg = f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}"
-        raise click.ClickException(msg)
-    return found[0]
-
-
-def _living(client: Client) -> str:
-    """Which tasks there are now, in the central that was asked: the newest journal may be another one's."""
-    tasks = client.tasks()
-    if not tasks:
-        return f"no task lives in central at {client.address}"
-    return f"living tasks are {listed([printable(str(task)) for task in tasks], named=_SHOWN)}"
-
-
-def _numbered(client: Client, number: int) -> TaskRef:
-    if number == ROOT:
-        msg = f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
-        raise click.ClickException(msg)
-    try:
-        handle = client.task(min(number, _HIGHEST))
-    except Refused as refused:
-        raise click.ClickException(f"{refused.text}: {_living(client)}") from None
-    info = handle.info() if handle is not None else None
-    if handle is None or info is None or info.outcome:
-        msg = f"task {number} has ended: 'tca tree' shows how, given the journal of {client.address} as LOG"
-        raise click.ClickException(msg)
-    return handle

@@ -60,7 +60,10 @@ ONLY_IN = {
     "textual": {"tca_tools/replay/app.py", "tca_tools/replay/panes.py"},
     "uvicorn": {"tca_tools/view/__main__.py"},
 }
-EXCEPTIONS = {("tca_module/testing.py", "tca_central")}  # the real core for users' tests
+EXCEPTIONS = {
+    ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
+    ("tca_tools/view/steering.py", "tca_live"),  # the page steers a running central as the commands do
+}
 
 # What a room of a package may import of its own package. A room is a folder, or a file beside the folders.
 ROOMS: dict[str, dict[str, set[str]]] = {

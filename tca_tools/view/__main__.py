@@ -11,6 +11,7 @@ import click
 from tca_tools.errors import ToolError
 from tca_tools.options import log_argument
 from tca_tools.run.journals import open_log
+from tca_wire.endpoint import VARIABLE
 
 _LOCAL = "127.0.0.1"
 
@@ -23,18 +24,22 @@ _LOCAL = "127.0.0.1"
 @click.option(
     "--host", default=_LOCAL, show_default=True, help="The address to serve on: by default only for this machine."
 )
+@click.option("--central", metavar="ADDRESS", help=f"Where central listens that is steered [default: ${VARIABLE}].")
+@click.option("--read-only", is_flag=True, help="Only look: nothing is killed, suspended, resumed or retried.")
 @click.option("--browser/--no-browser", default=True, help="Open the page in the browser.")
-def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
+def view(log_path: Path | None, port: int, host: str, central: str | None, *, read_only: bool, browser: bool) -> None:
     """Show a run in the browser: its task tree and Gantt chart at any moment.
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown, and when central is started
-    anew, that run. A run that goes on is followed. The page is served until interrupted.
+    anew, that run. A run that goes on is followed, and whoever opens the address that is printed can kill, suspend,
+    resume and retry its tasks. With --host the page only looks. It is served until interrupted.
     """
     try:
         import uvicorn  # noqa: PLC0415 - the viewer is an extra
 
         from tca_tools.view.app import application  # noqa: PLC0415
         from tca_tools.view.runs import Runs  # noqa: PLC0415
+        from tca_tools.view.steering import Steering  # noqa: PLC0415
     except ImportError as error:
         raise ToolError(f"the package '{error.name}' is missing: pip install 'tca-central[view]'") from None
     log = open_log(log_path)
@@ -42,7 +47,8 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
     log.tell()
     runs = Runs(log, follows=log_path is None)
     with _listening(host, port) as door:
-        address = f"http://{_in_address(host)}:{door.getsockname()[1]}/"
+        steering = Steering(central) if host == _LOCAL and not read_only else None
+        address = f"http://{_in_address(host)}:{door.getsockname()[1]}/" + (f"?key={steering.key}" if steering else "")
         hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == _LOCAL else ["*"]
 
         class Server(uvicorn.Server):
@@ -50,7 +56,7 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
                 runs.stop()  # or a page that waits for news would be waited for
                 super().handle_exit(sig, frame)
 
-        config = uvicorn.Config(application(runs, hosts), log_level="warning", timeout_graceful_shutdown=1)
+        config = uvicorn.Config(application(runs, hosts, steering), log_level="warning", timeout_graceful_shutdown=1)
         runs.show(None)
         click.echo(f"{runs.first.name}: {address}  (Ctrl-C ends)")
         if log.is_empty:

@@ -114,6 +114,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         told = [{"text": note.text, "since": age.since}]
     return {
         "state": task.standing,
+        "isSuspended": task.suspension is not None,
         "waits": told,
         "start": age.begun if age else None,
         "end": note.alone,

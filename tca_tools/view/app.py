@@ -1,4 +1,5 @@
-"""The HTTP server of the page. It answers from a Reading, changes nothing, and fetches nothing.
+"""The HTTP server of the page. It answers from a Reading, and fetches nothing; what it does to a running central it
+does through steering.py.
 
 The page comes from this machine only, and the server answers only to its own address: a foreign page that a browser
 shows can't read a run through it (DNS rebinding).
@@ -22,11 +23,13 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from tca_tools.errors import ToolError
 from tca_tools.run.fates import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
 from tca_tools.view.reading import Reading
 from tca_tools.view.runs import Runs, Shown
+from tca_tools.view.steering import NotAllowed, Steering, SteeringRequest
 
 PAGE = Path(__file__).parent / "page"
 _PATIENCE = 10.0
@@ -35,19 +38,22 @@ _OF_OTHERS = 2.0
 """Seconds of patience for a run that does not go on: another one may begin."""
 
 _LOOKS = {
-    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:",
+    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:;"
+    " frame-ancestors 'none'",  # nobody's click on another page is one on this one
     "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
 }
 
 
-def application(runs: Runs, hosts: list[str]) -> Starlette:
-    """The server of one page, which answers to these host names."""
+def application(runs: Runs, hosts: list[str], steering: Steering | None = None) -> Starlette:
+    """The server of one page, which answers to these host names; without *steering* the page can only look."""
     return Starlette(
         routes=[
             Route("/", lambda _request: FileResponse(PAGE / "index.html")),
             Route("/api/runs", partial(_runs, runs)),
             Route("/api/frame", partial(_frame, runs)),
+            *([Route("/api/steer", partial(_steer, runs, steering), methods=["POST"])] if steering else []),
             *(Route(f"/api/{path}", _asked(runs, answer)) for path, answer in _ANSWERS.items()),
             Mount("/page", StaticFiles(directory=PAGE)),
         ],
@@ -125,6 +131,25 @@ def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | 
             "newestAtStart": runs.newest_at_start,
         }
         return reading.feed.columns.frame(since, told)
+
+
+async def _steer(runs: Runs, steering: Steering, request: Request) -> Response:
+    """Do something to a task of a live run, and say what became of it."""
+    headers = request.headers
+    try:
+        steering.check(headers.get("X-TCA-Key", ""), headers.get("Origin", ""), headers.get("Host", ""))
+        asked = msgspec.json.decode(await request.body(), type=SteeringRequest)
+        return JSONResponse({"said": await run_in_threadpool(_steered, runs, steering, asked)})
+    except NotAllowed as error:
+        return JSONResponse({"error": error.message}, 403)
+    except (ToolError, msgspec.MsgspecError) as error:
+        return JSONResponse({"error": getattr(error, "message", None) or str(error)}, 400)
+
+
+def _steered(runs: Runs, steering: Steering, asked: SteeringRequest) -> str:
+    if (shown := runs.show(asked.run)) is None or shown.reading.state != "live":
+        raise ToolError("this run has ended: nothing can be done to its tasks")
+    return steering.steer(asked, shown.reading.feed.history.epoch)
 
 
 def _no_run(address: str | None) -> Response:

@@ -15,6 +15,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_play
 from tca_tools.run.journals import Log, open_log
 from tca_tools.view.app import application
 from tca_tools.view.runs import Runs
+from tca_tools.view.steering import Steering
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SOON = 60_000  # milliseconds: a busy machine reads 100,000 tasks in ten seconds
@@ -46,11 +47,13 @@ def written(page: Page) -> list[tuple[str, str]]:
 
 
 @contextmanager
-def served(log: Log, *, follows: bool = False) -> Iterator[str]:
+def served(log: Log, *, follows: bool = False, steering: Steering | None = None) -> Iterator[str]:
     """The page's address; its server runs in a thread."""
     log.check_beginning()
     runs = Runs(log, follows=follows)
-    server = uvicorn.Server(uvicorn.Config(application(runs, ["127.0.0.1", "localhost"]), log_level="warning"))
+    server = uvicorn.Server(
+        uvicorn.Config(application(runs, ["127.0.0.1", "localhost"], steering), log_level="warning")
+    )
     with socket.create_server(("127.0.0.1", 0)) as door:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [door]})
         runs.show(None)
@@ -67,7 +70,9 @@ def served(log: Log, *, follows: bool = False) -> Iterator[str]:
 def serve() -> Iterator[Callable[..., str]]:
     """Serves journals, or without one the newest run; gives each page's address."""
     with ExitStack() as servers:
-        yield lambda journal=None: servers.enter_context(served(open_log(journal), follows=journal is None))
+        yield lambda journal=None, steering=None: servers.enter_context(
+            served(open_log(journal), follows=journal is None, steering=steering)
+        )
 
 
 @pytest.fixture(scope="package")  # while it is open an event loop runs, in which other tests could not
@@ -116,7 +121,9 @@ def look(browser: Browser, window: BrowserContext, serve: Callable[[Path], str])
 
         notes = {
             "pageerror": lambda error: wrong.append(str(error)),
-            "console": lambda line: wrong.append(line.text) if line.type == "error" else None,
+            "console": lambda line: (
+                wrong.append(line.text) if line.type == "error" and "(Forbidden)" not in line.text else None
+            ),  # what is refused, the page says itself
             "request": lambda asked: None if asked.url.startswith(tuple(addresses)) else wrong.append(asked.url),
         }
         yield open_page

@@ -7,8 +7,8 @@ const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unas
 const MET = 3, UNMET = 12; // constraints that are shown unasked
 
 export class Details {
-  constructor(store, { choose, setTime, ask }) {
-    Object.assign(this, { store, choose, setTime, ask });
+  constructor(store, { choose, setTime, ask, answered }) {
+    Object.assign(this, { store, choose, setTime, ask, answered });
     this.panel = document.getElementById("task");
     this.id = null;
     this.time = Infinity;
@@ -33,6 +33,7 @@ export class Details {
     if (id !== this.id || !about) return;
     if (about.error) this.panel.replaceChildren(element("p", { class: "faint", text: about.error }));
     else this.panel.replaceChildren(...this.#parts(about));
+    this.answered({ ...about, id });
   }
 
   *#parts(about) {

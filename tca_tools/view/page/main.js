@@ -8,6 +8,7 @@ import { Messages } from "./messages.js";
 import { ofRun, Runs } from "./runs.js";
 import { Search } from "./search.js";
 import { Slider } from "./slider.js";
+import { Steering } from "./steer.js";
 import { Store } from "./store.js";
 import { Tree } from "./tree.js";
 
@@ -71,7 +72,8 @@ const callbacks = { choose, setTime, playTo, reveal, keepUp, ask };
 const tree = new Tree(store, callbacks);
 const chart = new Chart(store, callbacks);
 const slider = new Slider(store, callbacks);
-const details = new Details(store, callbacks);
+const steering = new Steering(store, { toEnd: () => setTime(Infinity) });
+const details = new Details(store, { ...callbacks, answered: (about) => steering.show(about, cursor === Infinity) });
 const messages = new Messages(store, callbacks);
 const causes = new Causes(store, callbacks);
 const search = new Search(store, { tree, choose, setTime, changed: draw });
@@ -131,6 +133,7 @@ function goToNext(looks, time) {
 }
 
 function openTab(name) {
+  document.getElementById("steering").hidden = name !== "task";
   for (const tab of ["task", "messages"]) {
     document.getElementById(tab).hidden = tab !== name;
     document.getElementById(`tab-${tab}`).setAttribute("aria-selected", tab === name);

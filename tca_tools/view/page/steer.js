@@ -1,0 +1,107 @@
+// What can be done to a task of a live run: it is killed, suspended, resumed or retried, after a question.
+
+import { element } from "./dom.js";
+import { ofRun } from "./runs.js";
+import { isOver } from "./store.js";
+import { counted, numbered } from "./words.js";
+
+const KEY = "key"; // of the address that the command printed: without it a page only looks
+const CHANGES = {
+  kill: "It ends, and all that is under it. Handlers that run are told, not interrupted.",
+  suspend: "Nothing more of it is started, nor of what is under it, until it is resumed. Handlers that run are told.",
+  resume: "It goes on, and all that is under it.",
+  retry: "All that is under it is killed, and it is handled again from the beginning.",
+};
+
+// Out of the address, which may be sent to others.
+function takeKey() {
+  const address = new URL(location.href), given = address.searchParams.get(KEY);
+  if (given === null) return;
+  sessionStorage.setItem(KEY, given);
+  address.searchParams.delete(KEY);
+  history.replaceState(null, "", address);
+}
+
+takeKey();
+
+export class Steering {
+  constructor(store, { toEnd }) {
+    Object.assign(this, { store, toEnd });
+    this.panel = document.getElementById("steering");
+    this.shown = ""; // what is pressed just now stays there
+    this.told = null; // what became of what was asked last: { id, text, isBad }
+    this.dialog = document.getElementById("steer");
+    document.getElementById("steer-not").addEventListener("click", () => this.dialog.close(""));
+    this.dialog.addEventListener("close", () => {
+      const { returnValue } = this.dialog, why = this.dialog.querySelector("input").value.trim();
+      if (returnValue) this.#do(returnValue, this.id, why);
+    });
+  }
+
+  // What can be done to a task that lives now, if the page may steer and shows the present. `about`: as the pane knows it.
+  show(about, isPresent) {
+    this.about = [about, isPresent];
+    const { store } = this, task = store.byId.get(about.id), state = task && store.stateAt(task, store.end);
+    const isAlive = task && !isOver(state) && store.isLive && sessionStorage.getItem(KEY) !== null;
+    const can = !isAlive || !isPresent || state === "ending" ? [] : ["kill", about.isSuspended ? "resume" : "suspend", "retry"];
+    const told = this.told?.id === about.id ? this.told : null, shown = JSON.stringify([about.id, isAlive, can, told]);
+    if (shown === this.shown) return;
+    this.shown = shown;
+    this.panel.replaceChildren(...can.map((what) => this.#button(what, task)), ...isAlive && !isPresent ? this.#present() : [],
+      ...told ? [element("span", { class: told.isBad ? "bad" : "", role: "status", text: told.text })] : []);
+  }
+
+  #present() {
+    const made = element("button", { class: "link", text: "go to the end" });
+    made.addEventListener("click", this.toEnd);
+    return [made, element("span", { class: "faint", text: "to kill, suspend or retry it" })];
+  }
+
+  #button(what, task) {
+    const made = element("button", { text: what, class: what });
+    made.dataset.steer = what;
+    made.addEventListener("click", () => this.#ask(what, task));
+    return made;
+  }
+
+  #ask(what, task) {
+    const { dialog, store } = this, below = living(task, store);
+    this.id = task.id;
+    dialog.querySelector("h2").textContent = `${what} ${numbered(task.name, task.id)}?`;
+    dialog.querySelector("p").textContent = below ? `${CHANGES[what]} Under it: ${counted(below, "living task")}.` : CHANGES[what];
+    dialog.querySelector("label").hidden = what !== "kill";
+    dialog.querySelector("input").value = "";
+    const yes = dialog.querySelector("button[type=submit]");
+    Object.assign(yes, { value: what, textContent: what, className: what });
+    dialog.returnValue = "";
+    dialog.showModal();
+  }
+
+  async #do(what, task, why) {
+    const asked = JSON.stringify({ ...ofRun(this.store.head), task, what, why });
+    this.told = { id: task, ...await sent(asked) };
+    this.show(...this.about);
+  }
+}
+
+async function sent(body) {
+  try {
+    const answer = await fetch("api/steer", { method: "POST", body, headers: { "X-TCA-Key": sessionStorage.getItem(KEY) } });
+    if (answer.status > 400) sessionStorage.removeItem(KEY); // another viewer serves this address now
+    const { said, error } = await answer.json();
+    return { text: said ?? error, isBad: said === undefined };
+  } catch (error) {
+    return { text: `the server does not answer (${error.message})`, isBad: true };
+  }
+}
+
+// How many tasks under one have not ended.
+function living({ children }, store) {
+  let count = 0;
+  for (const left = [...children]; left.length;) {
+    const task = left.pop();
+    if (!isOver(store.stateAt(task, store.end))) count++;
+    left.push(...task.children);
+  }
+  return count;
+}
