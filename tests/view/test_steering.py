@@ -149,7 +149,14 @@ def test_nobody_else_is_obeyed(serve: Serve, robot: Robot, tmp_path: Path) -> No
         ({"X_TCA_Key": key, "Host": "evil.example", "Origin": "http://evil.example"}, 400),
     ):
         assert post(address, wish, **headers)[0] == status
-    for wrong in ([], {"what": "kill"}, wish | {"what": "dance"}, wish | {"run": "other"}, wish | {"task": 99}):
+    nonsense: tuple[Any, ...] = (
+        [],
+        {"what": "kill"},
+        wish | {"what": "dance"},
+        wish | {"run": "other"},
+        wish | {"task": 99},
+    )
+    for wrong in nonsense:
         assert post(address, wrong, X_TCA_Key=key)[0] == 400
     assert task.info() is not None
     told = post(address, wish, X_TCA_Key=key, Origin=address.rstrip("/"))
