@@ -1,13 +1,18 @@
 """Client: a script that handles nothing sends with it."""
 
+import atexit
+import logging
+import os
+import sys
 from typing import Any, Literal, Self, get_args
+from weakref import WeakSet
 
 import msgspec
 
 from tca_module import checks
 from tca_module.checks import check
-from tca_module.errors import CentralLost, MisuseError, NoCentral
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection, ask
+from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, PATIENCE, Connection, ask
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.sending.sender import Sender
 from tca_wire.packets.headers import Ask
@@ -19,10 +24,13 @@ _TOPIC = checks.ArgumentKind(f"one of {', '.join(get_args(Topic))}", lambda topi
 class Client(Sender):
     """A connection of a program that handles nothing; it sends under the root. For one thread."""
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, linger: float = LINGER) -> None:
         super().__init__()
         self._link: Connection | None = connection
+        self._linger = linger
+        self._process = os.getpid()
         connection.root_sender = self
+        _open.add(self)
 
     @property
     def name(self) -> str:
@@ -44,16 +52,29 @@ class Client(Sender):
         return msgspec.msgpack.decode(answer)
 
     def close(self) -> None:
-        """Say goodbye to central; twice does no harm."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
+        """Say goodbye to central when all that was sent has arrived. Raises NotSent if something may not have; twice
+        does no harm.
+        """
+        link, self._link = self._link, None
+        if link is not None:
+            link.close(self._linger)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        link = self._link
+        try:
+            self.close()
+        except NotSent as lost:
+            if link is None or error is None or (isinstance(error, SystemExit) and not error.code):
+                raise
+            link.log.error("%s", lost)  # noqa: TRY400 - the other error has the traceback
+
+    def _close_at_exit(self) -> None:
+        """Close what the main thread of this process has left open."""
+        if self._link is not None and self._process == os.getpid() and self._link.is_mine:
+            self.close()
 
     def _connection(self) -> Connection:
         if self._link is None:
@@ -61,15 +82,40 @@ class Client(Sender):
         return self._link
 
 
-def connect(name: str = "script", central: CentralAddress = None, patience: float = PATIENCE / 2) -> Client:
+def connect(
+    name: str = "script", central: CentralAddress = None, patience: float = PATIENCE / 2, *, linger: float = LINGER
+) -> Client:
     """Connect to central from a program that is no module.
 
     Raises CentralLost if no central answers within *patience* seconds; uncaught it ends the program with one line and
-    exit code 1.
+    exit code 1. The end of its ``with`` block waits until all that was sent has arrived, at most *linger* seconds; if
+    something may not have, it raises NotSent, which ends the program in the same way.
     """
     check("connect()", checks.NAME, name=name)
-    check("connect()", checks.PATIENCE, patience=patience)
+    check("connect()", checks.PATIENCE, patience=patience, linger=linger)
     try:
-        return Client(open_connection(central, hello(name), patience))
+        return Client(open_connection(central, hello(name), patience), linger)
     except CentralLost as error:
         raise NoCentral(str(error)) from None
+
+
+_open: WeakSet[Client] = WeakSet()
+
+
+@atexit.register
+def _close_all() -> None:
+    """Close the clients that nobody has closed. If messages may be lost, end the process with exit code 1: an error
+    would not change the exit code here.
+    """
+    lost = ""
+    for client in list(_open):
+        try:
+            client._close_at_exit()  # noqa: SLF001
+        except NotSent as error:
+            lost = str(error)
+    if lost:
+        logging.shutdown()
+        print(lost, file=sys.stderr)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(1)

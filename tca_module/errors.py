@@ -6,6 +6,7 @@ TcaError             the base of the others
 │   ├── FormatRefused    others use a message of that name with another format or class
 │   └── Deadlock         the wait would never end
 ├── CentralLost      central does not answer, or was restarted and has forgotten the request
+│   └── NotSent          messages may not have arrived when their program left
 ├── LockLost         a lock or reservation was taken away before its release
 ├── Stopped          the module ends: the wait is over
 ├── NotDeclared      nobody has declared a message of that name (also a LookupError)
@@ -63,6 +64,17 @@ class NoCentral(CentralLost, SystemExit):
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self.code = text
+
+
+class NotSent(CentralLost, SystemExit):
+    """So many messages, *number*, may not have arrived when their program left. Raised by the end of a ``with
+    connect()`` block, and by that of a module. Uncaught, it ends the program with one line and exit code 1.
+    """
+
+    def __init__(self, number: int, text: str) -> None:
+        super().__init__(text)
+        self.code = text
+        self.number = number
 
 
 class Stopped(TcaError):

@@ -11,8 +11,8 @@ from typing import Any, TypeVar, overload
 
 from tca_module import checks
 from tca_module.checks import check, check_function
-from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped
-from tca_module.link.connection import PATIENCE, Connection
+from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Stopped
+from tca_module.link.connection import LINGER, PATIENCE, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.sending.sender import Sender
@@ -68,6 +68,7 @@ class Module(Sender):
         self._slots = Slots(name)
         self._stop = threading.Event()
         self._keep_alive: KeepAlive | None = None
+        self._linger = LINGER
         self._log = logging.getLogger(f"tca.{name}")
 
     def __repr__(self) -> str:
@@ -175,21 +176,25 @@ class Module(Sender):
 
     # --- running ---------------------------------------------------------------------------------------------------
 
-    def run(self, *, patience: float = PATIENCE, reconnect: bool = True) -> None:
+    def run(self, *, patience: float = PATIENCE, reconnect: bool = True, linger: float = LINGER) -> None:
         """Handle messages until Ctrl-C or SIGTERM; a second one leaves at once.
 
         Running handlers are told and waited for: ``task.cancelled`` is true, waits raise Stopped, coroutines get
         CancelledError. Handlers that were told fail with "module lost"; those that wait for nothing just finish.
 
         Raises CentralLost if no central answers within *patience* seconds; uncaught it ends the program with one line
-        and exit code 1. If central goes away later, waits for it; with *reconnect* False, raises CentralLost.
+        and exit code 1. If central goes away later, waits for it; with *reconnect* False, raises CentralLost. The end
+        waits until all that was sent has arrived, at most *linger* seconds; if something may not have, it raises
+        NotSent, likewise.
         """
-        running = self.running(patience=patience, reconnect=reconnect)
+        running = self.running(patience=patience, reconnect=reconnect, linger=linger)
         with _stopped_by_signals(self._stop), contextlib.suppress(Stopped), running:
             self._stop.wait()
 
     @contextmanager
-    def running(self, *, patience: float = PATIENCE, reconnect: bool = True) -> Iterator["Module"]:
+    def running(
+        self, *, patience: float = PATIENCE, reconnect: bool = True, linger: float = LINGER
+    ) -> Iterator["Module"]:
         """Handle messages in the background while the block lasts; otherwise like ``run``.
 
         The module may end earlier: by ``stop``, or by an error in a handler that is no Exception, such as
@@ -203,7 +208,7 @@ class Module(Sender):
             raise MisuseError(msg)
         self._stop.clear()
         try:
-            self._begin(patience, reconnect=reconnect)
+            self._begin(patience, linger, reconnect=reconnect)
         except CentralLost as error:
             raise NoCentral(f"module '{self.name}': {error}") from None
         try:
@@ -212,7 +217,8 @@ class Module(Sender):
             for earlier in self._leave(error):
                 if isinstance(error, Exception) and not isinstance(earlier, Exception):
                     raise earlier from error  # one that must be noticed
-                error.add_note(f"module '{self.name}' had ended before: {type(earlier).__name__}: {earlier}")
+                ended = f"module '{self.name}' had ended before: {type(earlier).__name__}: "
+                error.add_note(f"{'' if isinstance(earlier, NotSent) else ended}{earlier}")
             raise
         for earlier in self._leave():
             raise earlier
@@ -230,8 +236,9 @@ class Module(Sender):
         """Whether the module is about to end."""
         return self._stop.is_set()
 
-    def _begin(self, patience: float, *, reconnect: bool) -> None:
-        check(f"module '{self.name}'", checks.PATIENCE, patience=patience)
+    def _begin(self, patience: float, linger: float, *, reconnect: bool) -> None:
+        check(f"module '{self.name}'", checks.PATIENCE, patience=patience, linger=linger)
+        self._linger = linger
         check(f"module '{self.name}'", checks.FLAG, reconnect=reconnect)
         greeting = hello(self.name)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
@@ -272,7 +279,8 @@ class Module(Sender):
     def _open_slots(self, incarnation: str, patience: float, attachments: LastingAttachments) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
             greeting = hello(self.name, number, resource, incarnation)
-            return Slot(self.central, greeting, patience, self._handlers, callbacks, self._stop, attachments)
+            stop, linger = self._stop, self._linger
+            return Slot(self.central, greeting, patience, self._handlers, callbacks, stop, attachments, linger)
 
         self._resources.setdefault(CALLBACKS, 1)  # after() may have been called while required messages were awaited
         used = {handler.resource for handler in self._handlers.values()} | self._slots.with_callbacks
@@ -283,10 +291,15 @@ class Module(Sender):
         if self._keep_alive is not None:
             self._keep_alive.end()
         self._stop.set()
-        assert self._link is not None
-        self._link.leave()
+        link = self._link
+        assert link is not None
+        link.leave()
         errors = self._slots.close(why)
-        self._link.close()
+        is_in_vain = any(isinstance(error, NotSent) for error in errors)
+        try:
+            link.close(0.0 if is_in_vain else self._linger, link.session.lost)
+        except NotSent as error:
+            errors.append(error)
         if self._keep_alive is not None and self._keep_alive.error is not None:
             errors.insert(0, self._keep_alive.error)
         self._link, self._keep_alive = None, None

@@ -40,6 +40,7 @@ class DirectMessages:
         self._notes = NoteBatch()
         self._routes = DirectRoutes(session, way, transport, self._notes, PathSocket)
         self._inbox: Inbox | None = None
+        self._transport, self._door = transport, door
         if transport is not None and door is not None:
             log = logging.getLogger(f"tca.{session.module}")
             self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, clock, log)
@@ -109,6 +110,15 @@ class DirectMessages:
             if isinstance(header, Noted):
                 self._notes.restore(header, self._clock())
 
+    def confirm(self) -> None:
+        """Ask the slots what has arrived."""
+        self._routes.confirm()
+
+    @property
+    def unheard(self) -> int:
+        """The number of informs that may not have arrived."""
+        return self._routes.unheard
+
     @property
     def is_used(self) -> bool:
         """Whether something may come from elsewhere than central."""
@@ -117,6 +127,8 @@ class DirectMessages:
     def shut(self) -> None:
         """Take nothing more, and report the rest. Queries that have not begun go to somebody else."""
         if self._inbox is not None:
+            if self._transport is not None and self._door is not None:
+                self._transport.remove(self._door.socket)
             self._inbox.close()
             self._inbox = None
         if self._notes.due != FAR:

@@ -55,6 +55,7 @@ class DirectPath:
         self.complaints: list[str] = []  #: for the log
         self.requests: dict[int, Request] = {}  #: queries that are not answered, by number
         self.is_over = False  #: nothing can be sent any more
+        self.is_asked = False  #: the slot is to say what has arrived
         self._is_open = False  #: the slot has answered the last greeting
         self._is_first = True
         self._session = session
@@ -70,6 +71,11 @@ class DirectPath:
     def is_usable(self) -> bool:
         """Whether messages can be sent this way now."""
         return self._is_open and not self.is_over and self._gives_up is None
+
+    @property
+    def unheard(self) -> int:
+        """The number of informs that may not have arrived, of a slot that is there."""
+        return sum(bool(inform) for inform, _ in self._under_way.values()) if self.is_usable else 0
 
     def ask(self, request: Request, now: float) -> bool:
         """Send a query; False if it must go another way. Refused if too much is on its way."""
@@ -115,9 +121,11 @@ class DirectPath:
             for request in self._all_requests():
                 request.answers.append((Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up[1]), NIL))
                 self._end(request)
-        if self.is_over or now - self._said < REPEAT or not (self.requests or not self._is_open):
+        is_due = now - self._said >= REPEAT and (self.requests or not self._is_open)
+        if self.is_over or not (is_due or self.is_asked):
             return
         if self.socket.is_connected:
+            self.is_asked = False
             self._said = now
             greet = Greet(
                 PROTOCOL_VERSION, self.entrance.key, self._session, self._module, self._newest, self._is_first

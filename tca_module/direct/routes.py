@@ -35,6 +35,7 @@ class DirectRoutes:
         self._routes: dict[str, deque[DirectPath]] = {}  #: by message; its slots take turns
         self._paths: dict[str, DirectPath] = {}  #: by endpoint
         self._numbers = itertools.count(1)
+        self._has_lost = False  #: the log says that informs are lost
         self._is_tidy = True  #: no way is open that leads nowhere
         self._epoch = ""
         self._now = 0.0
@@ -62,6 +63,16 @@ class DirectRoutes:
             if path.is_usable:
                 return path
         return None
+
+    def confirm(self) -> None:
+        """Ask the slots what has arrived."""
+        for path in self._paths.values():
+            path.is_asked = path.unheard > 0
+
+    @property
+    def unheard(self) -> int:
+        """The number of informs that may not have arrived."""
+        return sum(path.unheard for path in self._paths.values())
 
     @property
     def is_used(self) -> bool:
@@ -127,9 +138,9 @@ class DirectRoutes:
                 self._session.post(WatchEntrance(path.entrance.endpoint))
 
     def _lose(self, message: str) -> None:
-        if not self._session.dropped:
+        if not self._has_lost:
             self._log.warning("informs '%s' are lost: their handler is too slow, or could not be reached", message)
-        self._session.dropped += 1
+        self._has_lost = True
         self._notes.lost(message, self._now)
 
     def _close_unused(self) -> None:

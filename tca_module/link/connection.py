@@ -14,19 +14,20 @@ from typing import Any
 
 from tca_module.checks import TIMEOUT, check, check_message, name_of
 from tca_module.direct.messages import DirectMessages
-from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
+from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped, Timeout
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
 from tca_module.session.epoch_numbers import RESTARTED, check_epoch, first_foreign, numbers_in
 from tca_module.session.open_deliveries import KILLED, wake_error, working_on
 from tca_module.session.request import Request, refers_to_tasks, waits_for_others
 from tca_module.session.session import Session
-from tca_module.sockets.transport import Transport
+from tca_module.sockets.transport import Transport, is_anybody_there
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Await, Bye, Deliver, Register, Release, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
 
 PATIENCE = 10.0  # seconds without a word from central after which a wait ends with CentralLost
 ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse a request while it says other things
+LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
 _FOR_EVER = float("inf")
@@ -53,7 +54,7 @@ class Connection:
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner = threading.get_ident()
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
-        self._log = logging.getLogger(f"tca.{session.module}")
+        self.log = logging.getLogger(f"tca.{session.module}")
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
@@ -72,13 +73,45 @@ class Connection:
             if self.session.is_welcome:
                 self.call(Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
 
-    def close(self) -> None:
-        """Say goodbye."""
+    def close(self, linger: float = LINGER, before: int = 0) -> None:
+        """Say goodbye when all that was sent has arrived, or after *linger* seconds. Raises NotSent if something may
+        not have; *before*: so much was lost, and logged, earlier.
+        """
         with self._lock:
-            self.direct.shut()
-            if self.session.post(Bye()):
-                self.line.flush()
-            self.drop()
+            session = self.session
+            try:
+                self.direct.shut()
+                self._settle(linger, before)
+            finally:
+                number = session.lost + session.unheard + self.direct.unheard - before
+                why = self._why_not_sent() if number else ""
+                if session.post(Bye()):
+                    self.line.flush(0.0 if number else SEND_WAIT)
+                self.drop()
+            if number:
+                what = f"{number:,} message{'s' * (number != 1)} of '{session.module}'"
+                raise NotSent(number, f"{what} may not have reached {why}")
+
+    def _settle(self, within: float, before: int) -> None:
+        """Wait until all that was sent has arrived, unless central is gone."""
+        session, since = self.session, self.now()
+        is_waited_for = not session.is_settled and (session.is_welcome or session.lost > before)
+        if is_waited_for:
+            session.confirm()
+        self.direct.confirm()
+        while (is_waited_for and not session.is_settled) or self.direct.unheard:
+            left = since + within - self.now()
+            session.tend(self.now(), since)
+            self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
+            if left <= 0 or (session.outgoing and not is_anybody_there(self.transport.address)):
+                return
+            self.line.listen(min(STEP, left))
+
+    def _why_not_sent(self) -> str:
+        where = f"central at {self.transport.address}"
+        if not self.session.is_settled:
+            return f"{where}: {self.line.what_to_do()}"
+        return "their handler, which does not answer" if self.direct.unheard else f"{where}: the connection broke"
 
     def drop(self) -> None:
         """Close without goodbye: deliveries begun and not answered have failed."""
@@ -266,7 +299,7 @@ class Connection:
             self.session.post(header, body)
             self.line.flush()
             if self.session.dropped > dropped == 0:
-                self._log.warning("central at %s is not there: informs and broadcasts are lost", self.transport.address)
+                self.log.warning("central at %s is not there: informs and broadcasts are lost", self.transport.address)
 
     def reply(self, header: Any, body: bytes) -> None:
         """A handler ended."""
@@ -373,9 +406,14 @@ class Connection:
         """Why central counts as silent, for errors; "" if all is well."""
         return self.line.silence
 
+    @property
+    def is_mine(self) -> bool:
+        """Whether it belongs to the calling thread."""
+        return threading.get_ident() == self._owner
+
     def check_thread(self) -> None:
         """Raise MisuseError in another thread; before taking the lock, which a serving thread keeps for ever."""
-        if threading.get_ident() != self._owner:
+        if not self.is_mine:
             where = f"a connection of module '{self.session.module}' is used from thread"
             msg = (
                 f"{where} '{threading.current_thread().name}', but belongs to the one that opened it: a handler sends \

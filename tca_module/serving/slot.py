@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from tca_module.errors import MisuseError, Stopped
+from tca_module.errors import MisuseError, NotSent, Stopped
 from tca_module.link.connection import Connection
 from tca_module.link.opening import CentralAddress, open_connection
 from tca_module.sending.handler_errors import module_ended
@@ -34,13 +34,14 @@ class Slot:
 
     def __init__(
         self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
-        callbacks: Callbacks, stop: threading.Event, attachments: LastingAttachments,
+        callbacks: Callbacks, stop: threading.Event, attachments: LastingAttachments, linger: float,
     ) -> None:  # fmt: skip
         self.error: BaseException | None = None  #: the error that ended the thread before its time
         self.handling = ""  #: the message whose handler runs
         self._central = central
         self._hello = hello
         self._patience = patience
+        self._linger = linger
         self._handlers = handlers
         self._callbacks = callbacks
         self._stop = stop
@@ -105,7 +106,12 @@ class Slot:
         if error is not None:
             for delivery in connection.session.open_deliveries.begun:
                 connection.reply(*module_ended(delivery, error))
-        connection.close()
+        try:
+            connection.close(self._linger, connection.session.lost)
+        except NotSent as lost:
+            if error is None:
+                raise
+            self._log.error("%s", lost)
 
     def _idle(self, seconds: float) -> bool:
         """Call one callback, or wait for something to do; False if only central can bring that."""

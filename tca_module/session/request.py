@@ -37,7 +37,7 @@ class Request:
     """
 
     __slots__ = ("__weakref__", "accepted", "answers", "body", "epoch", "gone", "header", "is_announced", "is_over",
-                 "lost", "notify", "number", "path", "refused", "repeated", "settled", "taken", "wants_answer",
+                 "lost", "mark", "notify", "number", "path", "refused", "repeated", "settled", "taken", "wants_answer",
                  "was_sent")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
@@ -57,6 +57,7 @@ class Request:
         self.taken = ""  #: of a lock that was granted: how it was lost
         self.path: Any = None  #: the way that it went directly, under that way's *number*
         self.number = 0
+        self.mark = 0  #: how many statements had been sent before it
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
         self.settled: Callable[[Request], None] | None = None  #: called by the session itself, when it is over
 

@@ -37,6 +37,7 @@ from tca_wire.vocabulary import Outcome, Refusal
 HELLO_NUMBER = 1  # Hello keeps it when it is said again
 QUIET = 2.5  # seconds without a word after which central is asked for one; it beats every second
 REPEAT = 1.0  # seconds between two such questions
+CONFIRM_EVERY = 100  # statements that may be on their way before central is asked for a word
 _REPLIES_KEPT = 8  # to be said again after a break, until a further delivery shows that they arrived
 
 # Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
@@ -67,6 +68,10 @@ class Session:
         self.routing: deque[headers.Welcome | Route | EntranceGone] = deque()  #: headers about direct messages
         self.complaints: list[str] = []  #: central's complaints that answer no request; for the log
         self.dropped = 0  #: informs and broadcasts that never left
+        self.doubtful = 0  #: and those that were on their way when the connection broke
+        self._posted = self._arrived = 0  #: statements sent on this connection; those of which central has had word
+        self._confirming: Request | None = None  #: asks central for a word
+        self._replies_before: list[tuple[headers.Reply | headers.Fail, bytes]] = []  #: those sent before that
         self.is_welcome = False
         self.is_to_withdraw = False  #: central is to be told that nothing is handled any more; set by any thread
         self.breaks = 0  #: how often the connection has broken
@@ -87,7 +92,7 @@ class Session:
         return request
 
     def _send(self, request: Request) -> None:
-        request.was_sent, request.epoch = True, self.epoch
+        request.was_sent, request.epoch, request.mark = True, self.epoch, self._posted
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
@@ -104,11 +109,35 @@ class Session:
 
     def post(self, header: headers.ToCentral, body: bytes = b"") -> bool:
         """Say something that has no answer; False if it is lost because central is not there."""
+        is_statement = isinstance(header, headers.Send | headers.SetVariable)
         if not self.is_welcome:
-            self.dropped += isinstance(header, headers.Send | headers.SetVariable)
+            self.dropped += is_statement
             return False
         self.outgoing.append((header, body))
+        if is_statement:
+            self._posted += 1
+            if self.unheard >= CONFIRM_EVERY and (self._confirming is None or self._confirming.is_over):
+                self.confirm()
         return True
+
+    def confirm(self) -> None:
+        """Ask central for a word: its answer shows that all before has arrived."""
+        self._confirming, self._replies_before = self.request(_ARE_YOU_THERE), list(self._replies)
+
+    @property
+    def unheard(self) -> int:
+        """The number of statements on this connection that may not have reached central."""
+        return self._posted - self._arrived
+
+    @property
+    def lost(self) -> int:
+        """The number of statements that did not reach central, or may not have when the connection broke."""
+        return self.dropped + self.doubtful
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether central has had all that was sent."""
+        return self.is_welcome and not (self.unheard or self._replies)
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """A handler ended. Nothing is said of a delivery that central has forgotten."""
@@ -189,10 +218,13 @@ class Session:
         """Begin with Hello again: the connection broke, or central does not know it."""
         self.breaks += 1
         self.is_welcome = False
+        dropped = self.dropped
         for header, _ in self.outgoing:
             self.dropped += isinstance(header, headers.Send | headers.SetVariable) and not header.number
             if (request := self._requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
+        self.doubtful += self.unheard - (self.dropped - dropped)
+        self._arrived = self._posted
         self.outgoing.clear()
         self._asked = float("-inf")
 
@@ -257,8 +289,17 @@ class Session:
         self.open_deliveries.forget()
         self.deliveries.clear()
 
+    def _answered(self, number: int) -> Request | None:
+        """The request that central answers; what was sent before it has arrived."""
+        request = self._requests.get(number)
+        if request is not None:
+            self._arrived = max(self._arrived, request.mark)
+            if request is self._confirming:
+                self._replies = [reply for reply in self._replies if reply not in self._replies_before]
+        return request
+
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
-        request = self._requests.get(header.number)
+        request = self._answered(header.number)
         was_not_sent = request is not None and isinstance(request.header, headers.Send) and not header.id
         if request is not None and (was_not_sent or not request.wants_answer):
             asked = request.header
@@ -269,7 +310,7 @@ class Session:
             self._end(request)
 
     def _on_refused(self, header: headers.Refused, _: bytes) -> None:
-        request = self._requests.get(header.number)
+        request = self._answered(header.number)
         if request is None:
             if not self.is_welcome and (header.number == HELLO_NUMBER or not self.epoch):
                 self._not_welcome(header)
@@ -303,7 +344,7 @@ class Session:
             self._end(request, "the connection to central broke before the answer came")
 
     def _on_answer(self, header: headers.Answer, body: bytes) -> None:
-        request = self._requests.get(header.number)
+        request = self._answered(header.number)
         if request is not None:
             request.answers.append((header, body))
             if not header.more:

@@ -173,6 +173,14 @@ def test_queries_are_answered_and_informs_are_not(pair: Pair) -> None:
     assert not pair.path.requests
 
 
+def test_a_sender_that_leaves_learns_what_has_arrived(pair: Pair) -> None:
+    pair.path.tell(Send(0, "pose"), b"1")
+    assert pair.path.unheard == 1
+    pair.path.is_asked = True
+    pair.greet()
+    assert (pair.path.unheard, pair.handled) == (0, [])
+
+
 def test_what_was_lost_on_the_line_is_sent_again_under_its_number(pair: Pair) -> None:
     first = pair.ask(b"1")
     pair.path.tell(Send(0, "pose"), b"2")

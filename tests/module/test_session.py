@@ -6,7 +6,7 @@ import pytest
 from tca_central.core import Central
 from tca_central.events import ConnectionId, RequestReceived, Transmit
 from tca_module.session.request import Request
-from tca_module.session.session import HELLO_NUMBER, QUIET, Session
+from tca_module.session.session import CONFIRM_EVERY, HELLO_NUMBER, QUIET, Session
 from tca_wire.packets import headers
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
@@ -231,6 +231,45 @@ def test_statements_that_did_not_leave_are_counted(session: Session) -> None:
     assert session.dropped == 3
     hear(session, welcome())
     assert said(session) == [Send(2, "walk")]
+
+
+def test_an_answer_shows_that_all_sent_before_has_arrived(session: Session) -> None:
+    session.post(Send(0, "position"))
+    asked(session, STATUS)
+    session.post(SetVariable(0, "pose"))
+    assert session.unheard == 2
+    hear(session, Answer(2))
+    assert session.unheard == 1
+    hear(session, Unknown())
+    assert (session.dropped, session.doubtful, session.unheard) == (1, 0, 0)
+
+
+def test_what_has_left_before_a_break_may_be_lost(session: Session) -> None:
+    session.post(Send(0, "position"))
+    said(session)
+    session.post(Send(0, "position"))
+    hear(session, Unknown())
+    assert (session.dropped, session.doubtful, session.lost) == (1, 1, 2)
+
+
+def test_central_is_asked_for_a_word_before_much_is_on_its_way(session: Session) -> None:
+    for _ in range(3 * CONFIRM_EVERY):
+        session.post(Send(0, "position"))
+    questions = [header for header in said(session) if isinstance(header, Register)]
+    assert questions == [Register(2, [], [])]
+    hear(session, Accepted(2))
+    assert session.unheard == 2 * CONFIRM_EVERY
+    session.post(Send(0, "position"))
+    assert said(session)[-1] == Register(3, [], [])
+
+
+def test_a_reply_has_arrived_when_a_later_request_is_answered(session: Session) -> None:
+    hear(session, Deliver(7, "walk"))
+    session.reply(Reply(7), b"")
+    assert not session.is_settled
+    session.confirm()
+    hear(session, Accepted(2))
+    assert session.is_settled
 
 
 def test_closing_is_reported_and_begins_anew(session: Session) -> None:
