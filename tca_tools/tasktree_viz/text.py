@@ -7,7 +7,7 @@ import click
 
 from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fates import HANDLED, WATCHING
-from tca_tools.run.records import OVER, TaskState
+from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name, padded
@@ -41,8 +41,8 @@ _STATE_WIDTH = max(map(len, TaskState))
 _TIMES_WIDTH = 13
 _GAP = 2
 """Columns between two columns."""
-_NOTE_WIDTH = 24
-"""Columns of notes before which times give way while something goes on: what a task waits for says more."""
+_NOTE_WIDTH = 36
+"""Columns of notes before which times give way: why a task waits or failed says more."""
 
 
 @dataclass(frozen=True)
@@ -71,30 +71,43 @@ def tree_lines(
     names = [words.called(row.task) if row.task else words.folded(row) for row in rows]
     name_width = max(columns_of(before + name) for (before, _), name in zip(before_names, names, strict=True))
     name_width = min(name_width, widest)
-    goes_on = any(row.task and row.task.state not in OVER for row in rows)
-    beside = name_width + states + 3 * _GAP + 2 * _TIMES_WIDTH + _NOTE_WIDTH * goes_on
-    intervals = (Interval.PLANNING, Interval.ACHIEVING) if width is None or beside <= width else ()
-    headings = [padded("task", name_width), f"{'state':{states}}", *(f"{one:{_TIMES_WIDTH}}" for one in intervals)]
+    notes = [words.note_of(at, row.task) if row.task else None for row in rows]
+    longest = max((columns_of(note.within(None, at.time)) for note in notes if note), default=0)
+    beside = name_width + states + _GAP + min(longest, _NOTE_WIDTH) + _GAP * (longest > 0)
+    times = _time_columns(rows, None if width is None else width - beside)
+    headings = [padded("task", name_width), f"{'state':{states}}", *(f"{one:{wide}}" for one, wide in times.items())]
     yield click.style(cut("  ".join(headings).rstrip(), width), dim=True)
-    for row, name, (before, below) in zip(rows, names, before_names, strict=True):
+    for row, name, note, (before, below) in zip(rows, names, notes, before_names, strict=True):
         label = before + cut_name(name, row.task.id if row.task else 0, name_width - columns_of(before))
-        if row.task is None:
+        if row.task is None or note is None:
             yield click.style(cut(label, width), fg=COLOURS.get(row.state))
             continue
-        cells = [f"{row.task.standing:{states}}", *(f"{_times(row.task, one):{_TIMES_WIDTH}}" for one in intervals)]
+        cells = [f"{row.task.standing:{states}}", *(f"{_times(row.task, one):{wide}}" for one, wide in times.items())]
         room = None if width is None else max(width - name_width - _GAP, 0)
-        rest = _with_note(at, row.task, "  ".join(cells), room)
+        rest = _with_note(note, at.time, "  ".join(cells), room)
         yield f"{padded(label, name_width)}  {click.style(rest[:states], fg=COLOURS[row.task.standing])}{rest[states:]}"
         if with_data and (data := words.data(row.task)):
             yield click.style(cut(f"{below}{data}", width), dim=True)
 
 
-def _with_note(at: RunAt, task: TaskAt, cells: str, room: int | None) -> str:
+def _time_columns(rows: list[Row], room: int | None) -> dict[Interval, int]:
+    """The columns of times and how wide they are; where there is no room, those of the last interval, or none."""
+    tasks = [row.task for row in rows if row.task]
+    columns = {
+        one: max([_TIMES_WIDTH, *(len(_times(task, one)) for task in tasks)])
+        for one in (Interval.PLANNING, Interval.ACHIEVING)
+    }
+    while room is not None and columns and sum(columns.values()) + len(columns) * _GAP > room:
+        del columns[next(iter(columns))]
+    return columns
+
+
+def _with_note(note: words.TaskNote, time: float, cells: str, room: int | None) -> str:
     """The state and times of a task, and as much of what is to be noted as there is room for."""
     left = None if room is None else room - len(cells) - _GAP
     if left is not None and left < _LEAST_NOTE:
         return cut(cells, room)
-    return f"{cells}  {words.note_of(at, task).within(left, at.time)}".rstrip()
+    return f"{cells}  {note.within(left, time)}".rstrip()
 
 
 def _times(task: TaskAt, interval: Interval) -> str:

@@ -1,0 +1,80 @@
+"""Task trees on terminals of any width: whole lines, columns that stay, and room for reasons."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click import unstyle
+from click.testing import Result
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from tools.story import COMMAND, GOAL, Story, stumbling
+
+from tca_tools.run.at_time import RunAt
+from tca_tools.tasktree_viz.outline import outline, whole_outline
+from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
+from tca_tools.terminal import columns_of
+from tca_wire.journal import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass
+
+Tca = Callable[..., Result]
+Leaf = tuple[int, str, int]
+NAMES = ("a", "", "take steps", "机器人" * 9, "pour concrete with a really long name" * 2)
+WHY = "slip: on very thin ice, because it was cold\nTraceback\n  line 3"
+FATES: tuple[Callable[[Story, int], object], ...] = (
+    lambda story, number: story.reached(number, *Moment),
+    lambda story, number: story.say(facts.Failed(number, "slip", WHY)),
+    lambda story, number: story.say(facts.Killed(TaskId(number), WHY)).reached(number, *Moment),
+    lambda story, number: story.queued(number, "legs"),
+    lambda story, number: story.say(facts.SuspendedOrResumed(TaskId(number), True, "user")),
+    lambda story, number: story.delivered(number, "legs"),
+)
+TASKS = st.tuples(st.integers(0, 8), st.sampled_from(NAMES), st.sampled_from(range(len(FATES))))
+
+
+def grown(tasks: list[Leaf]) -> Story:
+    """Each task under the one before it, or as many levels further up as it says; it is a goal, command or monitor."""
+    story, path = Story().at(1.0), list[int]()
+    kinds = [GOAL, COMMAND, MessageClass.POLLING_MONITOR]
+    for place, (up, name, _) in enumerate(tasks):
+        del path[max(len(path) - up, 0) :]
+        path.append(story.received(name, kinds[place % 3], "user", path[-1] if path else 0, data={"at": place}))
+    for number in range(len(tasks), 0, -1):
+        FATES[tasks[number - 1][2]](story.at(story.entries[-1].time + 900.0), number)
+    return story
+
+
+FLAT = [(0, "walk", 5), *[(1, "step", 0)] * 349]
+DEEP = [(0 if place % 20 else 19, "take steps", 5 if place > 390 else 0) for place in range(400)]
+
+
+@settings(max_examples=30)
+@example(FLAT, 30, False)
+@example(DEEP, 80, False)
+@given(st.lists(TASKS, min_size=1, max_size=60), st.integers(20, 200), st.booleans())
+def test_no_tree_is_wider_than_its_terminal(tasks: list[Leaf], width: int, with_data: bool) -> None:
+    at = RunAt(grown(tasks).fold())
+    for rows in (outline(at), outline(at, 5, 3), whole_outline(at)):
+        for guides in (UNICODE, ASCII):
+            lines = tree_lines(at, rows, width=width, guides=guides, with_data=with_data)
+            assert max(columns_of(unstyle(line)) for line in lines) <= width
+
+
+def test_headings_stand_over_their_columns_late_in_a_long_run(tca: Tca, tmp_path: Path) -> None:
+    story = Story().module("planner", "walk").at(12_000.0)
+    walk = story.goal("walk", "user", to="planner", begins=True)
+    story.at(13_000.0).returned(walk).reached(walk, Moment.END_PLANNING).at(13_500.0).reached(
+        walk, Moment.END_ACHIEVING
+    )
+    _, headings, line = tca("tree", story.write(tmp_path / "run"), COLUMNS="100").stdout.splitlines()
+    assert line.split() == ["walk", "{1}", "achieved", "12000.00-13000.00", "12000.00-13500.00"]
+    assert headings.index("planning") == line.index("12000.00-13000")
+    assert headings.index("achieving") == line.index("12000.00-13500")
+
+
+@pytest.mark.parametrize(("columns", "headings"), [(80, []), (90, ["achieving"]), (100, ["planning", "achieving"])])
+def test_times_give_way_to_reasons(tca: Tca, tmp_path: Path, columns: int, headings: list[str]) -> None:
+    lines = tca("tree", stumbling().write(tmp_path / "fall"), COLUMNS=str(columns)).stdout.splitlines()
+    assert lines[1].split() == ["task", "state", *headings]
+    assert "failure 'terrain collision' of move" in lines[2]
