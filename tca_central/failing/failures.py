@@ -71,7 +71,7 @@ def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
     elif task.retrying:
         central.agenda.retry(task)
     else:
-        handler = _search(central, task, failure)
+        handler = _search(central, task, failure, is_beside=False)
         if handler is None:
             central.agenda.mark_returned(task)
         else:
@@ -81,12 +81,12 @@ def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
 def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = CENTRAL) -> None:
     """Raise a failure on a task for *by*, from outside its handler, which goes on."""
     central.note_failure(task, failure, is_beside=True, by=by)
-    _search(central, task, failure)
+    _search(central, task, failure, is_beside=True)
 
 
-def _search(central: State, task: Task, failure: RaisedFailure) -> Task | None:
+def _search(central: State, task: Task, failure: RaisedFailure, *, is_beside: bool) -> Task | None:
     """Call the nearest exception handler for a failure; its task. Without one the sender is told, and None returned."""
-    handler = _call_handler(central, task, failure)
+    handler = _call_handler(central, task, failure, is_beside=is_beside)
     if handler is None and (undecided := _unhandled(central, task, failure)) is not None:
         _continue_search(central, undecided)
     return handler
@@ -99,8 +99,9 @@ def _continue_search(central: State, handler: Task | None) -> None:
         failing = trouble.failing
         if failing.killed or failing.retrying:
             return
-        following = _call_handler(central, failing, trouble.failure, trouble)
-        if failing.more.recovering is handler:
+        is_deciding = failing.more.recovering is handler
+        following = _call_handler(central, failing, trouble.failure, trouble, is_beside=not is_deciding)
+        if is_deciding:
             failing.more.recovering = following
             if following is None:
                 central.agenda.mark_returned(failing)
@@ -108,7 +109,7 @@ def _continue_search(central: State, handler: Task | None) -> None:
 
 
 def _call_handler(
-    central: State, task: Task, failure: RaisedFailure, below: FailureContext | None = None
+    central: State, task: Task, failure: RaisedFailure, below: FailureContext | None = None, *, is_beside: bool
 ) -> Task | None:
     """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
     task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
@@ -120,7 +121,8 @@ def _call_handler(
     at, attached = trouble.at, trouble.attached
     _count_call(central, at, attached)
     handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
-    central.facts.append(facts.Caught(TaskId(task.id), TaskId(handler.id), TaskId(at.id), attached.id))
+    task_id, handler_id, at_id = TaskId(task.id), TaskId(handler.id), TaskId(at.id)
+    central.facts.append(facts.Caught(task_id, handler_id, at_id, attached.id, is_beside))
     return handler
 
 

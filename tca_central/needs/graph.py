@@ -82,7 +82,7 @@ def still_needs(central: State, node: Node, group: Group) -> bool:
         (task, moment), (child, its_moment) = node, group[0]
         if moment == its_moment and moment in (END_PLANNING, END_ACHIEVING):  # it may be one of a million
             is_there = central.tree.tasks.get(child.id) is child and central.tree.tasks.get(task.id) is task
-            return is_there and not task.reached & moment and (bool(task.killed) or not child.reached & moment)
+            return is_there and not task.reached & moment and not child.reached & moment
     return any(one is not None and list(one) == list(group) for one in needs(central, node))
 
 
@@ -166,7 +166,7 @@ def _of_release(central: State, node: Releasing, each: Each) -> Groups:
         yield [Returning(holder)]
     elif isinstance(holder, Task) and holder.retrying:
         children = (holder.children or {}).values() if not holder.suspended else ()
-        yield from ([Place(child, END_ACHIEVING)] for child in each(children))
+        yield from (None if child.is_guest else [Place(child, END_ACHIEVING)] for child in each(children))
     elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
         yield [Place(holder, END_ACHIEVING)]
 
@@ -236,7 +236,8 @@ def _of_killed(task: Task, moment: int, each: Each) -> Groups:
     if task.slot is not None:
         yield [Returning(task)]
     if moment in (END_PLANNING, END_ACHIEVING):
-        yield from ([Place(child, moment)] for child in each((task.children or {}).values()))
+        for child in each((task.children or {}).values()):
+            yield None if child.reached & moment else [Place(child, moment)]
 
 
 _OF: dict[type, Callable[[State, Any, Each], Groups]] = {

@@ -166,8 +166,8 @@ class TaskAt:
     @property
     def is_retried(self) -> bool:
         """Whether it was to be handled again, and had not been."""
-        begun = [run.start for run in self.record.handlings if run.start <= self.moment]
-        return bool(begun) and any(begun[-1] < one.time <= self.moment for one in self.record.retries)
+        begun = sum(run.start <= self.moment for run in self.record.handlings)
+        return bool(begun) and any(one.runs == begun and one.time <= self.moment for one in self.record.retries)
 
     @property
     def ahead(self) -> list[EventAhead]:

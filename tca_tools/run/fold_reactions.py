@@ -36,6 +36,8 @@ class ReactionFold(RecordFold):
             self._search_on(task)
             self._called_for[fact.handler] = fact.task, task.failure
             task.caught_by.append(fact.handler)
+            if not fact.is_beside:
+                task.deciders.append(fact.handler)
             task.is_recovering, task.is_dealt_with, task.is_unhandled = True, False, False
 
     def _unhandled(self, fact: facts.Unhandled) -> None:
@@ -59,7 +61,11 @@ class ReactionFold(RecordFold):
     def _recovered(self, fact: facts.Recovered) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
-            task.is_recovering, task.is_dealt_with = False, True
+            task.is_recovering = any(self._decides(handler) for handler in task.deciders[-1:])
+            task.is_dealt_with = True
+
+    def _decides(self, handler: int) -> bool:
+        return handler in self._called_for and not self.tasks[TaskId(handler)].has_ended
 
     def _retried(self, fact: facts.Retried) -> None:
         if fact.task > 0:
@@ -67,7 +73,7 @@ class ReactionFold(RecordFold):
             task.is_recovering = task.is_dealt_with = task.is_unhandled = False
             self._forget_outcome(task)
             is_other = fact.body not in (b"", task.body)
-            task.retries.append(Retry(self.time, fact.by, is_other, self.asker))
+            task.retries.append(Retry(self.time, fact.by, is_other, len(task.handlings), self.asker))
             self._change(task, "body", fact.body or task.body)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:

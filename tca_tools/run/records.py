@@ -207,6 +207,8 @@ class Retry(NamedTuple):
     by: str
     is_other: bool
     """Whether with other data."""
+    runs: int
+    """The number of its handlings that had begun."""
     asker: Handling | None = None
     """The run of a handler that asked for it."""
 
@@ -374,6 +376,8 @@ class Task(Message):
     """Of a monitor: why it watches no longer."""
     caught_by: list[TaskId] = field(default_factory=list)
     """The tasks of the exception handlers that were called for its failures."""
+    deciders: list[TaskId] = field(default_factory=list)
+    """Those of them that decided, one after the other, what became of it; not those for failures raised beside."""
     is_recovering: bool = False
     """An exception handler decides what becomes of it."""
     is_dealt_with: bool = False
@@ -422,7 +426,7 @@ class Task(Message):
     @property
     def is_retried(self) -> bool:
         """Whether it is to be handled again, and has not been."""
-        return bool(self.retries and self.handlings) and self.retries[-1].time > self.handlings[-1].start
+        return bool(self.retries and self.handlings) and self.retries[-1].runs == len(self.handlings)
 
     @property
     def state(self) -> TaskState:

@@ -15,6 +15,7 @@ further nodes is a leaf: HANDLER, DELAY, CONDITION, RUNNING, and RESUME of what 
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import inf
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
@@ -29,6 +30,7 @@ from tca_tools.run.records import (
     Hold,
     Message,
     Queueing,
+    Retry,
     Suspension,
     Task,
     TaskState,
@@ -188,7 +190,7 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
             end = min(parent.time_of(moment), task.time_of(moment), killed)
             found.append(Wait(task.received, end, WaitKind.PARENT, Node(parent.id, moment), moment))
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
-    found += [wait for retry in task.retries for wait in _of_retry(run, task, retry.time)]
+    found += [wait for retry in task.retries for wait in _of_retry(run, task, retry, killed)]
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:
@@ -219,26 +221,35 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     return Wait(start, suspension.until, WaitKind.RESUME, Node(suspension.cause), holds, suspension)
 
 
-def _of_retry(run: Run, task: Task, retried: float) -> Iterator[Wait]:
-    """The waits of a task that is to be handled again for all tasks under it to end."""
-    place = bisect_right(task.handlings, retried, key=_START)
-    if place:
-        begun = task.handlings[place].start if place < len(task.handlings) else task.time_of(END_ACHIEVING)
-        for number in task.children:
-            child = run.tasks[number]
-            start, end = max(retried, child.received), min(child.time_of(END_ACHIEVING), begun)
-            yield Wait(start, end, WaitKind.SUBTASK, Node(number, END_ACHIEVING), _ENDS)
+def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
+    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it to end."""
+    if retry.runs:
+        begun = task.handlings[retry.runs].start if retry.runs < len(task.handlings) else task.time_of(END_ACHIEVING)
+        for child in map(run.tasks.__getitem__, task.children):
+            if not _is_guest(child):
+                start, end = max(retry.time, child.received), min(child.time_of(END_ACHIEVING), begun, killed)
+                yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, END_ACHIEVING), _ENDS)
+
+
+def _is_guest(child: Task) -> bool:
+    """Whether it is a monitor that a retry of the task above has spared, since others had put it there: any other was
+    killed then.
+    """
+    return child.message_class.is_monitor and not child.role and child.killed is None
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
-    """The exception handlers that decide, one after the other."""
+    """The exception handlers that decide, one after the other, and those for failures raised beside its handler."""
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
+    known = [run.tasks[number] for number in task.deciders if number in run.tasks]
+    ends = {one.id: later.received for one, later in pairwise(known)}
     for since, over, state in task.spans():
         if state is TaskState.RECOVERING:
             if not called:  # the journal begins later
                 yield Wait(since, over, WaitKind.RECOVERY, Node(0), _ENDS)
-            for handler, later in zip(called, [*(one.received for one in called[1:]), inf], strict=False):
-                start, end = max(since, handler.received), min(over, later)
+            for handler in called:
+                start = max(since, handler.received)
+                end = min(over, ends.get(handler.id, inf), handler.time_of(END_ACHIEVING))
                 yield Wait(start, end, WaitKind.RECOVERY, Node(handler.id, END_ACHIEVING), _ENDS)
 
 
@@ -249,7 +260,7 @@ def _is_to_be_handled_again(task: Task, time: float) -> bool:
         return True
     last = task.handlings[begun - 1]
     is_cut_off = last.outcome is None and last.end is not None and last.end <= time
-    return is_cut_off or any(last.start < retry.time <= time for retry in task.retries)
+    return is_cut_off or any(retry.time <= time and retry.runs == begun for retry in task.retries)
 
 
 # --- at a moment -----------------------------------------------------------------------------------------------------
@@ -394,11 +405,11 @@ def _moments(task: Task, moment: int, time: float) -> int:
     """
     if task.time_of(moment) <= time:
         return END_HANDLING if moment == END_HANDLING and going_on(task.handlings, time) else 0  # it is handled again
+    if task.killed is not None and task.written("killed") <= time:  # it reaches none before its handler has returned
+        return END_HANDLING | (moment & _ENDS)
     before = _BEFORE[task.message_class.is_goal]
     left = ~_past(task, time)
     found = before[moment] & left
-    if task.killed is not None and task.written("killed") <= time:
-        found |= END_HANDLING  # what was killed reaches no moment before its handler has returned
     own = [one.constraint for one in task.holds if one.constraint.before.task == task.id and one.added <= time]
     for _ in own:  # each may add what the next one needs
         for one in own:

@@ -15,7 +15,7 @@ from tca_wire.journal.causes import Cause
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Refusal, Role, Scope
 
-JOURNAL_VERSION = 3
+JOURNAL_VERSION = 4
 """Goes up whenever a fact or an entry changes: journals of another version are refused."""
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
@@ -403,6 +403,8 @@ class Caught(_Fact, frozen=True, tag="caught"):
     handler: TaskId
     at: TaskId
     attachment: int
+    is_beside: bool = False
+    """The failure was raised beside the task's handler: that goes on, or another exception handler decides about it."""
 
 
 class Reissued(_Fact, frozen=True, tag="reissued"):

@@ -117,7 +117,11 @@ def attempts_are_not_told(patch: Patch) -> None:
 
 def a_reissued_failure_is_searched_from_the_start(patch: Patch) -> None:
     real = failures._call_handler
-    patch.setattr(failures, "_call_handler", lambda central, task, failure, _below=None: real(central, task, failure))
+
+    def call(central: Any, task: Any, failure: Any, _below: Any = None, *, is_beside: bool) -> Any:
+        return real(central, task, failure, is_beside=is_beside)
+
+    patch.setattr(failures, "_call_handler", call)
 
 
 def one_that_could_not_decide_is_the_last_that_is_asked(patch: Patch) -> None:

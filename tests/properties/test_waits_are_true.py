@@ -5,6 +5,7 @@ what central's own graph of needs says: for every moment of every task that live
 from collections.abc import Iterable
 
 import pytest
+from central.player import ANY
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
@@ -26,8 +27,10 @@ from tca_tools.why.wait_words import reasons
 from tca_tools.why.waits import Node, keeping, next_node, steps, waits_of
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS, ROOT, TaskId
 from tca_wire.text.waits_in_words import several_in_words
+from tca_wire.vocabulary import MessageClass
 from tca_wire.waits import WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
@@ -70,11 +73,16 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
         {(one.on.number, one.on.moment & ENDS) for one in kept if one.kind in kinds}
         for kinds in (OF_TASKS, {WaitKind.RECOVERY})
     )
-    for points in (true, told):  # what is achieved is planned
-        points -= {(number, END_PLANNING) for number, last in points if last == END_ACHIEVING}
-    extra = told - true if not task.suspended else set()
+    for points in (true, told):
+        points.difference_update(planned(points))
+    extra = told - true - planned(recovery) if not task.suspended else set()
     assert not extra, f"{task} before {moment}: {extra}"
     assert true <= told | recovery, f"{task} before {moment}: {true - told - recovery}"
+
+
+def planned(points: set[tuple[int, int]]) -> set[tuple[int, int]]:
+    """The ends of planning of what is to be achieved: they come first."""
+    return {(number, END_PLANNING) for number, last in points if last == END_ACHIEVING}
 
 
 def outside(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
@@ -191,6 +199,85 @@ def test_a_retried_task_waits_under_a_new_number() -> None:
     player.receive("user", headers.Retry(player.number("user"), TaskId(first)))
     player.reply("legs/1")
     assert player.history.tasks[TaskId(first)].is_queued
+
+
+@pytest.fixture
+def player() -> ComparedPlayer:
+    """Legs with two slots handle moves and lifts; nobody handles steps and later."""
+    player = ComparedPlayer()
+    player.module("legs", "command move", "command lift", "goal walk", capacity=2)
+    player.module("expert", "exception handler recover", capacity=2)
+    player.module("user")
+    player.declare("user", "command move", "command lift", "goal walk", "command later", "goal step", "inform note")
+    guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, ANY, "", ["", "note", ""])
+    player.receive("user", headers.Register(player.number("user"), [guard]))
+    return player
+
+
+def retry(player: ComparedPlayer, task: int) -> None:
+    player.receive("user", headers.Retry(player.number("user"), TaskId(task)))
+
+
+def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_under_it(player: ComparedPlayer) -> None:
+    move = player.task("user", "move")
+    player.send("user", "lift", under=move, when_killed=True)
+    retry(player, move)
+    player.receive("user", headers.Kill(player.number("user"), TaskId(move)))
+    assert len(player.central.tree.tasks) == 2
+
+
+def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(player: ComparedPlayer) -> None:
+    move = player.task("user", "move")
+    retry(player, move)
+    player.send("user", "guard", under=move, origin=0, watch=WatchOptions())
+    assert len(player.central.tree.tasks) == 2
+
+
+def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(player: ComparedPlayer) -> None:
+    walk = player.task("user", "walk")
+    player.task("user", "step", under=walk)
+    player.reply("legs/1")
+    retry(player, walk)
+    player.task("user", "later", under=walk)
+    assert len(player.central.tree.tasks) == 2
+
+
+def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: ComparedPlayer) -> None:
+    walk = player.task("user", "walk")
+    for message in ("step", "later"):
+        player.send("user", message, under=walk, when_killed=True)
+    player.task("user", "step", under=walk)
+    player.reply("legs/1")
+    player.receive("user", headers.Kill(player.number("user"), TaskId(walk)))
+    assert len(player.central.tree.tasks) == 3
+
+
+def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_planned(player: ComparedPlayer) -> None:
+    attachment = Attachment("", "recover")
+    player.receive("user", headers.Attach(player.number("user"), attachment))
+    player.task("user", "walk")
+    player.fail("legs/1", "slipped")
+    player.task("expert/1", "step", under=player.delivered("expert/1")[0])
+    player.fail("expert/1", "lost")
+    assert len(player.central.tree.tasks) == 4
+
+
+def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(player: ComparedPlayer) -> None:
+    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    walk = player.task("user", "walk")
+    player.fail("legs/1", "slipped")
+    player.receive("user", headers.Raise(player.number("user"), TaskId(walk), "cold"))
+    assert player.history.tasks[TaskId(walk)].is_recovering
+    player.reply("expert/2")  # the second one has ended
+    assert player.history.tasks[TaskId(walk)].is_recovering
+    player.reply("expert/1")
+    assert not player.central.tree.tasks
+
+
+def test_whoever_is_to_be_planned_before_it_is_achieved_is_not_once_it_was_killed(player: ComparedPlayer) -> None:
+    walk = player.task("user", "walk", flags=Flags.PLAN_FIRST)
+    player.send("user", "step", under=walk, when_killed=True)
+    player.receive("user", headers.Kill(player.number("user"), TaskId(walk)))
 
 
 class Told(Blocking):
