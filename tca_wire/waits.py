@@ -52,6 +52,8 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     """Of DELAY: its end, on the journal's clock; after a point that has not come, its length. Of RESUME, as central
     tells it: the beginning of the suspension, on the journal's clock.
     """
+    since_birth: bool = False
+    """Of RESUME: the task was created suspended."""
     holds: bool | None = None
     """Of CONDITION: the result of the last test; None: there was none."""
     answered: int = 0

@@ -235,7 +235,8 @@ class TaskTree:
         self.root.reached = STARTS
         self.guards = Guards(self.root)
         self.tasks: dict[int, Task] = {}
-        self.suspended: dict[int, tuple[float, str]] = {}  #: by themselves: since when, by whom; oldest first
+        self.suspended: dict[int, tuple[float, str, bool]] = {}
+        """The tasks that were suspended themselves, oldest first: since when, by whom, and whether from birth on."""
         self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
         self.never_began: dict[int, int] = {}  #: of killed tasks whose outcome is known: the starts that never were
         self.newest = 0  #: the highest id given so far

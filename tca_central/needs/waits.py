@@ -127,8 +127,9 @@ def _resume(central: State, task: Task) -> WaitFor:
     """The wait until somebody resumes a task, which may be suspended far above."""
     for above in task.lineage():
         if (how := central.tree.suspended.get(above.id)) is not None:
-            since, by = how
-            return WaitFor(WaitKind.RESUME, above.id, above.message.name, module=by, seconds=since)
+            since, by, is_born_so = how
+            name = above.message.name
+            return WaitFor(WaitKind.RESUME, above.id, name, module=by, seconds=since, since_birth=is_born_so)
     return WaitFor(WaitKind.RESUME)
 
 

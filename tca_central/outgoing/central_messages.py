@@ -114,13 +114,15 @@ def at_birth(task: Task) -> list[facts.Fact]:
     return [] if task.is_goal else [facts.Reached(TaskId(task.id), task.message.rules.at_birth)]
 
 
-def suspend(central: State, task: Task, *, resume: bool, by: str = CENTRAL) -> None:
+def suspend(
+    central: State, task: Task, *, resume: bool = False, by: str = CENTRAL, at_birth: bool = False
+) -> None:  # fmt: skip
     """Suspend or resume a task with all under it, as *by* wants; handlers that run are told."""
     changed = central.agenda.suspend(task, resume=resume)
     if changed:
         central.facts.append(facts.SuspendedOrResumed(TaskId(task.id), not resume, by))
         if not resume:
-            central.tree.suspended.setdefault(task.id, (central.clock.now, by))
+            central.tree.suspended.setdefault(task.id, (central.clock.now, by, at_birth))
     for one in changed:
         if resume:
             central.tree.suspended.pop(one.id, None)

@@ -10,7 +10,7 @@ from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection, Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.needs.texts import why_full
-from tca_central.outgoing.central_messages import at_birth, copies, route_statement
+from tca_central.outgoing.central_messages import at_birth, copies, route_statement, suspend
 from tca_central.outgoing.direct_routes import tell_sender
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, RaisedFailure, State
@@ -126,10 +126,8 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
     enlist_monitor(central, task)
-    for attachment in header.attachments:
-        attach(central, attachment, task, connection.module)
-    if header.keep:
-        keep(central, task, connection.module)
+    if header.suspended or header.attachments or header.keep:
+        _add_extras(central, connection, task, header)
     fire_after(central, task, SENT)
     if header.deadline:
         set_deadline(central, task, END_ACHIEVING, header.deadline)
@@ -144,6 +142,16 @@ def _check_extras(central: State, header: Send) -> None:
     checked_seconds(header.deadline, f"a deadline of '{header.message}'")
     if header.keep:
         check_room(central)
+
+
+def _add_extras(central: State, connection: Connection, task: Task, header: Send) -> None:
+    """Do with a new task what it was sent with."""
+    if header.suspended and not task.killed:
+        suspend(central, task, by=connection.module.name, at_birth=True)
+    for attachment in header.attachments:
+        attach(central, attachment, task, connection.module)
+    if header.keep:
+        keep(central, task, connection.module)
 
 
 def _make_monitor(central: State, task: Task, parent: Task, header: Send) -> None:

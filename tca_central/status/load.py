@@ -155,8 +155,8 @@ def _suspended(central: State) -> list[Waiter]:
     """The topmost suspended tasks (those under them are, too), the longest first."""
     noted = ((central.tree.tasks[number], *how) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
     return [
-        _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by, seconds=since),))
-        for task, since, by in noted
+        _waiter(central, task, since, (WaitFor(WaitKind.RESUME, module=by, seconds=since, since_birth=is_born_so),))
+        for task, since, by, is_born_so in noted
         if task.parent is None or not task.parent.suspended
     ]
 

@@ -49,6 +49,7 @@ def _send(header: headers.Send, body: bytes, message_class: MessageClass | None,
         *(f"with {one.handler} for {one.failure or 'any failure'}" for one in header.attachments),
         *(f"not before {one.delay:g} s" for one in header.constraints if one.delay and one.before.task == ROOT),
         "if it is handled" if header.if_handled else "",
+        "suspended" if header.suspended else "",
     ]
     return ", ".join([f"sends {what}", *(part for part in parts if part)])
 

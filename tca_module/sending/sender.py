@@ -59,6 +59,8 @@ class TaskOptions(TypedDict, total=False):
     """Seconds, from now, within which it is not started; 0: at once."""
     keep: bool
     """Its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle."""
+    suspended: bool
+    """It is created suspended, and starts only after ``resume()`` of its handle: order it with others before that."""
 
 
 _OPTIONS = dict.fromkeys(TaskOptions.__annotations__, checks.FLAG) | {
@@ -130,7 +132,7 @@ class Sender(WatchingServices):
         header = Send(
             0, message.name, self._parent, self._origin, flags | _flags_of(options), constraints,
             options.get("priority", 0), attachments=attachments, deadline=options.get("deadline") or 0,
-            if_handled=handled, keep=options.get("keep", False),
+            if_handled=handled, keep=options.get("keep", False), suspended=options.get("suspended", False),
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
         if not task_id:

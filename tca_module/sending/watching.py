@@ -44,6 +44,8 @@ class MonitorOptions(Watched, total=False):
     sequential: bool
     """A point monitor tests after the sibling before it has been achieved; True unless said otherwise."""
     constraints: list[Constraint]
+    suspended: bool
+    """It is created suspended, and watches only after ``resume()`` of its handle."""
 
 
 _WATCHED = {
@@ -55,7 +57,7 @@ _WATCHED = {
     "until": checks.POINT_OR_NONE,
     "for_ever": checks.FLAG,
 }
-_OPTIONS = _WATCHED | {"sequential": checks.FLAG, "constraints": checks.CONSTRAINTS}
+_OPTIONS = _WATCHED | {"sequential": checks.FLAG, "constraints": checks.CONSTRAINTS, "suspended": checks.FLAG}
 
 
 class WatchingServices(CentralServices):
@@ -142,7 +144,10 @@ class WatchingServices(CentralServices):
             epoch = connection.session.epoch
             flags, constraints = self._ordering.place(epoch, is_goal=False, sequential=sequential)
         constraints += options.get("constraints", [])
-        header = Send(0, monitor.name, self._parent, self._origin, flags, constraints, watch=watch)
+        is_suspended = options.get("suspended", False)
+        header = Send(
+            0, monitor.name, self._parent, self._origin, flags, constraints, watch=watch, suspended=is_suspended
+        )
         task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
         if is_task:
             self._ordering.add(task_id, sequential=sequential)

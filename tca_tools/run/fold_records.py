@@ -18,7 +18,7 @@ from tca_tools.run.records import (
     Task,
 )
 from tca_tools.run.whole_run import UNKNOWN, Run
-from tca_wire.points import END_ACHIEVING, END_PLANNING, ROOT, START_ACHIEVING, START_PLANNING, TaskId
+from tca_wire.points import END_ACHIEVING, END_PLANNING, ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, TaskId
 from tca_wire.vocabulary import MessageClass
 
 _STARTS, _ENDS = START_PLANNING | START_ACHIEVING, END_PLANNING | END_ACHIEVING
@@ -113,7 +113,9 @@ class RecordFold(Run):
             task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension
-                task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by))
+                here = Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by)
+                here.since_birth = above.since_birth
+                task.suspensions.append(here)
         else:
             task.parent, task.top = ROOT, TaskId(task.id)
             self.top.append(TaskId(task.id))
@@ -123,9 +125,12 @@ class RecordFold(Run):
         self._ever_suspended.add(top.top)
         above = top.suspension  # of which a part was resumed alone
         cause, still = (above.cause, above.still) if above else (TaskId(top.id), list[Handling]())
+        is_born_so = top.received == self.time and START_HANDLING not in top.reached
         for task in self._living(top):
             if not task.suspension:
-                task.suspensions.append(Suspension(TaskId(task.id), cause, self.time, still, by=by))
+                task.suspensions.append(
+                    Suspension(TaskId(task.id), cause, self.time, still, by=by, since_birth=is_born_so)
+                )
                 self._touch(task.id)
             if task.handling and not above:
                 still.append(task.handling)

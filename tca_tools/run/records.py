@@ -266,6 +266,8 @@ class Suspension(Span):
     by: str = ""
     """The module that suspended *cause*, or "central"."""
     resumed_by: str = ""
+    since_birth: bool = False
+    """Whether *cause* was created suspended."""
 
     @property
     def standstill(self) -> float | None:

@@ -20,7 +20,7 @@ from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
 from tca_wire.text.measures import counted, listed
 from tca_wire.text.printable import first_line
-from tca_wire.text.waits_in_words import in_words, several_in_words, whereabouts
+from tca_wire.text.waits_in_words import in_words, several_in_words, suspended_by, whereabouts
 from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitFor, WaitKind
 
@@ -169,7 +169,7 @@ def _exception_handlers(run: Run, task: Task) -> Iterator[Sentence]:
 def _suspensions(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
     """When it was suspended and resumed, and which handlers ran on."""
     for one in task.suspensions:
-        cause, text = run.describe(one.cause), f"suspended{by_whom(one.by)}"
+        cause, text = run.describe(one.cause), suspended_by(one.by, since_birth=one.since_birth)
         if one.end is None or one.is_resumed or one.goes_on(moment):
             text += f", until {cause} is resumed"
         elif one.cause != task.id:

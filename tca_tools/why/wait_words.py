@@ -17,7 +17,7 @@ from tca_tools.why.waits import NAMED, Wait, keepers_of, next_node, steps, waits
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time
-from tca_wire.text.waits_in_words import clauses, not_answered, reached
+from tca_wire.text.waits_in_words import clauses, not_answered, reached, suspended_by
 from tca_wire.vocabulary import Scope
 from tca_wire.waits import WaitFor, WaitKind
 
@@ -181,7 +181,7 @@ def how(task: TaskAt, verb: str = "waits") -> str:
     if task.watches and task.state is not TaskState.ENDING:
         return "watches"
     if is_told_with_state(task) and task.suspension:
-        return f"suspended{by_whom(task.suspension.by)},"
+        return f"{suspended_by(task.suspension.by, since_birth=task.suspension.since_birth)},"
     return verb
 
 
@@ -288,7 +288,7 @@ def _why_last(at: RunAt, end: End) -> str:
     if task is None:
         return "has not been answered"
     if end.kind is WaitKind.RESUME and task.suspension:
-        return f"is suspended{by_whom(task.suspension.by)}"
+        return f"is {suspended_by(task.suspension.by, since_birth=task.suspension.since_birth)}"
     found = reasons(at, task)
     if end.kind is WaitKind.DELAY:
         found = clauses(told(at, [one for one in waits_now(at, task.id) if one.kind is WaitKind.DELAY])) or found

@@ -95,6 +95,8 @@ class Send(_Header, frozen=True, tag=4):
     """The sender's module keeps the task, as with Keep (TDL: PERSISTENT)."""
     brief: bool = False
     """The *blocking* wait is too short to be checked for a deadlock."""
+    suspended: bool = False
+    """The new task is suspended from its birth on, by the sender: it is not started before it is resumed."""
 
 
 class Reply(_Header, frozen=True, tag=5):

@@ -92,6 +92,11 @@ def reached(moment: int, number: int = 1) -> str:
     return f"{verb if number == 1 else _OF_SEVERAL[verb]} {rest}"
 
 
+def suspended_by(module: str, *, since_birth: bool) -> str:
+    """A suspension: ``suspended by panel``, ``suspended since its birth by planner``."""
+    return f"suspended{' since its birth' * since_birth}{by_whom(module)}"
+
+
 def _clause(waits: Waits, now: float | None) -> str:
     if waits[0].kind is WaitKind.DELAY:
         return _delay(waits[0].seconds, now)
@@ -194,7 +199,7 @@ def _has(number: int) -> str:
 
 def _resume(wait: WaitFor, now: float | None) -> str:
     ago = f" {duration(max(now - wait.seconds, 0.0))} ago" if now is not None and wait.seconds is not None else ""
-    by = f"suspended{by_whom(wait.module)}{ago}" if by_whom(wait.module) or ago else ""
+    by = f"{suspended_by(wait.module, since_birth=wait.since_birth)}{ago}" if by_whom(wait.module) or ago else ""
     if not wait.number:
         return f"until it is resumed ({by})" if by else "until it is resumed"
     return f"until {numbered(wait.name, wait.number)}{by and f', {by},'} is resumed"

@@ -98,6 +98,7 @@ class Transcript:
         if " from outside" in options:
             keywords["origin"] = 0
         keywords |= {"if_handled": " if handled" in options, "keep": " kept" in options}
+        keywords["suspended"] = " suspended" in options
         if " again" in options:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)

@@ -149,6 +149,27 @@ def suspending(*properties: Property) -> Scenario:
     return scenario
 
 
+def ordered(*properties: Property, suspended: bool, kills: int = 0) -> Scenario:
+    """Two steps are created and then ordered, the newer one first; so many of them may be killed."""
+    scenario = Scenario("ordered", *properties)
+    scenario.module("legs", capacity=2).handles(STEP)(nothing)
+    scenario.may_kill(STEP, kills)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        first, second = (task.command(STEP, one, sequential=False, suspended=suspended) for one in (1, 2))
+        task.constrain(second.achieving.end <= first.achieving.start)
+        if suspended:
+            first.resume()
+            second.resume()
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.goal(WALK)
+
+    return scenario
+
+
 def late(*properties: Property, handled: bool = False) -> Scenario:
     """A step that must be done in five seconds, and whose reply may be under way when they are over."""
     scenario = Scenario("a deadline", *properties)

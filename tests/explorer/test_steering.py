@@ -149,6 +149,12 @@ def test_a_suspended_subtree_starts_nothing() -> None:
     assert "somebody suspends walk {1}" in found(scenarios.suspending(), never(suspended(STEP)))
 
 
+def test_what_is_created_suspended_can_be_ordered_whoever_kills_it() -> None:
+    good(scenarios.ordered(suspended=True), before(achieved(STEP, 2), begun(STEP, 1)), never_stuck())
+    good(scenarios.ordered(suspended=True, kills=2), never(failed(WALK)), never_stuck())
+    found(scenarios.ordered(suspended=False), never(failed(WALK)))
+
+
 def starts_suspended(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in world.tasks if seen.is_suspended and seen.is_new and seen.is_begun]
 

@@ -80,6 +80,14 @@ def test_status_names_the_task_to_resume(central: str) -> None:
         assert held["for"].endswith(f": 'tca resume {rest.id}'")
 
 
+def test_status_says_that_a_task_was_created_suspended(central: str) -> None:
+    with connect("planner", central) as planner:
+        rest = planner.goal(REST, suspended=True)
+        text = " ".join(ask(commands.status, "--central", central)[1].split())
+        assert "until it is resumed (suspended since its birth by planner" in text, text
+        assert f"'tca resume {rest.id}'" in text
+
+
 def test_status_says_what_was_not_looked_at(central: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tca_central.status.load.LOOKED_AT", 40)
     with connect("user", central) as user:

@@ -125,7 +125,7 @@ class Life:
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
             deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8,
             attachments=[self.attachment(b + n, d + n // 2) for n in range((c % 6 == 5) * (1 + a % 4))],
-            if_handled=a % 5 == 0, keep=b % 4 == 1, blocking=d % 5 == 1, brief=True,
+            if_handled=a % 5 == 0, keep=b % 4 == 1, blocking=d % 5 == 1, brief=True, suspended=d % 11 == 7,
         )  # fmt: skip
 
     def sent_name(self, b: int) -> str:
@@ -232,7 +232,8 @@ class Life:
             task = self.central.tree.tasks[TaskId(parent)]
             is_or_was_handled = task.is_running or (task.returned and not task.killed)
             origin = task.given_as if is_or_was_handled and not task.message.message_class.is_monitor else 0
-        self.player.send("user", name, under=parent, flags=Flags(d % 2), watch=options, origin=origin)
+        flags, is_suspended = Flags(d % 2), b % 11 == 7
+        self.player.send("user", name, under=parent, flags=flags, watch=options, origin=origin, suspended=is_suspended)
 
     def causes(self, handled: Delivery) -> list[int]:
         """The tasks because of which a handler may have been called."""
@@ -282,7 +283,7 @@ class Life:
         self.player.tick(a % 10)
 
     def constrain_(self, a: int, b: int, c: int, d: int) -> None:
-        tasks = list(self.central.tree.tasks)
+        tasks = [*self.central.tree.tasks, *self.central.outcomes]
         if tasks:
             one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
             wanted = before(point(one, list(Moment)[c % 6]), point(other, list(Moment)[d % 6]))

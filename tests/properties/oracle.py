@@ -218,6 +218,8 @@ class Oracle:
         if node.is_eligible:
             world.last[oracle_rules.family(node)] = node
         oracle_taps.happened(world, node, {Condition.WHEN_SENT})
+        if header.suspended and not node.killed:
+            oracle_failures.suspend(world, node, resume=False)
         for attachment in header.attachments:
             self._attach(attachment, node, node.module)
         if header.deadline:

@@ -332,6 +332,15 @@ def resumed_alone() -> Story:
     return story.reached(walk, Moment.END_ACHIEVING)
 
 
+def ordered() -> Story:
+    """A move {2} is created suspended by the planner, and resumed a second later."""
+    story = Story().module("planner", "walk").module("legs", "move").at(1.0)
+    walk = story.goal("walk", "user", to="planner", begins=True)
+    move = story.at(2.0).command("move", "planner", walk)
+    story.say(facts.SuspendedOrResumed(TaskId(move), True, "planner"))
+    return story.at(3.0).say(facts.SuspendedOrResumed(TaskId(move), False, "planner")).delivered(move, "legs")
+
+
 def stuck(drills: int = 4) -> Story:
     """Drills one after the other; the handler of the first one waits for a calibration that nobody handles."""
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)

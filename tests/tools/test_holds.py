@@ -382,7 +382,7 @@ def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:
     later = story.goal("row", "boss", east, delay_planning(THIS))
     story.delivered(row, "boss").returned(row).reached(row, Moment.END_PLANNING).returned(east)
     at = RunAt(story.fold())
-    end = f"for harvest {{{west}}}, which is suspended by op"
+    end = f"for harvest {{{west}}}, which is suspended since its birth by op"
     assert [_end(at, at.tasks[one]) for one in (east, row, later)] == [end] * 3
     assert causes(at)[:2] == (4, 1)
 

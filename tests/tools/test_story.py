@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from click.testing import CliRunner
-from tools.story import ACTING, COMMAND, QUERY, THIS, Story, mopping, resumed_alone, stumbling
+from tools.story import ACTING, COMMAND, QUERY, THIS, Story, mopping, ordered, resumed_alone, stumbling
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
@@ -114,6 +114,13 @@ def test_a_handler_runs_on_only_in_a_suspension_that_came_later() -> None:
     assert note(at, at.tasks[1]) == (
         "suspended by panel, until the handler of move {2} returns, and until walk {1} is resumed, for 1.5 s (3.5 s in all)"
     )
+
+
+def test_a_task_that_was_created_suspended() -> None:
+    history = ordered().fold()
+    assert "2.0 (1.0 s) suspended since its birth by planner, until move {2} is resumed" in told(history, 2)
+    at = RunAt(history, 2.5)
+    assert note(at, at.tasks[2]) == "suspended since its birth by planner, until move {2} is resumed, for 500 ms"
 
 
 def test_who_suspended_and_resumed_is_told_to_those_who_wait() -> None:
