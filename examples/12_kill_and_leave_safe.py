@@ -13,7 +13,7 @@ drilling = threading.Event()
 
 @planner.handles(DIG)
 def dig(task: Task) -> None:
-    task.ref.on_termination(RETRACT)
+    task.on_termination(RETRACT)
     task.command(DRILL)
 
 

@@ -19,6 +19,7 @@ from tca_live.top_frame import Answer, Frame, frame, plain_frame
 from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
 from tca_wire.endpoint import default_endpoint
+from tca_wire.text.missing import missing_package
 from tca_wire.text.printable import printable
 
 _NAME = "tca top"
@@ -67,9 +68,7 @@ def _screen() -> Any:
     try:
         from tca_live import top_screen  # noqa: PLC0415
     except ImportError:
-        raise click.ClickException(
-            "tca top needs the Python package 'rich': pip install 'tca-central[top]', or ask for --once --json"
-        ) from None
+        raise click.ClickException(missing_package("tca top", "rich", "top", "ask for --once --json")) from None
     return top_screen
 
 

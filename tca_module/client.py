@@ -32,15 +32,18 @@ class Client(Sender):
         connection.root_sender = self
         _open.add(self)
 
+    def __repr__(self) -> str:
+        return f"client '{self._link.session.module}'" if self._link is not None else "a closed client"
+
     @property
     def name(self) -> str:
         """The name under which central knows this client."""
-        return self._connection().session.module
+        return self._opened().session.module
 
     @property
     def address(self) -> str:
         """Central's address."""
-        return self._connection().transport.address
+        return self._opened().transport.address
 
     def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
         """Central's report on a topic, as plain values: "status", "modules", "messages", "tree", "variables", "load"
@@ -76,10 +79,15 @@ class Client(Sender):
         if self._link is not None and self._process == os.getpid() and self._link.is_mine:
             self.close()
 
-    def _connection(self) -> Connection:
+    def _opened(self) -> Connection:
         if self._link is None:
             raise MisuseError("this client is closed: use it inside its 'with' block, or connect() again")
         return self._link
+
+    def _connection(self) -> Connection:
+        link = self._opened()
+        link.check_thread(self, "opened it", "in other threads connect() anew")
+        return link
 
 
 def connect(

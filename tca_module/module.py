@@ -309,6 +309,7 @@ class Module(Sender):
         if self._link is None:
             msg = f"module '{self.name}' does not run: send within 'with module.running():' or from a handler"
             raise MisuseError(msg)
+        self._link.check_thread(f"module '{self.name}'", "runs it")
         return self._link
 
 

@@ -227,7 +227,7 @@ class ScriptConnection:
         self.abandon(request)
         return ""
 
-    def check_thread(self) -> None:
+    def check_thread(self, *_: object) -> None:
         """A script has one thread."""
 
     def release(self, request: ScriptRequest, what: str, *, at_once: bool = False) -> bool:

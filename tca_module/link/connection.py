@@ -31,6 +31,7 @@ LINGER = 10.0  # seconds that a program which leaves waits for what it sent to a
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
 _FOR_EVER = float("inf")
+SEND_WITH_YOUR_OWN = "a handler sends with its task, other threads with a client of their own: connect()"
 
 
 class Connection:
@@ -52,7 +53,7 @@ class Connection:
         self._is_calling_back = False
         self.line = PacketLine(session, transport, self.direct, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
-        self._owner = threading.get_ident()
+        self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
         self.log = logging.getLogger(f"tca.{session.module}")
 
@@ -411,15 +412,14 @@ class Connection:
         """Whether it belongs to the calling thread."""
         return threading.get_ident() == self._owner
 
-    def check_thread(self) -> None:
-        """Raise MisuseError in another thread; before taking the lock, which a serving thread keeps for ever."""
+    def check_thread(self, used: object = None, owns: str = "opened it", remedy: str = SEND_WITH_YOUR_OWN) -> None:
+        """Raise MisuseError in another thread; before taking the lock, which a serving thread keeps for ever. Names
+        what is *used*, why its thread *owns* it, and the remedy.
+        """
         if not self.is_mine:
-            where = f"a connection of module '{self.session.module}' is used from thread"
-            msg = (
-                f"{where} '{threading.current_thread().name}', but belongs to the one that opened it: a handler sends \
-with its task, other threads open a connection of their own with connect()"
-            )
-            raise MisuseError(msg)
+            what = used or f"a connection of module '{self.session.module}'"
+            where = f"is used in thread '{threading.current_thread().name}'"
+            raise MisuseError(f"{what} {where}, but belongs to thread '{self._owner_name}', which {owns}: {remedy}")
 
 
 def ask(

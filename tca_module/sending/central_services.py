@@ -242,8 +242,8 @@ class CentralServices:
         kind: type[Any] | None = _KINDS.get(found["class"])
         if kind is None:
             raise MisuseError(f"'{name}' is a {found['class']}: declare it in Python to have it watch")
-        answer = {Command: "result", Query: "reply", MultiQuery: "reply"}.get(kind)
-        options = {answer: PlainFormat(found["reply"])} if answer else {}
+        answers: dict[Any, str] = {Command: "result", Query: "reply", MultiQuery: "reply"}
+        options = {answers[kind]: PlainFormat(found["reply"])} if kind in answers else {}
         message: Message[Any, Any] = kind(name, PlainFormat(found["data"]), **options)
         return message
 

@@ -65,7 +65,7 @@ class MonitorRef(TaskRef, Generic[D]):
         name, body = "", b""
         if action is not None:
             name, body = action.name, action.encode_data(data)
-            self._connection.declare(action)
+            self._connection().declare(action)
         return self._steer(Fire(0, self.id, name, self._origin), f"firing {self}", body)
 
     def end(self) -> bool:

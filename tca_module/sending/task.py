@@ -7,8 +7,8 @@ from tca_module.link.connection import Connection
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble, context_of
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
-from tca_module.sending.task_points import TaskInterval, TaskIntervals
-from tca_module.sending.task_ref import TaskRef
+from tca_module.sending.task_points import TaskInterval
+from tca_module.sending.task_ref import FIND_IT, SteerableTask, TaskRef
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver
@@ -18,8 +18,9 @@ from tca_wire.text.measures import numbered
 C = TypeVar("C")
 
 
-class Task(Sender, TaskIntervals):
-    """The message being handled. Goals and commands sent from it become its subtasks.
+class Task(Sender, SteerableTask):
+    """The message being handled. Goals and commands sent from it become its subtasks; ``kill``, ``suspend`` and their
+    like are about itself.
 
     It belongs to the handler's thread, until the handler returns. A query, inform or broadcast is no task of the tree:
     its *id* is 0, and its handler sends under the root.
@@ -33,7 +34,7 @@ class Task(Sender, TaskIntervals):
         task_id = with_epoch(delivery.task, epoch, what)
         origin = max(0, delivery.delivery)  # central knows no direct delivery
         Sender.__init__(self, task_id, with_epoch(origin, epoch, what or f"'{message.name}'"))
-        TaskIntervals.__init__(self, task_id)
+        SteerableTask.__init__(self, task_id)
         self.later: LaterReply[Any] | None = None  #: answers for the handler, if it said so
 
     def __repr__(self) -> str:
@@ -76,10 +77,8 @@ class Task(Sender, TaskIntervals):
 
     @property
     def ref(self) -> TaskRef:
-        """This task as a TaskRef: to kill, suspend or retry it."""
-        if self._task_id == ROOT:
-            raise MisuseError(f"'{self.message}' is no task of the tree")
-        return TaskRef(self._connection(), self.message, self._task_id, self._origin)
+        """This task as others see it: to watch it, or to wait for a point of it."""
+        return TaskRef(self._connection(), self.message, self._node(), self._origin)
 
     @property
     def trouble(self) -> Trouble:
@@ -126,8 +125,14 @@ class Task(Sender, TaskIntervals):
     def _connection(self) -> Connection:
         if self._link is None:
             raise MisuseError(f"{self} is used after its handler returned: send before it returns, or from the module")
+        self._link.check_thread(self, "handles it", FIND_IT)
         check_epoch([self._origin], self._link.session.epoch)
         return self._link
+
+    def _node(self) -> TaskId:
+        if self._task_id == ROOT:
+            raise MisuseError(f"'{self.message}' is no task of the tree: only goals and commands are")
+        return self._task_id
 
     def _interval(self, interval: Interval) -> TaskInterval:
         if self._task_id == ROOT:

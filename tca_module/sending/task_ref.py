@@ -51,6 +51,9 @@ class TaskInfo(NamedTuple):
         return cls(task, row["message"], row["class"], parent, *(row[key] for key in cls._fields[4:]))
 
 
+FIND_IT = "in other threads connect(), and use task(number) of that"
+"""The remedy for a task that is used in a wrong thread."""
+
 _DEALT_WITH = "an exception handler dealt with it, so there is no result"
 _RELATIONS = {"self": "state", "kept": "kept tasks"}
 
@@ -92,22 +95,14 @@ def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], max
     return Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
 
 
-class TaskRef(TaskIntervals):
-    """A task of the tree: wait for it, kill, suspend or retry it, raise a failure on it, look at its relatives.
+class SteerableTask(TaskIntervals):
+    """A task of the tree that can be steered, by its handler too: kill, suspend or retry it, look at its relatives.
 
     ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took effect, False if
-    the task had ended. Promises for later (``on_failure``, ``on_termination``, ``keep``) raise Refused ("too late").
+    the task had ended. Promises for later (``on_termination``, ``keep``) raise Refused ("too late").
     """
 
-    def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
-        super().__init__(task_id)
-        self._connection = connection
-        self._name = message
-        self._origin = origin
-        self._end: tuple[headers.Answer, bytes] | None = None  # how it ended, once that has been waited for
-
-    def __repr__(self) -> str:
-        return numbered(self.message or "task", self.id)
+    _origin: int
 
     @property
     def id(self) -> TaskId:
@@ -117,45 +112,17 @@ class TaskRef(TaskIntervals):
     @property
     def message(self) -> str:
         """The name of the message that the task is."""
-        return self._name
+        raise NotImplementedError
 
-    # --- its end ---------------------------------------------------------------------------------------------------
+    def _connection(self) -> Connection:
+        """The connection of the calling thread."""
+        raise NotImplementedError
 
-    def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait until the task has ended; its outcome. Raises Timeout."""
-        return self._ended(timeout)[0].outcome
+    def _node(self) -> TaskId:
+        """The number of the task that is steered. Raises MisuseError where there is none."""
+        return self._task_id
 
-    def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
-        """Wait until a point, of this task or another, is reached: ``leg.wait_for(leg.handling.end)``. Raises Timeout.
-
-        Returns the state of the point's task: a task that is killed reaches all its points at once.
-        """
-        return self._reached(point, timeout)[0].outcome
-
-    def _ended(self, timeout: float | None) -> tuple[headers.Answer, bytes]:
-        check(f"the wait for {self}", checks.TIMEOUT, timeout=timeout)
-        if self._end is None:
-            self._end = self._reached(self.achieving.end, timeout)
-        return self._end
-
-    def _reached(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
-        what, request = self._ask(
-            point, blocking=True, brief=is_brief(f"the wait for {self}", timeout), is_awaited=True
-        )
-        if not self._connection.wait(request, timeout, f"the wait for {what}"):
-            why = self._connection.give_up(request)
-            where = f": {why}" if why else ""
-            raise Timeout(f"{what} was not reached within {timeout:g} s{where}", can_wait=True)
-        return request.answers[-1]
-
-    def _ask(
-        self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
-    ) -> tuple[str, Request]:
-        """Ask to be told when a point is reached: its name for people, and the request."""
-        check(f"the wait for {self}", checks.POINT, point=point)
-        what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        header = headers.AwaitPoint(0, point, self._origin, blocking, brief)
-        return what, self._connection.request(header, wants_answer=True, is_awaited=is_awaited)
+    # --- stopping --------------------------------------------------------------------------------------------------
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
         """End the task and everything under it: at once, *delay* seconds from now, or *after* a point. Another *scope*
@@ -169,7 +136,7 @@ class TaskRef(TaskIntervals):
         check(what, checks.SECONDS, delay=delay)
         check(what, checks.SCOPE, scope=scope)
         check(what, checks.POINT_OR_NONE, after=after)
-        return self._steer(headers.Kill(0, self.id, why, scope, after, delay, origin=self._origin), what)
+        return self._steer(headers.Kill(0, self._node(), why, scope, after, delay, origin=self._origin), what)
 
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
         """Send *message* if the task is killed after its start, to leave things safe (TDL: ON TERMINATE).
@@ -179,9 +146,9 @@ class TaskRef(TaskIntervals):
         """
         check_class(message, Goal, Command, call="on_termination")
         body = message.encode_data(data)
-        self._connection.declare(message)
-        header = headers.Send(0, message.name, self.id, self._origin, when_killed=True)
-        self._connection.call(header, f"on termination of {self}", body)
+        header = headers.Send(0, message.name, self._node(), self._origin, when_killed=True)
+        self._connection().declare(message)
+        self._connection().call(header, f"on termination of {self}", body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
         """Raise the failure "timeout" on the task if *point* (its end) is not reached within *seconds* from now.
@@ -195,18 +162,6 @@ class TaskRef(TaskIntervals):
 
     # --- failures --------------------------------------------------------------------------------------------------
 
-    def on_failure(
-        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
-    ) -> AttachmentRef:
-        """Let *handler* handle *failure* (None: any) raised on the task or below it, at most *maximum* times (None: any
-        number); see ``on_failure`` of Sender.
-        """
-        wanted = attachment(failure, handler, maximum)
-        self._connection.declare(handler)
-        header = headers.Attach(0, wanted, self.id, origin=self._origin)
-        number = self._connection.call(header, f"attaching '{handler.name}' to {self}")
-        return AttachmentRef(self._connection, number, header)
-
     def fail(self, failure: FailureRaised) -> bool:
         """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A running handler goes on.
         Returns False if the task had ended or been killed.
@@ -214,7 +169,7 @@ class TaskRef(TaskIntervals):
         if not isinstance(failure, FailureRaised):
             hint = f"'{failure.name}' is only declared, call it" if isinstance(failure, Failure) else "COLLISION(data)"
             raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
-        header = headers.Raise(0, self.id, failure.name, failure.text, failure.kinds, self._origin)
+        header = headers.Raise(0, self._node(), failure.name, failure.text, failure.kinds, self._origin)
         return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
     def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
@@ -229,17 +184,19 @@ class TaskRef(TaskIntervals):
         if message is not None and message.name != self.message:
             raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
         body = message.encode_data(data) if message is not None else b""
-        return self._steer(headers.Retry(0, self.id, message is not None, self._origin), f"a retry of {self}", body)
+        return self._steer(
+            headers.Retry(0, self._node(), message is not None, self._origin), f"a retry of {self}", body
+        )
 
     # --- suspending ------------------------------------------------------------------------------------------------
 
     def suspend(self) -> bool:
         """Start nothing more of the task and its subtasks. Handlers are told. False if the task had ended."""
-        return self._steer(headers.Suspend(0, self.id, origin=self._origin), f"suspending {self}")
+        return self._steer(headers.Suspend(0, self._node(), origin=self._origin), f"suspending {self}")
 
     def resume(self) -> bool:
         """Let a suspended task go on; does no harm to one that was not. Returns False if the task had ended."""
-        return self._steer(headers.Suspend(0, self.id, resume=True, origin=self._origin), f"resuming {self}")
+        return self._steer(headers.Suspend(0, self._node(), resume=True, origin=self._origin), f"resuming {self}")
 
     # --- kept tasks ------------------------------------------------------------------------------------------------
 
@@ -251,11 +208,11 @@ class TaskRef(TaskIntervals):
         At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too late") if the task
         has ended. Beyond 64 MiB the oldest records are forgotten, with all under them.
         """
-        self._connection.call(headers.Keep(0, self.id, origin=self._origin), f"keeping {self}")
+        self._connection().call(headers.Keep(0, self._node(), origin=self._origin), f"keeping {self}")
 
     def release(self) -> None:
         """Undo ``keep`` for this module; does no harm to a task that was not kept."""
-        self._connection.call(headers.Keep(0, self.id, release=True, origin=self._origin), f"releasing {self}")
+        self._connection().call(headers.Keep(0, self._node(), release=True, origin=self._origin), f"releasing {self}")
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
         """The ended tasks under it that are kept, in the order of their ends."""
@@ -296,16 +253,96 @@ class TaskRef(TaskIntervals):
     ) -> "Iterator[tuple[TaskInfo, TaskRef]]":
         check(f"the tasks of {self}", checks.MESSAGE_OR_NAME, message=message)
         name = message.name if isinstance(message, Message) else message or ""
-        header = headers.Inspect(0, self.id, relation, name)
+        header = headers.Inspect(0, self._node(), relation, name)
         asked = f"{_RELATIONS.get(relation, relation)} of {self}" if self.id != ROOT else "tasks"
-        request = answered(self._connection, header, f"the question for the {asked}")
+        connection = self._connection()
+        request = answered(connection, header, f"the question for the {asked}")
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             info = TaskInfo.known_from(row, request.epoch)
-            yield info, TaskRef(self._connection, info.message, info.id, self._origin)
+            yield info, TaskRef(connection, info.message, info.id, self._origin)
 
     def _steer(self, header: Any, what: str, body: bytes = b"") -> bool:
         """Call central; whether that changed anything: else it answers with id 0."""
-        return bool(self._connection.call(header, what, body))
+        return bool(self._connection().call(header, what, body))
+
+
+class TaskRef(SteerableTask):
+    """A task of the tree: wait for it, kill, suspend or retry it, raise a failure on it, look at its relatives.
+
+    ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took effect, False if
+    the task had ended. Promises for later (``on_failure``, ``on_termination``, ``keep``) raise Refused ("too late").
+    """
+
+    def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
+        super().__init__(task_id)
+        self._link = connection
+        self._name = message
+        self._origin = origin
+        self._end: tuple[headers.Answer, bytes] | None = None  # how it ended, once that has been waited for
+
+    def __repr__(self) -> str:
+        return numbered(self.message or "task", self.id)
+
+    @property
+    def message(self) -> str:
+        """The name of the message that the task is."""
+        return self._name
+
+    def _connection(self) -> Connection:
+        self._link.check_thread(self, "sent or found it", FIND_IT)
+        return self._link
+
+    # --- its end ---------------------------------------------------------------------------------------------------
+
+    def wait(self, timeout: float | None = None) -> Outcome:
+        """Wait until the task has ended; its outcome. Raises Timeout."""
+        return self._ended(timeout)[0].outcome
+
+    def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
+        """Wait until a point, of this task or another, is reached: ``leg.wait_for(leg.handling.end)``. Raises Timeout.
+
+        Returns the state of the point's task: a task that is killed reaches all its points at once.
+        """
+        return self._reached(point, timeout)[0].outcome
+
+    def _ended(self, timeout: float | None) -> tuple[headers.Answer, bytes]:
+        check(f"the wait for {self}", checks.TIMEOUT, timeout=timeout)
+        if self._end is None:
+            self._end = self._reached(self.achieving.end, timeout)
+        return self._end
+
+    def _reached(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
+        what, request = self._ask(
+            point, blocking=True, brief=is_brief(f"the wait for {self}", timeout), is_awaited=True
+        )
+        if not self._connection().wait(request, timeout, f"the wait for {what}"):
+            why = self._connection().give_up(request)
+            where = f": {why}" if why else ""
+            raise Timeout(f"{what} was not reached within {timeout:g} s{where}", can_wait=True)
+        return request.answers[-1]
+
+    def _ask(
+        self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
+    ) -> tuple[str, Request]:
+        """Ask to be told when a point is reached: its name for people, and the request."""
+        check(f"the wait for {self}", checks.POINT, point=point)
+        what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
+        header = headers.AwaitPoint(0, point, self._origin, blocking, brief)
+        return what, self._connection().request(header, wants_answer=True, is_awaited=is_awaited)
+
+    # --- failures --------------------------------------------------------------------------------------------------
+
+    def on_failure(
+        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
+    ) -> AttachmentRef:
+        """Let *handler* handle *failure* (None: any) raised on the task or below it, at most *maximum* times (None: any
+        number); see ``on_failure`` of Sender.
+        """
+        wanted = attachment(failure, handler, maximum)
+        self._connection().declare(handler)
+        header = headers.Attach(0, wanted, self.id, origin=self._origin)
+        number = self._connection().call(header, f"attaching '{handler.name}' to {self}")
+        return AttachmentRef(self._connection(), number, header)
 
 
 class SentTask(TaskRef, Generic[R]):
@@ -323,13 +360,13 @@ class SentTask(TaskRef, Generic[R]):
         is_new = self._end is None
         answer, body = self._ended(timeout)
         if is_new and answer.outcome is not Outcome.DONE:
-            self._connection.mark_told()
+            self._connection().mark_told()
         return self._result(answer, body)
 
     def __await__(self) -> Generator[Any, None, R]:
         if self._end is None:
             what, request = self._ask(self.achieving.end, blocking=False)
-            yield from self._connection.until_over(request, f"the wait for {what}")
+            yield from self._connection().until_over(request, f"the wait for {what}")
             self._end = request.answers[-1]
         return self._result(*self._end)
 

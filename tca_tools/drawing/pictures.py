@@ -3,6 +3,7 @@
 import re
 
 from tca_tools.errors import NoPicture
+from tca_wire.text.missing import missing_package
 
 _MOST_PIXELS = 40_000_000
 _DOTS = 2.0
@@ -14,10 +15,7 @@ def converted(svg: str, kind: str) -> bytes:
     try:
         import vl_convert  # noqa: PLC0415 - pictures are an extra
     except ImportError:
-        raise NoPicture(
-            f"a .{kind} needs the Python package 'vl-convert-python': pip install 'tca-central[pictures]',"
-            " or ask for .svg"
-        ) from None
+        raise NoPicture(missing_package(f"a .{kind}", "vl-convert-python", "pictures", "ask for .svg")) from None
     try:
         if kind == "pdf":
             return bytes(vl_convert.svg_to_pdf(svg))

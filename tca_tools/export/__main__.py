@@ -19,6 +19,7 @@ from tca_tools.run.fold import folded
 from tca_tools.run.journals import Log, open_log
 from tca_tools.run.whole_run import Run
 from tca_wire.journal.records import SEGMENT_SUFFIX
+from tca_wire.text.missing import missing_package
 from tca_wire.text.printable import printable
 
 
@@ -69,10 +70,8 @@ def _imported(module: str, package: str, extra: str) -> ModuleType:
     """A module that needs a package of an extra. Raises ToolError if that is not there."""
     try:
         return import_module(f"tca_tools.export.{module}")
-    except ImportError as error:
-        raise ToolError(
-            f"the Python package '{package}' can't be loaded ({error}): pip install 'tca-central[{extra}]'"
-        ) from None
+    except ImportError:
+        raise ToolError(missing_package("this export", package, extra)) from None
 
 
 def _tables(run: Run, output: Path, suffix: str, write: Callable[[Table, Run, BinaryIO], None]) -> None:

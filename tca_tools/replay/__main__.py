@@ -11,6 +11,7 @@ from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Recording
 from tca_tools.run.journals import open_log
 from tca_tools.terminal import line_width
+from tca_wire.text.missing import missing_package
 
 
 @click.command()
@@ -40,7 +41,7 @@ def replay(log_path: Path | None, speed: float, at: float | None, text: bool) ->
         try:
             from tca_tools.replay.app import Replay  # noqa: PLC0415 - textual is an extra
         except ImportError as error:
-            raise ToolError(f"'{error.name}' is missing: pip install 'tca-central[replay]', or use --text") from None
+            raise ToolError(missing_package("tca replay", str(error.name), "replay", "use --text")) from None
         Replay(recording, journal.name, speed=speed, at=at).run()
     journal.check()
 

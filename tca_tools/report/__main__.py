@@ -9,6 +9,7 @@ from tca_tools.options import check_output, force_option, log_argument
 from tca_tools.output import write_output
 from tca_tools.run.fold import folded
 from tca_tools.run.journals import Log, open_log
+from tca_wire.text.missing import missing_package
 
 
 @click.command()
@@ -24,7 +25,7 @@ def report(log_path: Path | None, output: Path, *, force: bool) -> None:
     try:
         import jinja2  # noqa: F401, PLC0415 - an extra
     except ImportError:
-        raise ToolError("reports need Jinja2: pip install 'tca-central[report]'") from None
+        raise ToolError(missing_package("a report", "jinja2", "report")) from None
     journal = open_log(log_path)
     text = _page(journal)
     write_output(output, text)

@@ -17,6 +17,7 @@ from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.text import Guides, tree_lines
+from tca_wire.text.missing import missing_package
 
 KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 LAYOUTS = ("auto", "figure", "outline")
@@ -80,8 +81,7 @@ def drawn(source: str, kind: str) -> bytes:
     try:
         import pygraphviz  # noqa: PLC0415 - pictures are an extra
     except ImportError:
-        msg = "no picture can be drawn without Graphviz: install it, or pip install 'tca-central[pictures]'"
-        raise NoPicture(msg) from None
+        raise NoPicture(missing_package("this picture", "pygraphviz", "pictures", "install Graphviz")) from None
     graph: Any = pygraphviz.AGraph(string=source)
     try:
         return bytes(graph.draw(format=kind, prog="dot"))

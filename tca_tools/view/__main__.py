@@ -12,6 +12,7 @@ from tca_tools.errors import ToolError
 from tca_tools.options import log_argument
 from tca_tools.run.journals import open_log
 from tca_wire.endpoint import VARIABLE
+from tca_wire.text.missing import missing_package
 
 _LOCAL = "127.0.0.1"
 
@@ -41,7 +42,7 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
         from tca_tools.view.runs import Runs  # noqa: PLC0415
         from tca_tools.view.steering import Steering  # noqa: PLC0415
     except ImportError as error:
-        raise ToolError(f"the package '{error.name}' is missing: pip install 'tca-central[view]'") from None
+        raise ToolError(missing_package("tca view", str(error.name), "view")) from None
     log = open_log(log_path)
     log.check_beginning()
     log.tell()

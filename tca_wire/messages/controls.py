@@ -57,9 +57,8 @@ class Monitor(Message[D, None]):
 
     def _check(self, what: str, message: Any, kinds: tuple[type, ...]) -> None:
         if not isinstance(message, kinds):
-            wanted = ", ".join(kind.__name__ for kind in kinds)
-            text = f"the {what} of {self.message_class} '{self.name}' can be of class {wanted}, and {message!r} is not"
-            raise BadFormat(text)
+            wanted = " or ".join(kind.__name__ for kind in kinds if kind is not type(None))
+            raise BadFormat(f"the {what} of {self.message_class} '{self.name}' must be a {wanted}, not {message!r:.60}")
 
     def _check_data(self, what: str, message: "Message[Any, Any] | None", data: str, whose: str) -> None:
         """Raise BadFormat for a part that can't take the data that it will get."""

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar, overload
 
 from tca_wire.errors import BadData, BadFormat
+from tca_wire.messages.declaring import Declaring
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
 from tca_wire.packets.parts import MessageFormat
@@ -30,20 +31,26 @@ def _checked_name(name: str) -> str:
     return name
 
 
-def _format(kind: Any) -> Format[Any]:
-    """The format of a type; a format is taken as it is, None says that there are no data."""
-    return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
+def _format(kind: Any, what: str) -> Format[Any]:
+    """The format of a type; a format is taken as it is, None says that there are no data. *what* is for errors."""
+    try:
+        return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
+    except BadFormat as error:
+        is_value = isinstance(kind, str | int | float | Message | Failure)
+        why = f" must be a type, such as float or list[str], not {kind!r:.60}" if is_value else f": {error}"
+        raise BadFormat(what + why) from None
 
 
-class Message(Generic[D, R]):
+class Message(Generic[D, R], metaclass=Declaring):
     """A declared message: data of type D, reply or result of type R. Use one of the subclasses."""
 
     message_class: ClassVar[MessageClass]
 
     def __init__(self, name: str, data: Any = None, reply: Any = None) -> None:
         self.name = _checked_name(name)
-        self.data: Format[D] = _format(data)
-        self.reply: Format[R] = _format(reply)
+        what = f"{self.message_class} '{name}'"
+        self.data: Format[D] = _format(data, f"the data of {what}")
+        self.reply: Format[R] = _format(reply, f"the {'result' if self.message_class.is_task else 'reply'} of {what}")
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, {self.data} -> {self.reply})"
@@ -200,7 +207,7 @@ class Variable(Message[D, None]):
         super().__init__(name, data)
 
 
-class Failure(Generic[D]):
+class Failure(Generic[D], metaclass=Declaring):
     """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``.
 
     Of a failure that is a *kind_of* another the exception handlers of that other one take care, too. They get its data:
@@ -215,7 +222,7 @@ class Failure(Generic[D]):
     def __init__(self, name: str, data: Any, *, kind_of: "Failure[Any] | None" = None) -> None: ...
     def __init__(self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None) -> None:
         self.name = _checked_name(name)
-        self.data: Format[D] = _format(data)
+        self.data: Format[D] = _format(data, f"the data of failure '{name}'")
         self._check_kind(kind_of)
         self.kinds: list[str] = [kind_of.name, *kind_of.kinds] if kind_of is not None else []
 

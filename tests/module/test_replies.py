@@ -233,7 +233,7 @@ def test_a_handlers_task_is_for_its_thread(legs: Module, user: Client) -> None:
     with legs.running():
         user.goal(REST).result(SOON)
     for _ in range(2):
-        assert "belongs to the one that opened it" in caught.get(timeout=SOON)
+        assert "belongs to thread " in caught.get(timeout=SOON)
 
 
 # --- Whenever a handler's thread waits for a reply the journal says so, in whatever way it asks ----------------------

@@ -13,6 +13,7 @@ from tools.story import walking
 
 from tca_tools import command_line
 from tca_tools.errors import ToolError
+from tca_wire.text.missing import missing_package
 
 Tca = Callable[..., Result]
 
@@ -152,3 +153,13 @@ def test_each_command_that_is_installed_is_called_so() -> None:
 )
 def test_messages_of_click_begin_like_ours(tca: Tca, arguments: tuple[str, ...], words: str) -> None:
     assert tca("hello", *arguments).stderr.startswith(f"tca: {words}")
+
+
+def test_missing_packages_are_named_in_one_form() -> None:
+    root = Path(command_line.__file__).parents[1]
+    said_by = [file.name for folder in ("tca_tools", "tca_live", "tca_wire", "tca_module", "tca_explorer")
+               for file in (root / folder).rglob("*.py") if "pip install" in file.read_text()]  # fmt: skip
+    assert said_by == ["missing.py"]
+    assert missing_package("a .png", "rich", "top", "ask for .svg") == (
+        "a .png needs the Python package 'rich': pip install 'tca-central[top]', or ask for .svg"
+    )

@@ -234,7 +234,7 @@ def test_a_missing_package_is_named(
     monkeypatch.delitem(sys.modules, f"tca_tools.export.{module}", raising=False)
     result = exported(run, "--to", name, "-o", tmp_path / "out")
     assert result.exit_code == 1
-    assert f"the Python package '{imported.partition('.')[0]}' can't be loaded" in result.stderr
+    assert f"needs the Python package '{imported.partition('.')[0]}': pip" in result.stderr
     assert f"pip install 'tca-central[{extra}]'" in result.stderr
 
 

@@ -272,7 +272,7 @@ def test_without_graphviz_an_outline_is_drawn(
     result = tca("tree", run, "-o", tmp_path / "tree.svg")
     assert result.exit_code == 0
     assert result.stderr == (
-        "no picture can be drawn without Graphviz: install it, or pip install 'tca-central[pictures]': drawn as an outline\n"
+        "this picture needs the Python package 'pygraphviz': pip install 'tca-central[pictures]', or install Graphviz: drawn as an outline\n"
     )
     assert (tmp_path / "tree.svg").read_text().startswith("<svg")
     assert tca("tree", run, "--layout", "figure", "-o", tmp_path / "figure.svg").exit_code == 1

@@ -45,7 +45,7 @@ MISFIT = [
     (None, IS_DARK, SAY, "the action 'say' of KIND 'watch' wants data of type str, and gets the monitor's own, None"),
     (None, SEEN, GO, "the action 'go' of KIND 'watch' wants data of type Place, and gets what 'seen' replies, "),
     (None, LEVEL, SAY, "and gets what 'level' replies, float | bool"),
-    (None, NONE, None, "the condition of KIND 'watch' can be of class Query, and None is not"),
+    (None, NONE, None, "the condition of KIND 'watch' must be a Query, not None"),
 ]  # fmt: skip
 
 

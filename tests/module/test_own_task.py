@@ -1,0 +1,158 @@
+"""A handler steers its own task by the calls that a sender has; in a wrong thread it is told what to do there."""
+
+import threading
+from collections.abc import Callable
+
+import pytest
+from module.real_central import SOON
+
+from tca_module import (
+    Client,
+    Command,
+    ExceptionHandler,
+    Failure,
+    Goal,
+    MisuseError,
+    Module,
+    Outcome,
+    Query,
+    SentTask,
+    Task,
+    TaskFailed,
+    TaskKilled,
+    TaskRef,
+    connect,
+)
+from tca_module.testing import LocalCentral
+
+WALK, STEP, STOP = Goal("walk"), Command("step"), Command("stop")
+WHERE = Query("where", reply=float)
+SLIPPED, SHRUG = Failure("slipped", float), ExceptionHandler("shrug")
+
+
+def public(kind: type) -> set[str]:
+    return {name for name in dir(kind) if not name.startswith("_")}
+
+
+def test_a_handlers_task_has_all_calls_of_a_task_but_the_waits_for_its_own_end() -> None:
+    assert public(TaskRef) - public(Task) == {"wait", "wait_for"}
+
+
+def test_a_handler_kills_its_own_task(user: Client, legs: Module) -> None:
+    done: list[str] = []
+
+    @legs.handles(STOP)
+    def stop(_: Task) -> None:
+        done.append("stopped")
+
+    @legs.handles(WALK)
+    def walk(task: Task) -> None:
+        task.keep()
+        task.on_termination(STOP)
+        assert task.suspend()
+        assert task.resume()
+        assert task.info() == task.ref.info()
+        assert [task.id] == [one.id for one in task.command(STEP).ancestors()]
+        assert [one.message for one in task.children()] == ["step"]
+        assert task.kill("tired")
+
+    with legs.running():
+        sent = user.goal(WALK)
+        with pytest.raises(TaskKilled, match="tired"):
+            sent.result(SOON)
+        assert sent.wait(SOON) is Outcome.KILLED
+    assert done == ["stopped"]
+
+
+def test_a_handler_fails_and_retries_its_own_task(user: Client, legs: Module) -> None:
+    attempts: list[float] = []
+
+    @legs.handles(WALK)
+    def walk(task: Task) -> None:
+        attempts.append(task.id)
+        if len(attempts) < 2:
+            assert task.retry()
+        elif len(attempts) < 3:
+            assert task.deadline(3600)
+            task.fail(SLIPPED(1.0))
+
+    with legs.running(), pytest.raises(TaskFailed, match="slipped"):
+        user.goal(WALK).result(SOON)
+    assert len(attempts) == 2
+
+
+def test_a_question_is_no_task_that_can_be_killed(user: Client, legs: Module) -> None:
+    said: list[str] = []
+
+    @legs.handles(WHERE)
+    def where(task: Task) -> float:
+        for steer in (task.kill, task.suspend, task.keep, task.info, task.children):
+            with pytest.raises(MisuseError, match="'where' is no task of the tree"):
+                steer()
+            said.append(steer.__name__)
+        return 1.0
+
+    with legs.running():
+        assert user.query(WHERE) == 1.0
+    assert said == ["kill", "suspend", "keep", "info", "children"]
+
+
+def refusal(call: Callable[[], object]) -> str:
+    """The error of a call in a thread of its own."""
+    texts: list[str] = []
+
+    def elsewhere() -> None:
+        with pytest.raises(MisuseError) as error:
+            call()
+        texts.append(str(error.value))
+
+    thread = threading.Thread(target=elsewhere, name="driver")
+    thread.start()
+    thread.join(SOON)
+    return texts[0]
+
+
+def test_in_a_wrong_thread_it_is_said_what_was_used_and_what_to_do(user: Client, legs: Module) -> None:
+    said: list[str] = []
+
+    @legs.handles(WALK)
+    def walk(task: Task) -> None:
+        said.append(refusal(task.kill))
+
+    with legs.running():
+        sent = user.goal(WALK)
+        sent.result(SOON)
+        said += [refusal(sent.kill), refusal(lambda: user.goal(WALK)), refusal(lambda: legs.goal(WALK))]
+        pending = user.query_send(WHERE)
+        said.append(refusal(pending.receive))
+    assert said == [
+        "walk {1} is used in thread 'driver', but belongs to thread 'legs 1', which handles it: in other threads connect(), \
+and use task(number) of that",
+        "walk {1} is used in thread 'driver', but belongs to thread 'MainThread', which sent or found it: in other threads \
+connect(), and use task(number) of that",
+        "client 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: in other threads \
+connect() anew",
+        "module 'legs' is used in thread 'driver', but belongs to thread 'MainThread', which runs it: a handler sends with its \
+task, other threads with a client of their own: connect()",
+        "a connection of module 'user' is used in thread 'driver', but belongs to thread 'MainThread', which opened it: a \
+handler sends with its task, other threads with a client of their own: connect()",
+    ]
+
+
+def test_what_is_said_helps(central: LocalCentral, user: Client, legs: Module) -> None:
+    legs.handles(WALK)(lambda _: None)
+    outcomes: list[bool] = []
+
+    def elsewhere(sent: SentTask[None]) -> None:
+        with connect("driver", central) as driver:
+            found = driver.task(sent.id)
+            assert found is not None
+            outcomes.append(found.kill("by the driver"))
+
+    with legs.running():
+        sent = user.goal(WALK, delay=3600)
+        thread = threading.Thread(target=elsewhere, args=(sent,))
+        thread.start()
+        thread.join(SOON)
+        assert outcomes == [True]
+        assert sent.wait(SOON) is Outcome.KILLED
