@@ -1,6 +1,6 @@
 """Kept tasks: an exception handler sees what had been done before the failure, and undoes it in reverse."""
 
-from tca_module import Command, ExceptionHandler, Failure, Goal, Module, Task
+from tca_module import Command, ExceptionHandler, Failure, Goal, Module, Recovery, Task
 
 PACK, STOW = Goal("pack"), Command("stow", str)
 FULL, UNPACK = Failure("box is full", str), ExceptionHandler("unpack")
@@ -32,5 +32,5 @@ def unpack(task: Task) -> None:
 
 if __name__ == "__main__":
     with planner.running(), arm.running(), expert.running():
-        packing = planner.goal(PACK, on_failure=[(FULL, UNPACK)])
+        packing = planner.goal(PACK, on_failure=[Recovery(FULL, UNPACK)])
         print("packing was", packing.wait(timeout=10))

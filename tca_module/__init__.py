@@ -28,7 +28,7 @@ from tca_module.sending.replies import Notification, PendingReplies, PendingRepl
 from tca_module.sending.sender import Sender, TaskOptions
 from tca_module.sending.task import Task
 from tca_module.sending.task_points import this
-from tca_module.sending.task_ref import AttachmentRef, SentTask, TaskInfo, TaskRef
+from tca_module.sending.task_ref import AttachmentRef, Recovery, SentTask, TaskInfo, TaskRef
 from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.callbacks import Callback
 from tca_wire.constraints import Constraint
@@ -57,8 +57,7 @@ __all__ = [
     "HandlerCount", "HandlerInfo", "Inform", "Interval", "LaterReply", "LockLost", "Message", "MisuseError",
     "Module", "ModuleInfo", "Moment", "MonitorOptions", "MonitorRef", "MultiQuery", "NotDeclared", "NotSent",
     "Notification", "Outcome", "PendingReplies", "PendingReply", "Point", "PointMonitor", "PollingMonitor", "Query",
-    "QueryFailed",
-    "Refused", "ResourceInfo", "Scope", "Sender", "SentTask", "Stopped", "TapEvent", "Task", "TaskFailed",
-    "TaskInfo", "TaskKilled", "TaskOptions", "TaskRef", "TcaError", "Timeout", "Trouble", "Variable",
+    "QueryFailed", "Recovery", "Refused", "ResourceInfo", "Scope", "Sender", "SentTask", "Stopped", "TapEvent", "Task",
+    "TaskFailed", "TaskInfo", "TaskKilled", "TaskOptions", "TaskRef", "TcaError", "Timeout", "Trouble", "Variable",
     "VariableNotSet", "connect", "this",
 ]  # fmt: skip

@@ -122,10 +122,6 @@ CONSTRAINT = ArgumentKind(
 CONSTRAINTS = ArgumentKind(
     "a list of constraints, such as [a <= b, c <= d]", lambda value: _is_list(value, CONSTRAINT.fits)
 )
-PAIRS = ArgumentKind(
-    "a list of pairs, such as [(COLLISION, RAISE_LEG)]",
-    lambda value: _is_list(value, lambda pair: isinstance(pair, tuple) and len(pair) == 2),
-)
 CONDITION = ArgumentKind("a Condition, such as Condition.BEFORE_HANDLING", lambda value: value in tuple(Condition))
 SCOPE = ArgumentKind(" or ".join(f"Scope.{one.name}" for one in Scope), lambda value: value in tuple(Scope))
 VARIABLE = ArgumentKind("a Variable", lambda value: isinstance(value, Variable))

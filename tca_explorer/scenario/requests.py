@@ -11,7 +11,9 @@ from tca_properties.predicates import NamedPredicate
 from tca_properties.world import Predicate
 from tca_wire.constraints import Constraint
 from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, THIS, Point, describe_moments
+from tca_wire.text.measures import counted
 from tca_wire.vocabulary import MessageClass, Scope
 
 Name = Callable[[int], str]
@@ -46,7 +48,7 @@ def _send(header: headers.Send, body: bytes, message_class: MessageClass | None,
         f"every {watch.period:g} s" if watch is not None and watch.period else "",
         f"for {watch.duration:g} s" if watch is not None and watch.duration else "",
         f"within {header.deadline:g} s" if header.deadline else "",
-        *(f"with {one.handler} for {one.failure or 'any failure'}" for one in header.attachments),
+        *(f"with {_recovery(one)}" for one in header.attachments),
         *(f"not before {one.delay:g} s" for one in header.constraints if one.delay and one.before.task == ROOT),
         "if it is handled" if header.if_handled else "",
         "suspended" if header.suspended else "",
@@ -71,7 +73,12 @@ def _kill(header: headers.Kill, name: Name) -> str:
 
 def _attach(header: headers.Attach, name: Name) -> str:
     where = f"all {header.message}" if header.message else name(header.task) if header.task else "the root"
-    return f"attaches {header.attachment.handler} for {header.attachment.failure or 'any failure'} to {where}"
+    return f"attaches {_recovery(header.attachment)} to {where}"
+
+
+def _recovery(one: Attachment) -> str:
+    often = f", {counted(one.maximum, 'time')} at most" if one.maximum else ""
+    return f"{one.handler} for {one.failure or 'any failure'}{often}"
 
 
 def _tap(header: headers.Tap, name: Name) -> str:

@@ -10,17 +10,15 @@ from tca_module.errors import Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_ref import SentTask, TaskRef, attachment
+from tca_module.sending.task_ref import Recovery, SentTask, TaskRef
 from tca_module.sending.watching import WatchingServices
 from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before
-from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import (
     NOTHING,
     Broadcast,
     Command,
     D,
-    Failure,
     Goal,
     Inform,
     Message,
@@ -33,6 +31,11 @@ from tca_wire.points import ROOT, THIS, TaskId
 
 _TASK = checks.ArgumentKind(
     "a task that was sent or found, such as tasks(WALK)[0]", lambda task: isinstance(task, TaskRef)
+)
+
+_RECOVERIES = checks.ArgumentKind(
+    "a list of recoveries, such as [Recovery(COLLISION, RAISE_LEG)]",
+    lambda value: isinstance(value, list | tuple) and all(isinstance(one, Recovery) for one in value),
 )
 
 
@@ -51,8 +54,8 @@ class TaskOptions(TypedDict, total=False):
     """Higher goes first where several wait for one resource."""
     constraints: Sequence[Constraint]
     """Others; ``this`` stands for the new task."""
-    on_failure: Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]
-    """Exception handlers of the new task, each newer than the one before it; None is any failure."""
+    on_failure: Sequence[Recovery]
+    """Exception handlers of the new task, each newer than the one before it."""
     deadline: float | None
     """Seconds, above 0, within which it must be achieved, or the failure "timeout" is raised on it; None: no bound."""
     delay: float
@@ -66,7 +69,7 @@ class TaskOptions(TypedDict, total=False):
 _OPTIONS = dict.fromkeys(TaskOptions.__annotations__, checks.FLAG) | {
     "priority": checks.PRIORITY,
     "constraints": checks.CONSTRAINTS,
-    "on_failure": checks.PAIRS,
+    "on_failure": _RECOVERIES,
     "deadline": checks.DURATION_OR_NONE,
     "delay": checks.SECONDS,
 }
@@ -120,9 +123,8 @@ class Sender(WatchingServices):
     def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> SentTask[R] | None:
         """The new task; None if *handled* and nobody handles the message."""
         check_options(name_of(message), options, _OPTIONS)
-        body, pairs = message.encode_data(data), options.get("on_failure", ())
-        attachments = [attachment(*pair) for pair in pairs]
-        connection = self._declare(message, *(handler for _, handler in pairs))
+        body, recoveries = message.encode_data(data), options.get("on_failure", ())
+        connection = self._declare(message, *(one.handler for one in recoveries))
         sequential = options.get("sequential", True)
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
@@ -131,8 +133,9 @@ class Sender(WatchingServices):
             constraints.append(not_before(THIS, delay))
         header = Send(
             0, message.name, self._parent, self._origin, flags | _flags_of(options), constraints,
-            options.get("priority", 0), attachments=attachments, deadline=options.get("deadline") or 0,
-            if_handled=handled, keep=options.get("keep", False), suspended=options.get("suspended", False),
+            options.get("priority", 0), attachments=[one.attachment for one in recoveries],
+            deadline=options.get("deadline") or 0, if_handled=handled,
+            keep=options.get("keep", False), suspended=options.get("suspended", False),
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
         if not task_id:

@@ -88,11 +88,20 @@ class AttachmentRef:
                 raise
 
 
-def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int | None = None) -> Attachment:
-    """The header's form of *handler* for *failure* (None: any). Raises MisuseError if they do not fit."""
-    check_handles(failure, handler)
-    check(name_of(handler), checks.MAXIMUM, maximum=maximum)
-    return Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
+class Recovery:
+    """An exception handler of a task that is being sent: ``on_failure=[Recovery(COLLISION, RAISE_LEG, maximum=2)]``. It
+    takes what ``on_failure()`` of a handle takes. Raises MisuseError if handler and failure do not fit.
+    """
+
+    __slots__ = ("attachment", "handler")
+
+    def __init__(
+        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
+    ) -> None:
+        check_handles(failure, handler)
+        check(name_of(handler), checks.MAXIMUM, maximum=maximum)
+        self.handler = handler
+        self.attachment = Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
 
 
 class SteerableTask(TaskIntervals):
@@ -338,7 +347,7 @@ class TaskRef(SteerableTask):
         """Let *handler* handle *failure* (None: any) raised on the task or below it, at most *maximum* times (None: any
         number); see ``on_failure`` of Sender.
         """
-        wanted = attachment(failure, handler, maximum)
+        wanted = Recovery(failure, handler, maximum=maximum).attachment
         self._connection().declare(handler)
         header = headers.Attach(0, wanted, self.id, origin=self._origin)
         number = self._connection().call(header, f"attaching '{handler.name}' to {self}")

@@ -9,7 +9,7 @@ from tca_module.errors import MisuseError
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import MonitorRef
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_ref import AttachmentRef, TaskRef, attachment
+from tca_module.sending.task_ref import AttachmentRef, Recovery, TaskRef
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import ExceptionHandler, Monitor, PointMonitor, PollingMonitor
 from tca_wire.messages.declarations import NOTHING, D, Failure, Message
@@ -92,7 +92,7 @@ class WatchingServices(CentralServices):
         """
         if isinstance(of, TaskRef):
             return of.on_failure(failure, handler, maximum=maximum)
-        wanted = attachment(failure, handler, maximum)
+        wanted = Recovery(failure, handler, maximum=maximum).attachment
         if of is not None:
             check("on_failure()", checks.FAILS, of=of)
         connection = self._declare(handler, *([of] if of is not None else []))

@@ -3,6 +3,7 @@
 from typing import Any
 
 from tca_explorer import Property, Result, Scenario, Script, Task, explore, report
+from tca_module import Recovery
 from tca_wire.messages.controls import ExceptionHandler, PollingMonitor
 from tca_wire.messages.declarations import Command, Failure, Goal, Inform, MultiQuery, Query
 from tca_wire.vocabulary import Condition
@@ -91,7 +92,7 @@ def ladder(*properties: Property, retries: int = 1, gives_up: bool = True) -> Sc
     @scenario.module("user").does
     def story(me: Script) -> None:
         me.on_failure(SLIPPED, HIGHER, of=STEP)
-        me.goal(WALK, "straight", on_failure=[(SLIPPED, REPLAN)]).wait()
+        me.goal(WALK, "straight", on_failure=[Recovery(SLIPPED, REPLAN)]).wait()
 
     return scenario
 

@@ -27,7 +27,7 @@ from tca_explorer import (
     sent,
     suspended,
 )
-from tca_module import Condition, Refused, Timeout, this
+from tca_module import Condition, Recovery, Refused, Timeout, this
 
 # --- wiretaps --------------------------------------------------------------------------------------------------------
 
@@ -130,7 +130,7 @@ def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
 
     @scenario.module("user").does
     def story(me: tca.Script) -> None:
-        step = me.command(STEP, on_failure=[(SLIPPED, HIGHER)])
+        step = me.command(STEP, on_failure=[Recovery(SLIPPED, HIGHER)])
         step.fail(SLIPPED(text="seen from afar"))
 
     good(scenario, never_stuck(), at_most(1, recovering(STEP)))

@@ -24,6 +24,7 @@ from tca_module import (
     PointMonitor,
     PollingMonitor,
     Query,
+    Recovery,
     Refused,
     Task,
     TaskFailed,
@@ -101,10 +102,14 @@ def test_a_failure_is_retried_with_new_data_and_reissued_above(robot: tuple[Robo
 
 def test_exception_handlers_travel_with_the_task_and_can_be_removed(robot: tuple[Robot, Client]) -> None:
     them, user = robot
-    assert user.command(MOVE, 0.1, on_failure=[(ROCK, SHRUG)]).wait(timeout=5) is Outcome.DONE
+    assert user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5) is Outcome.DONE
+    ladder = [Recovery(None, SHRUG), Recovery(ROCK, HIGHER, maximum=1)]
+    assert user.command(MOVE, 0.1, on_failure=ladder).wait(timeout=5) is Outcome.DONE
+    attempts = ["move 0.1", "rock at 0.3, attempt 1, move", f"move {0.1 + 0.05}", "shrug"]
+    assert them.said[-4:] == attempts
     user.on_failure(ROCK, SHRUG, of=MOVE).remove()
     assert user.command(MOVE, 0.1).wait(timeout=5) is Outcome.FAILED
-    assert them.said == ["move 0.1", "shrug", "move 0.1"]
+    assert them.said == ["move 0.1", "shrug", *attempts, "move 0.1"]
 
 
 def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(robot: tuple[Robot, Client]) -> None:
@@ -126,7 +131,7 @@ def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(robot: t
 
 def test_deadlines_delays_and_kills_that_wait(robot: tuple[Robot, Client]) -> None:
     them, user = robot
-    late = user.command(REST, deadline=0.02, on_failure=[(None, SHRUG)])
+    late = user.command(REST, deadline=0.02, on_failure=[Recovery(None, SHRUG)])
     assert them.shrugged.acquire(timeout=5)
     them.go_on.release()
     assert late.wait(timeout=5) is Outcome.DONE

@@ -73,7 +73,7 @@ CALLS: list[Call] = [
     lambda user, _task, _: user.command(REST, deadline=0),
     lambda user, _task, _: user.command(REST, priority=2.5),
     lambda user, task, _: user.command(REST, constraints=task.achieving.end <= this.achieving.start),
-    lambda user, _task, _: user.command(REST, on_failure=(SLIPPED, SHRUG)),
+    lambda user, _task, _: user.command(REST, on_failure=[(SLIPPED, SHRUG)]),
     lambda user, _task, _: user.query(WHERE, timeout=float("nan")),
     lambda user, _task, _: user.query_notify(WHERE, None, coming),
     lambda user, _task, _: user.query_notify(WHERE, None, lambda reply: reply),

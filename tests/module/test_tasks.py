@@ -23,6 +23,7 @@ from tca_module import (
     Outcome,
     PollingMonitor,
     Query,
+    Recovery,
     Refused,
     Sender,
     SentTask,
@@ -361,7 +362,7 @@ def test_an_exception_handler_sees_what_had_been_done(central: LocalCentral, use
         raise task.trouble.reissue()
 
     with expert.running():
-        cross = user.goal(CROSS, on_failure=[(FELL, DECIDE)], keep=True)
+        cross = user.goal(CROSS, on_failure=[Recovery(FELL, DECIDE)], keep=True)
         assert cross.wait(SOON) is Outcome.FAILED
     assert seen == [(1, "done"), (2, "done")]
     outcomes = {handle.data(PACE): info.outcome for handle in cross.kept() if (info := handle.info())}
