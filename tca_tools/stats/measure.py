@@ -113,7 +113,7 @@ def measure(run: Run, start: float | None = None) -> Stats:
     resources = _resources(run, busy_in)
     for message in run.messages.values():
         if message.received >= first:
-            _count(_of(run, messages, message.name), message)
+            _count(run, _of(run, messages, message.name), message)
     for handling in run.handlings:
         if handling.start >= first:
             _count_handling(_of(run, messages, handling.name), handling)
@@ -134,7 +134,7 @@ def _of(run: Run, messages: dict[str, MessageStats], name: str) -> MessageStats:
     return messages[name]
 
 
-def _count(stats: MessageStats, message: Message) -> None:
+def _count(run: Run, stats: MessageStats, message: Message) -> None:
     stats.message_class = str(message.message_class)
     stats.sent += 1
     stats.dropped += bool(message.dropped)
@@ -148,9 +148,16 @@ def _count(stats: MessageStats, message: Message) -> None:
     else:
         end, last = message.answered, message.handlings[-1] if message.handlings else None
         stats.failed += last is not None and last.outcome is Outcome.FAILED
-        stats.open += end is None and not message.dropped and (last is None or last.end is None)
+        stats.open += end is None and not message.dropped and _goes_on(run, message)
     if end is not None:
         stats.to_end.seconds.append(end - message.received)
+
+
+def _goes_on(run: Run, message: Message) -> bool:
+    """Whether its handler has still to end; of a broadcast or variable that of one of its copies."""
+    if message.message_class.fans_out and not message.message_class.has_reply:
+        return any(one.end is None for one in (*run.copies.get(message.id, ()), *message.handlings))
+    return not message.handlings or message.handlings[-1].end is None
 
 
 def _count_handling(stats: MessageStats, handling: Handling) -> None:

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from central.player import Player
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
+from tools.runs import OPENED
 from tools.story import QUERY, Story, silent_for, walking
 
+from tca_tools.run.fold import History
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
 from tca_wire.journal import facts
@@ -89,6 +92,32 @@ def test_a_query_that_nobody_handles_is_open_until_it_is_dropped() -> None:
     assert of(measure(story.fold()), "where").open == 1
     story.at(2.0).say(facts.Dropped(lost, "any", "its sender left"))
     assert [(one.open, one.dropped) for one in measure(story.fold()).messages] == [(0, 1)]
+
+
+def test_a_message_for_many_is_open_while_a_copy_of_it_waits_or_is_handled() -> None:
+    """A variable that nobody watches is just set, and a broadcast to nobody is over."""
+    player = Player()
+    player.module("user", "variable mode", "broadcast pose")
+    player.lose("user")
+    player.module("user")
+    player.set_variable("user", "mode", 3)
+    player.send("user", "pose")
+    assert _open(player) == {"mode": 0, "pose": 0}
+    player.module("eye", "variable mode", "broadcast pose")
+    player.module("ear", "broadcast pose")
+    player.set_variable("user", "mode", 4)
+    player.send("user", "pose")
+    assert _open(player) == {"mode": 2, "pose": 1}  # a new watcher is told the value that was set before
+    player.reply("ear/1")
+    assert _open(player) == {"mode": 2, "pose": 1}
+    player.reply("eye/1")
+    player.reply("eye/1")
+    player.reply("eye/1")
+    assert _open(player) == {"mode": 0, "pose": 0}
+
+
+def _open(player: Player) -> dict[str, int]:
+    return {one.message: one.open for one in measure(History.until([OPENED, *player.entries])).messages}
 
 
 def test_a_failure_that_was_dealt_with_counts() -> None:
