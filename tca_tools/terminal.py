@@ -1,6 +1,7 @@
 """Text that fits a terminal: width, cutting, padding, and no control characters from foreign text."""
 
 import os
+import select
 import shutil
 import sys
 import unicodedata
@@ -58,6 +59,13 @@ def can_show(characters: str) -> bool:
     except (UnicodeEncodeError, LookupError):
         return False
     return True
+
+
+def is_hung_up(terminal: int) -> bool:
+    """Whether a terminal has gone, as told by its descriptor."""
+    asked = select.poll()
+    asked.register(terminal, 0)
+    return bool(asked.poll(0))
 
 
 def _columns(character: str) -> int:

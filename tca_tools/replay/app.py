@@ -1,17 +1,20 @@
 """The replay on the terminal: what the keys do, and when time passes. Knows the recording and the panes."""
 
+import signal
+import sys
 from typing import ClassVar
 
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
-from textual.widgets import Footer
+from textual.widgets import Footer, HelpPanel
 
 from tca_tools.replay.panes import MessagesPane, Question, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import rows_at
+from tca_tools.terminal import is_hung_up
 from tca_wire.journal.facts import Failed
-from tca_wire.text.facts_in_words import subject_of
+from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
 
 FRAMES = 15
@@ -27,26 +30,32 @@ _KEYS = (
     ("left", "step(-1)", "before"),
     ("plus,equals_sign", "speed(1)", "faster"),
     ("minus", "speed(-1)", "slower"),
-    ("r", "turn", "backwards"),
-    ("f", "failure(1)", "next failure"),
-    ("g", "ask('time')", "go to time"),
+    ("right_square_bracket,f", "failure(1)", "next failure"),
     ("slash", "ask('name')", "search"),
     ("enter", "fold", "open/close"),
-    ("F", "failure(-1)", ""),
-    ("n", "search(1)", ""),
-    ("N", "search(-1)", ""),
-    ("up", "select(-1)", ""),
-    ("down", "select(1)", ""),
-    ("shift+right,ctrl+right", f"step({_FAR})", ""),
-    ("shift+left,ctrl+left", f"step({-_FAR})", ""),
-    ("pageup", "scroll_story(-1)", ""),
-    ("pagedown", "scroll_story(1)", ""),
-    ("home", "go_to_start", ""),
-    ("end", "go_to_end", ""),
+    ("question_mark", "help", "all keys"),
 )
-"""The actions of keys, those that are named below the panes first; not while something is typed."""
+_MORE_KEYS = (
+    ("left_square_bracket,F", "failure(-1)", "the failure before"),
+    ("n", "search(1)", "next that is found"),
+    ("N", "search(-1)", "the one found before"),
+    ("g", "ask('time')", "go to a time"),
+    ("r", "turn", "time runs backwards"),
+    ("up", "select(-1)", "the task above"),
+    ("down", "select(1)", "the task below"),
+    ("shift+right,ctrl+right", f"step({_FAR})", f"{_FAR} messages on"),
+    ("shift+left,ctrl+left", f"step({-_FAR})", f"{_FAR} messages back"),
+    ("pageup", "scroll_story(-1)", "back in the story"),
+    ("pagedown", "scroll_story(1)", "on in the story"),
+    ("home", "go_to_start", "the first message"),
+    ("end", "go_to_end", "the last message"),
+)
+"""The actions of keys, while nothing is typed: those that are named below the panes, and others, which ``?`` names."""
 
-_QUESTIONS = {"time": "go to: seconds, as in 12.5", "name": "search: part of a task's name, or its number"}
+_QUESTIONS = {
+    "time": "go to: seconds, as in 12.5",
+    "name": "search: part of a task's name or of a failure, or a task's number",
+}
 
 
 class Replay(App[None]):
@@ -67,9 +76,10 @@ class Replay(App[None]):
     """
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (_LEAST_BESIDE, "-wide")]  # noqa: RUF012 - the base class has it so
     BINDINGS: ClassVar = [
-        *(Binding(key, action, words, show=bool(words), priority=True) for key, action, words in _KEYS),
-        Binding("ctrl+c", "quit", show=False, priority=True),
-        Binding("escape", "stop_asking", show=False),
+        *(Binding(key, action, words, priority=True) for key, action, words in _KEYS),
+        *(Binding(key, action, words, show=False, priority=True) for key, action, words in _MORE_KEYS),
+        Binding("ctrl+c", "quit", "quit", show=False, priority=True),
+        Binding("escape", "stop_asking", "type no more", show=False),
     ]
     ENABLE_COMMAND_PALETTE = False
     AUTO_FOCUS = ""
@@ -79,7 +89,7 @@ class Replay(App[None]):
         super().__init__()
         self.title = printable(name)
         self.recording = recording
-        self.place = 0 if at is None else recording.place_of(at)
+        self.place = recording.last if at is None else recording.place_of(at)
         self.speed = speed
         self.direction = 1
         self.is_playing = False
@@ -91,6 +101,7 @@ class Replay(App[None]):
         self._wanted = ""
         self._asked = ""
         self._said = ""
+        self._terminal = sys.__stdin__.fileno() if sys.__stdin__ and sys.__stdin__.isatty() else None
 
     def compose(self) -> ComposeResult:
         """The panes."""
@@ -140,7 +151,7 @@ class Replay(App[None]):
             self.title,
             f"{recording.time(self.place):.3f} s of {recording.time(recording.last):.3f} s",
             f"event {self.place + 1} of {recording.last + 1}",
-            f"{recording.under_way(at)} tasks under way",
+            f"{counted(recording.under_way(at), 'task')} under way",
             f"{'playing' if self.is_playing else 'paused'}{' backwards' * (self.direction < 0)}, speed {self.speed:g}",
             said,
         )
@@ -150,19 +161,17 @@ class Replay(App[None]):
         """The task that the event at the cursor is about: the one that failed, or whose question did; or the first that
         is named.
         """
-        run, facts = self.recording.run, self.recording.events[self.place] if self.recording.events else []
-        for fact in sorted(facts, key=lambda fact: not isinstance(fact, Failed)):
-            message = run.delivered(subject_of(fact)) if isinstance(fact, Failed) else None
-            asker = message.by.message_id if message and message.by else 0
-            for number in (subject_of(fact), asker, getattr(fact, "origin", 0)):
-                if number in run.tasks:
-                    return number
-        return 0
+        facts = self.recording.events[self.place] if self.recording.events else []
+        about = map(self.recording.about, sorted(facts, key=lambda fact: not isinstance(fact, Failed)))
+        return next(filter(None, about), 0)
 
     # --- moving ------------------------------------------------------------------------------------------------------
 
     def _pass(self) -> None:
-        """Let time pass."""
+        """Let time pass. End if the terminal has gone: not everybody is told, and its input would be read for ever."""
+        if self._terminal is not None and is_hung_up(self._terminal):
+            signal.signal(signal.SIGHUP, signal.SIG_DFL)
+            signal.raise_signal(signal.SIGHUP)
         if not self.is_playing:
             return
         self._clock += self.direction * self.speed / FRAMES
@@ -204,6 +213,14 @@ class Replay(App[None]):
             return
         self.follows = True
         self.go_to(found)
+
+    def action_help(self) -> None:
+        """Show all keys, or show them no longer."""
+        if self.screen.query(HelpPanel):
+            self.action_hide_help_panel()
+        else:
+            self.action_show_help_panel()
+        self.on_resize()
 
     def action_go_to_start(self) -> None:
         """Go to the first event."""
@@ -279,18 +296,17 @@ class Replay(App[None]):
         self.go_to(self.recording.place_of(seconds), f"the journal ends at {end:.3f} s" if seconds > end else "")
 
     def action_search(self, step: int) -> None:
-        """Go to the birth of the next task that is looked for. One that is there already, and was asked for by its
-        number, is chosen as it is now.
-        """
+        """Go to the next task or failure that is looked for; behind the last one, to the first."""
         if not self._wanted:
             self.action_ask("name")
             return
-        found = self.recording.search(self._wanted, self.place, step)
+        recording, said = self.recording, ""
+        found = recording.search(self._wanted, self.place, step)
         if found is None:
-            where = "later" if step > 0 else "before"
-            self.go_to(self.place, f"no task '{printable(self._wanted)}' is sent {where}")
+            found = recording.search(self._wanted, -1 if step > 0 else recording.last + 1, step)
+            said = f"found from the {'start' if step > 0 else 'end'} again"
+        if found is None:
+            self.go_to(self.place, f"no task or failure '{printable(self._wanted)}'")
             return
-        self.selected, self.follows = found, False
-        born = self.recording.place_of_record(self.recording.run.tasks[found].received)
-        is_asked_by_number = str(found) == self._wanted.strip("{}")
-        self.go_to(max(self.place, born) if is_asked_by_number else born)
+        self.selected, self.follows = found.task, False
+        self.go_to(found.place, said)

@@ -25,7 +25,7 @@ from tca_tools.terminal import columns_of, cut
 from tca_tools.why.story import story
 from tca_wire.journal.facts import kind_of
 from tca_wire.text.bodies import data_text
-from tca_wire.text.printable import printable
+from tca_wire.text.printable import first_line, printable, printable_lines
 
 _STATE_WIDTH = 11
 _SHORTEST_NOTE = 8
@@ -137,7 +137,7 @@ class MessagesPane(Widget):
         time = f"{'>' if place == self._place else ' '}{recording.time(place):9.3f}  "
         lines = []
         for number, fact in zip(count(), recording.events[place], strict=False):
-            said = f"{kind_of(fact):15} {printable(recording.wording.words(fact))}  "
+            said = f"{kind_of(fact):15} {printable(first_line(recording.wording.words(fact)))}  "
             said = (said + data_text(getattr(fact, "body", b""))).rstrip()
             tint = _TINTS[recording.is_bad_news(place, fact, self._place)]
             start = " " * len(time) if number else time
@@ -179,7 +179,7 @@ class StoryPane(Vertical):
                 style = "red" if sentence.is_bad else ""
                 if style and coped_with(run, run.tasks[number], sentence.time, at.moment):
                     style = _HANDLED
-                told = Text(printable(sentence.by(at.moment, at.time)), style)
+                told = Text(printable_lines(sentence.by(at.moment, at.time)), style)
                 table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), told)
         log.write(table, expand=True)
 

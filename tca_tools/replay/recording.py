@@ -3,6 +3,7 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 from math import inf
+from typing import NamedTuple
 
 from tca_tools.log.__main__ import BAD_NEWS
 from tca_tools.run.at_time import RunAt
@@ -11,7 +12,14 @@ from tca_tools.run.fold import History
 from tca_tools.run.whole_run import Run
 from tca_wire.journal.facts import Entry, Fact, Failed, kind_of
 from tca_wire.points import Moment
-from tca_wire.text.facts_in_words import Wording
+from tca_wire.text.facts_in_words import Wording, subject_of
+
+
+class SearchHit(NamedTuple):
+    """Something that was looked for: its place, and its task (0: none)."""
+
+    place: int
+    task: int
 
 
 class Recording:
@@ -80,17 +88,41 @@ class Recording:
 
     def next_failure(self, place: int, step: int) -> int | None:
         """The next place at which something failed, or (step -1) the one before."""
-        places = self.failures if step > 0 else reversed(self.failures)
-        return next((one for one in places if (one - place) * step > 0), None)
+        return next(self._failures_from(place, step), None)
 
-    def search(self, text: str, place: int, step: int) -> int | None:
-        """The task of that number; else the next task (or, step -1, the one before) that is sent after a place and has
-        *text* in its name.
+    def _failures_from(self, place: int, step: int) -> Iterator[int]:
+        places = self.failures if step > 0 else reversed(self.failures)
+        return (one for one in places if (one - place) * step > 0)
+
+    def about(self, fact: Fact) -> int:
+        """The task that a fact is about, or whose question is; 0 if none is."""
+        message = self.run.delivered(subject_of(fact)) if isinstance(fact, Failed) else None
+        asker = message.by.message_id if message and message.by else 0
+        named = (subject_of(fact), asker, getattr(fact, "origin", 0))
+        return next((number for number in named if number in self.run.tasks), 0)
+
+    def search(self, text: str, place: int, step: int) -> SearchHit | None:
+        """The task of that number, now or when it is sent. Else the nearest after a place (or, step -1, before it) of
+        the tasks with *text* in their names, when they are sent, and of the failures with it. Place -1 is before all.
         """
-        wanted, numbers = text.casefold(), list(self.run.tasks)
-        if (number := text.strip("{}")).isdecimal() and int(number) in self.run.tasks:
-            return int(number)
-        now = self.run.times[place] if self.run.times else 0.0
-        here = bisect_right(self.run.births, now) if step > 0 else bisect_left(self.run.births, now)
-        order = numbers[here:] if step > 0 else reversed(numbers[:here])
-        return next((number for number in order if wanted in self.run.tasks[number].name.casefold()), None)
+        wanted, tasks = text.casefold(), self.run.tasks
+        if (number := text.strip("{}")).isdecimal() and int(number) in tasks:
+            return SearchHit(max(place, self.place_of_record(tasks[int(number)].received)), int(number))
+        nearest = [next(found, None) for found in (self._born(wanted, place, step), self._failed(wanted, place, step))]
+        return min(filter(None, nearest), key=lambda one: one.place * step, default=None)
+
+    def _born(self, wanted: str, place: int, step: int) -> Iterator[SearchHit]:
+        """The tasks that are sent after a place, or before it."""
+        numbers, births = list(self.run.tasks), self.run.births
+        now = -inf if place < 0 else inf if place > self.last else self.run.times[place]
+        order = numbers[bisect_right(births, now) :] if step > 0 else reversed(numbers[: bisect_left(births, now)])
+        for number in order:
+            if wanted in self.run.tasks[number].name.casefold():
+                yield SearchHit(self.place_of_record(self.run.tasks[number].received), number)
+
+    def _failed(self, wanted: str, place: int, step: int) -> Iterator[SearchHit]:
+        """The failures after a place, or before it."""
+        for here in self._failures_from(place, step):
+            for fact in self.events[here]:
+                if isinstance(fact, Failed) and wanted in f"{fact.failure}: {fact.text}".casefold():
+                    yield SearchHit(here, self.about(fact))

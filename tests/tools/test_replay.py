@@ -36,6 +36,11 @@ Tca = Callable[..., Result]
 Act = Callable[["Player"], Awaitable[None]]
 
 
+TRACEBACK = (
+    "ZeroDivisionError: division by zero\nTraceback (most recent call last):\n  File walk.py, line 3\n    1 / 0\n"
+)
+
+
 class Player:
     """The application, and what is seen of it."""
 
@@ -86,9 +91,9 @@ class Player:
         return {one for part, style in drawn if text in part for one in style.split()} & {"red", "yellow"}
 
 
-def play(entries: list[Entry], act: Act, size: tuple[int, int] = (120, 32), **options: float) -> Replay:
-    """Run the application, and do something with it."""
-    app = Replay(Recording(entries), "walk", **options)
+def play(entries: list[Entry], act: Act, size: tuple[int, int] = (120, 32), **options: float | None) -> Replay:
+    """Run the application from the start, and do something with it."""
+    app = Replay(Recording(entries), "walk", **{"at": 0.0, **options})
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:
@@ -207,7 +212,7 @@ def test_search_goes_from_one_to_the_next() -> None:
             selected.append(player.app.selected)
         assert selected == [6, 9, 7]
         await player.ask("slash", "unheard")
-        assert "no task 'unheard' is sent later" in player.heading
+        assert "no task or failure 'unheard'" in player.heading
         place = player.app.place
         await player.ask("slash", "2")  # it is there: it is chosen as it is now
         assert (player.app.selected, player.app.place) == (2, place)
@@ -216,6 +221,65 @@ def test_search_goes_from_one_to_the_next() -> None:
         assert (player.app.selected, player.app.place > 0) == (9, True)
 
     play(stumbling().entries, act)
+
+
+def test_search_finds_failures_and_goes_on_from_the_start() -> None:
+    async def act(player: Player) -> None:
+        await player.ask("slash", "Leg 4 met")
+        assert (player.time, player.app.selected) == (4.5, 7)
+        await player.ask("slash", "take")
+        assert (player.app.selected, "found from the start again" in player.heading) == (2, True)
+        await player.press("N")
+        assert (player.app.selected, "found from the end again" in player.heading) == (4, True)
+        await player.press("home")
+        await player.ask("slash", "collision")  # of a name and a failure what comes first
+        assert player.time == 4.5
+        await player.press("n")
+        assert player.time == 4.5
+
+    play(stumbling().entries, act)
+
+
+def test_a_run_is_opened_at_its_end_and_played_from_its_start() -> None:
+    async def act(player: Player) -> None:
+        assert player.app.place == player.app.recording.last
+        assert any("move body {7}" in line and "failed" in line for line in player.tree)
+        await player.press("space", "space")
+        assert player.app.place < player.app.recording.last
+
+    play(stumbling().entries, act, at=None, speed=0.01)
+
+
+def test_the_keys_of_the_page_work_here_and_all_are_named() -> None:
+    async def act(player: Player) -> None:
+        await player.press("right_square_bracket")
+        assert player.time == 4.5
+        await player.press("end", "left_square_bracket")
+        assert player.time == 4.5
+        await player.press("question_mark")
+        await player.pilot.pause()
+        assert player.app.screen.query("HelpPanel")
+        await player.press("question_mark")
+        await player.pilot.pause()
+        assert not player.app.screen.query("HelpPanel")
+
+    play(stumbling().entries, act)
+
+
+def test_a_traceback_has_lines_in_a_story_and_one_among_the_messages() -> None:
+    async def act(player: Player) -> None:
+        await player.press("end")
+        log = player.app.query_one(RichLog)
+        lines = [line.text.strip() for line in log.lines]
+        place = lines.index("Traceback (most recent call last):")
+        assert lines[place + 1 : place + 3] == ["File walk.py, line 3", "1 / 0"]
+        assert "walk {1}: handler error: ZeroDivisionError: division by zero ..." in player.messages
+        assert "\\n" not in player.messages + player.story
+
+    story = Story().module("legs", "walk").at(1.0)
+    walk_ = story.goal("walk", "x", to="legs")
+    story.at(2.0).failed(walk_, "handler error", TRACEBACK)
+    play(story.entries, act, (200, 40))
 
 
 def test_going_to_a_time() -> None:
@@ -408,6 +472,12 @@ class Terminal:
             assert drawn, f"{text!r} was never drawn: {seen[-500:]!r}"
             seen += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", drawn.decode(errors="replace"))
 
+    def vanish(self) -> None:
+        """Go away, as a window that is closed."""
+        null = os.open(os.devnull, os.O_RDWR)
+        os.dup2(null, self._end)
+        os.close(null)
+
     def exit_code(self) -> int:
         """Let it draw until it ends."""
         deadline = time.monotonic() + SOON
@@ -466,6 +536,14 @@ def test_keys_that_end_it(run: Path, keys: str) -> None:
 def test_a_q_that_is_looked_for_does_not_end_it_and_an_interrupt_does(run: Path) -> None:
     with replaying(run) as terminal:
         terminal.type("/quest" + ENTER)
-        terminal.wait_for("no task 'quest'")
+        terminal.wait_for("no task or failure 'quest'")
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.exit_code() in (0, 130)
+
+
+@pytest.mark.slow
+def test_it_ends_when_its_terminal_vanishes_and_nobody_tells_it(run: Path) -> None:
+    """It is of another session, so that no signal comes."""
+    with replaying(run) as terminal:
+        terminal.vanish()
+        assert terminal.process.wait(timeout=SOON) == -signal.SIGHUP
