@@ -91,9 +91,11 @@ class Player:
         return {one for part, style in drawn if text in part for one in style.split()} & {"red", "yellow"}
 
 
-def play(entries: list[Entry], act: Act, size: tuple[int, int] = (120, 32), **options: float | None) -> Replay:
+def play(
+    entries: list[Entry], act: Act, size: tuple[int, int] = (120, 32), *, at: float | None = 0.0, speed: float = 1.0
+) -> Replay:
     """Run the application from the start, and do something with it."""
-    app = Replay(Recording(entries), "walk", **{"at": 0.0, **options})
+    app = Replay(Recording(entries), "walk", speed=speed, at=at)
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:
