@@ -191,20 +191,29 @@ class Causes:
     def _cut_off(self, message: Message, at: _At) -> _Back:
         """It was killed or suspended then, or somebody no longer waited for it: back to what it waited for itself."""
         was_killed = any(when == at.time and name in ("killed", "failure") for when, name, _ in message.changes)
-        found = going_on(RunAt(self._run, nextafter(at.time, 0.0)), message, at.time)
-        if found is not None:
-            since = found.standing.start if found.standing else at.time
-            return found.standing, _At(since, found.message_id, found.handling)
+        if (back := self._going_on(message, at.time)) is not None:
+            return back
         if at.wait is not None and at.wait.start < at.time and not was_killed:
             return self._in_vain(at.wait, at.time)
         since = last_change(self._run, message, at.time)
         doing = Doing.KILLED if was_killed else Doing.UNKNOWN
         return PathStep(since, at.time, doing, message.id, ""), _At(since, message.id)
 
+    def _going_on(self, message: Message, time: float) -> _Back | None:
+        """Back to what something waited for just before a time."""
+        found = going_on(RunAt(self._run, nextafter(time, 0.0)), message, time)
+        if found is None:
+            return None
+        since = found.standing.start if found.standing else time
+        return found.standing, _At(since, found.message_id, found.handling)
+
     def _in_vain(self, wait: HandlerWait, time: float) -> _Back:
         """Nothing is known that ended a wait: back to where it began."""
         if (claim := self._run.claims.get(wait.awaited)) is not None:
             return self._wanted(claim, time)
+        message = self._run.messages.get(wait.awaited)
+        if message is not None and (back := self._going_on(message, time)) is not None:
+            return back
         message_id, run = (wait.by.message_id, wait.by) if isinstance(wait.by, Handling) else (wait.awaited, None)
         return PathStep(wait.start, time, Doing.UNKNOWN, wait.awaited, ""), _At(wait.start, message_id, run)
 

@@ -11,8 +11,9 @@ from tca_tools.analysis.steps import Doing, PathStep, delay_of
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, Queueing, Suspension, Task
 from tca_tools.run.whole_run import Run
+from tca_tools.why.ends import Ends
 from tca_tools.why.wait_words import wait_for
-from tca_tools.why.waits import Node, Wait, further, keeping, steps, waits_now
+from tca_tools.why.waits import Node, Wait, further, keeping, node_of, steps, waits_now
 from tca_wire.points import END_ACHIEVING
 from tca_wire.text.waits_in_words import in_words
 from tca_wire.waits import WaitKind
@@ -41,7 +42,7 @@ def going_on(at: RunAt, message: Message, until: float) -> GoingOn | None:
     """The cause of a wait *until* just after a moment: runs come before standstills, and these before monitors that
     watch; of standstills the longest. None if nothing is known.
     """
-    return min(_WaitWalk(at, message, until).found, key=GoingOn.rank, default=None)
+    return min(_WaitWalk(at, message, until).found, key=GoingOn.rank, default=None) or _circle(at, message, until)
 
 
 def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
@@ -51,10 +52,24 @@ def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
     walk = _WaitWalk(RunAt(run), task, run.time)
     if (found := min(walk.found, key=GoingOn.rank, default=None)) is not None:
         return found, walk.way_to(found.node) if found.is_elsewhere else []
+    if (found := _circle(RunAt(run), task, run.time)) is not None:
+        return found, []
     last = last_change(run, task, inf)
-    is_held = waits_now(RunAt(run), task.id) and not task.handling  # else its handler stands in a circle of waits
-    step = PathStep(last, run.time, Doing.HELD if is_held else Doing.UNKNOWN, task.id, "")
+    doing = Doing.HELD if waits_now(RunAt(run), task.id) and not task.handling else Doing.UNKNOWN
+    step = PathStep(last, run.time, doing, task.id, "")
     return GoingOn(Node(task.id), False, task.id, None, step), []
+
+
+def _circle(at: RunAt, message: Message, until: float) -> GoingOn | None:
+    """The circle of waits that keeps something, since it was closed; None if there is none."""
+    ends = Ends.at(at)
+    found = next(iter(ends.of(message.id)), None)
+    if found is None or found.kind is not WaitKind.CIRCLE:
+        return None
+    members = [at.run.messages[one] for one in ends.circle(found.number) if one in at.run.messages]
+    closed, member = max((last_change(at.run, one, until), one.id) for one in members)
+    step = PathStep(closed, until, Doing.CIRCLE, member, "")
+    return GoingOn(Node(member), member != message.id, member, None, step)
 
 
 def last_change(run: Run, message: Message, before: float) -> float:
@@ -143,8 +158,12 @@ class _WaitWalk:
             start, cause = delay_of(self._at.run, self._at.run.tasks[number], record)
             self._stands(node, number, cause, start, Doing.DELAY)
         elif isinstance(record, Suspension):
-            if (since := record.standstill) is not None and since < self._until:
+            since = record.standstill
+            if since is not None and since < self._until:
                 self._stands(node, record.cause, record.cause, since, Doing.SUSPENDED)
+            for run in record.still if since is None or since >= self._until else ():
+                if run.start <= self._at.moment < run.until:
+                    self._come_to(node_of(self._at.run, run), node, wait)
         elif wait.kind is WaitKind.CONDITION:
             self._stands(node, number, number, wait.start, Doing.WATCHING)
 

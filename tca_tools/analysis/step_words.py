@@ -8,7 +8,8 @@ from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Message, Queueing, Task
 from tca_tools.run.whole_run import UNKNOWN, Run
-from tca_tools.why.wait_words import told, wait_for
+from tca_tools.why.ends import Ends
+from tca_tools.why.wait_words import last_of, told, wait_for
 from tca_tools.why.waits import Wait, waits_now, waits_of
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place
 from tca_wire.text.measures import duration, run_time
@@ -151,7 +152,13 @@ def _why_standing(run: Run, message: Message, step: PathStep) -> str:
     return f"it waits {words}{still_handled(run, message.id, step.end)}" if words else ""
 
 
+def _why_in_circle(run: Run, message: Message, step: PathStep) -> str:
+    at = RunAt(run, nextafter(step.end, 0.0))
+    return f"it waits {last_of(at, Ends.at(at).of(message.id)[0])}"
+
+
 _WHY = {
+    Doing.CIRCLE: _why_in_circle,
     Doing.DELAY: _why_delayed,
     Doing.SUSPENDED: _why_suspended,
     Doing.QUEUED: _why_standing,

@@ -21,6 +21,7 @@ class Doing(StrEnum):
     SUSPENDED = "suspended"  # and nothing under it ran on any more
     KILLED = "until it was killed"  # it went on until it was killed, or a failure was raised on it, from outside
     HELD = "held"  # by a constraint, or its parent
+    CIRCLE = "in a circle of waits"  # what was waited for waits for itself
     WATCHING = "watching"  # a monitor, until it looked again or its condition held
     UNKNOWN = "not known"  # the journal does not say what was waited for
 

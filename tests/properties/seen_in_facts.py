@@ -196,6 +196,9 @@ class Facts:
     def _held(self, step: PathStep) -> bool:
         return self._lives(step) and not any(one.meets(step) for one in self.of("run", step.message_id))
 
+    def _circle(self, step: PathStep) -> bool:
+        return self._lives(step) and not any(self.at_work_under(step))
+
     def _watching(self, step: PathStep) -> bool:
         return self._lives(step)
 

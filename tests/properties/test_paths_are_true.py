@@ -4,6 +4,7 @@ its parts says what really went on then, as the facts alone tell.
 
 import random
 from itertools import pairwise
+from math import nextafter
 
 import pytest
 from central.player import before, point
@@ -15,6 +16,9 @@ from properties.test_blocked_is_told import Told
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.step_words import why_then
+from tca_tools.analysis.steps import Doing
+from tca_tools.run.at_time import RunAt
+from tca_tools.why.ends import Ends
 from tca_wire.packets import headers
 from tca_wire.points import Moment
 
@@ -24,6 +28,10 @@ KINDS = [
 ]  # fmt: skip
 numbers = st.integers(0, 50)
 steps = st.lists(st.tuples(st.sampled_from(KINDS), numbers, numbers, numbers), max_size=40)
+
+
+NOT_KNOWN = (Doing.KILLED, Doing.UNKNOWN, Doing.HELD)
+"""Of such a step nobody knows what it waited for, not even the list of waits."""
 
 
 class Quiet(Told):
@@ -66,6 +74,9 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
             assert one.end == after.start, f"a gap in the path of {task}\n{said}"
         for one in path.steps:
             assert seen.bears_out(one), f"of {task}: {one.doing} from {one.start} is not so\n{said}"
+            known = run.messages.get(one.message_id) if one.doing in NOT_KNOWN and one.seconds > 0 else None
+            ends = Ends.at(RunAt(run, nextafter(one.end, 0.0))).of(known.id) if known else ()
+            assert all(end.kind is None for end in ends), f"{one.doing} of {task}, and its waits end somewhere\n{said}"
         assert seen.is_own_will(path.start), f"the path of {task} begins too late\n{said}"
 
 

@@ -107,7 +107,38 @@ def test_a_handler_worked_until_it_waited_for_itself() -> None:
     story = Story().module("a", "walk").at(1.0)
     walk = story.goal("walk", "user", to="a", begins=True)
     story.at(5.0).asked_by(walk).say(facts.WaitBegan("a", walk, TaskId(walk), Moment.END_ACHIEVING))
-    assert path_of(story.at(9.0).fold()) == [("walk", "a", 1.0, 5.0), ("not known", "", 5.0, 9.0)]
+    assert path_of(story.at(9.0).fold()) == [("walk", "a", 1.0, 5.0), ("in a circle of waits", "", 5.0, 9.0)]
+
+
+def circling() -> Story:
+    """Two walks {1}, {2} whose handlers wait for each other; the second one begins late."""
+    story = Story().module("a", "walk").module("b", "walk").at(1.0)
+    first, second = story.goal("walk", "user", to="a"), story.goal("walk", "user", to="b")
+    story.at(2.0).say(facts.WaitBegan("a", first, TaskId(second), Moment.END_ACHIEVING))
+    return story.at(3.0).say(facts.WaitBegan("b", second, TaskId(first), Moment.END_ACHIEVING)).at(9.0)
+
+
+@pytest.mark.parametrize("is_killed", [True, False])
+def test_a_circle_of_waits_is_named_also_when_somebody_ends_it(is_killed: bool) -> None:
+    story = circling()
+    if is_killed:
+        story.say(facts.Killed(TaskId(1), "enough", "panel")).returned(1).reached(1, *Moment)
+    run = story.fold()
+    assert steps_of(run, run.tasks[1]) == [("walk", "b", 1.0, 3.0), ("in a circle of waits", "", 3.0, 9.0)]
+    (*_, stuck) = critical_path(run, Causes(run), run.tasks[1]).steps
+    assert why_then(run, stuck) == "it waits for walk {1}, which waits for itself by way of walk {2}"
+
+
+def test_what_is_suspended_by_something_above_another_task_waits_for_what_still_runs_there() -> None:
+    """A walk {1} is suspended while its move {2} runs on; a look {3} of a program is suspended with it, and killed."""
+    story = Story().module("a", "walk").module("legs", "move").at(1.0)
+    walk = story.goal("walk", "user", to="a", begins=True)
+    story.command("move", "a", walk, to="legs")
+    story.at(2.0).returned(walk).say(facts.SuspendedOrResumed(TaskId(walk), True))
+    look = story.at(3.0).command("look", "user", walk)
+    story.at(9.0).say(facts.Killed(TaskId(look), "enough", "panel")).reached(look, *Moment)
+    run = story.fold()
+    assert steps_of(run, run.tasks[look]) == [("move", "legs", 1.0, 9.0)]
 
 
 def test_a_query_in_a_queue_that_a_journal_that_ends_waits_for() -> None:
