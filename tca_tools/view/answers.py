@@ -37,6 +37,8 @@ _LONGEST_DATA = 300
 _LONGEST_STORY = 1000
 _LONGEST_FAILURE = 2000
 """Characters that a tooltip has of it."""
+_NOT_HANDLED = "no exception handler handled that"
+"""Of a task that failed and was killed for that: how it failed is said already."""
 _BAD = ("failed", "killed", "dropped", "refused", "module left", "unhandled")
 """Facts that nobody likes to see."""
 
@@ -104,6 +106,7 @@ def _failure_answer(run: Run, message: Message, moment: float) -> Data:
 
 def _task_answer(at: RunAt, task: TaskAt) -> Data:
     note, waits = note_of(at, task), shown(at, task)
+    why = _NOT_HANDLED if task.failure and task.record.killed_for == task.id else task.why_killed
     groups = [list(some) for _, some in groupby(waits, attrgetter("kind"))]
     told = [
         {"text": f"{how(task)} {several_in_words(told_now(at, task, some))}", "since": max(one.start for one in some)}
@@ -119,7 +122,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         "start": age.begun if age else None,
         "end": note.alone,
         "ahead": coming(at, task),
-        "killed": None if task.why_killed is None else printable_lines(task.why_killed),
+        "killed": None if why is None else printable_lines(why),
         "spans": {interval.name.lower(): span(task, interval) for interval in Interval},
         "constraints": [
             *(_constraint(at, hold) for hold in task.holds),
@@ -153,6 +156,8 @@ def _note(at: RunAt, task: TaskAt) -> Data:
     """Its parts, the end also in less room; and what it names, since it holds until one of these ends."""
     note = note_of(at, task, verb="")
     text = ": ".join(filter(None, (task.standing, note.text))) if task.state in OVER else note.text
+    if task.state in OVER and task.failure and not task.failure.words and (data := data_text(task.failure_data)):
+        text += f" {data[:_LONGEST_DATA]}"  # it is all that was said of it
     brief = printable(note.last.brief) if note.last and not note.is_named else ""
     failure = printable_lines(task.failure[:_LONGEST_FAILURE])
     whole = failure if failure and task.state in OVER else "\n\n".join(filter(None, (text, failure)))

@@ -51,6 +51,7 @@ TABLES = {
     "said.message": "i",
     "said.time": "d",
     "said.text": "t",  # how it failed, or why it was killed
+    "said.kill": "B",  # whether it is the latter
     "hold.task": "i",
     "hold.before": "i",
     "hold.kind": "t",
@@ -177,11 +178,11 @@ class Feed:
             self.columns.add("message", message.id, message.name, message.received)
 
     def _tell_killed(self, fact: Killed) -> None:
-        self._tell_said(fact.task, kill_reason(fact.why, fact.by))
+        self._tell_said(fact.task, kill_reason(fact.why, fact.by), is_kill=True)
 
-    def _tell_said(self, message: int, text: str) -> None:
+    def _tell_said(self, message: int, text: str, *, is_kill: bool = False) -> None:
         """Add the text of a failure or kill, for the search."""
-        self.columns.add("said", message, self.history.time, text[:_LONGEST_SAID])
+        self.columns.add("said", message, self.history.time, text[:_LONGEST_SAID], is_kill)
 
     def _tell_failed(self, fact: Failed) -> None:
         """A failure was raised on a message, or on what the fact names by its delivery."""

@@ -7,6 +7,8 @@ from playwright.sync_api import expect
 from tools.story import Story
 
 from tca_wire.journal import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Outcome
 from view.conftest import Look, until, written
 
 pytestmark = pytest.mark.slow
@@ -82,3 +84,67 @@ def test_the_cursor_leaves_the_labels_of_the_axis_free(look: Look, tmp_path: Pat
       return [0, 4, 8].some((at) => data[at + 3] > 200 && data[at + 2] - data[at] > 60);
     }"""
     assert [page.evaluate(blue, y) for y in (4, 10, 30)] == [False, False, True]
+
+
+def test_a_good_run_that_has_ended_opens_with_as_much_as_has_room(look: Look, tmp_path: Path) -> None:
+    story = Story().module("planner", "day", "walk").module("legs", "move").at(1.0)
+    top = story.goal("day", "user", to="planner", begins=True)
+    for _ in range(8):
+        walk = story.goal("walk", "planner", top, to="planner", begins=True)
+        story.returned(walk)
+        for _ in range(8):
+            story.acted(story.command("move", "planner", walk), "legs", 1.0)
+        story.reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)
+    story.returned(top).reached(top, Moment.END_PLANNING, Moment.END_ACHIEVING)
+    page = look(story.say(facts.Closed("done")).write(tmp_path / "day"))
+    until(page, "tca.tree.rows.length > 1")
+    shown, room = page.evaluate("[tca.tree.rows.length, Math.floor(tca.tree.scroller.clientHeight / 24)]")
+    assert room - 8 < shown <= room
+    expect(page.locator(".row[data-task='3']")).to_be_visible()  # a move of the first walk
+
+
+def test_a_failure_is_told_once_and_with_its_data_if_it_has_no_text(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "walk", "move").at(1.0)
+    walk = story.goal("walk", "user", to="legs", begins=True)
+    move = story.command("move", "legs", walk, to="legs")
+    story.at(2.0).returned(move, Outcome.FAILED, data={"leg": 4}).say(facts.Failed(move, "stuck", ""))
+    for task in (move, walk):
+        why = "failure 'stuck' of move {2} was not handled"
+        story.say(facts.Killed(TaskId(task), why, failed=TaskId(move))).reached(task, *Moment)
+    page = look(story.at(3.0).write(tmp_path / "stuck"), f"#task={move}")
+    expect(page.locator(f".row[data-task='{move}'] .why")).to_have_text('failed: stuck {"leg": 4}')
+    expect(page.locator("#task .lead")).to_have_text(["stuck", "killed: no exception handler handled that"])
+    page.locator("#search").fill("stuck")  # what failed comes before what was killed for it
+    assert page.evaluate("[...tca.tree.found].map((task) => task.id)") == [move, walk]
+    page.keyboard.press("Escape")
+    page.keyboard.press("?")
+    expect(page.locator("#keys")).to_be_visible()
+    page.keyboard.press("Home")  # meanwhile the keys are not the page's
+    page.keyboard.press("Escape")
+    expect(page.locator("#keys")).to_be_hidden()
+    expect(page.locator("#clock")).to_have_text("3.000 s")
+
+
+def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task(look: Look, tmp_path: Path) -> None:
+    page = look(long_run().say(facts.Closed("done")).write(tmp_path / "moves"), "#t=38")
+    window = "tca.chart.window.map((time) => Math.round(time))"
+    page.locator("#tree").focus()
+    page.keyboard.press("l")
+    until(page, f"String({window}) === '8,38'")
+    expect(page.locator("#last")).to_have_value("30")
+    page.evaluate("tca.slider.setTime(40)")
+    until(page, f"String({window}) === '10,40'")
+    page.evaluate("tca.slider.setTime(5)")  # of which there are not so many
+    until(page, f"String({window}) === '1,31'")
+    page.locator("#last").select_option("5")
+    page.keyboard.press("End")
+    until(page, f"String({window}) === '36,41'")
+    for task in (3, 4):  # the one began at 3, and when the chart is there the other is in sight, too
+        page.locator("#search").fill(str(task))
+        page.keyboard.press("Enter")
+    expect(page.locator("#task h2")).to_have_text("move {4}")
+    expect(page.locator("#last")).to_have_value("part")
+    page.keyboard.press("Escape")
+    until(page, f"String({window}) === '2,7'")
+    page.keyboard.press("f")
+    until(page, f"String({window}) === '1,41'")

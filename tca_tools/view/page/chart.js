@@ -11,6 +11,7 @@ const NARROW = 1.5; // pixels
 const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
 const LEAST = 1, LEAST_DONE = 1e-3; // seconds that are seen if the reader does not zoom; the second, of messages of a run that has ended
+const BEFORE = 0.3; // where in the chart the bar of a chosen message begins that was out of sight
 const AHEAD = 0.1; // where in the chart the cursor goes on that has run out of it
 
 export class Chart {
@@ -24,6 +25,9 @@ export class Chart {
     this.chosen = null;
     this.from = null; // the window in time; null: from the first message on, to the end
     this.to = null;
+    this.last = null; // so many seconds before the moment that is shown are seen; null: the window
+    this.stretch = document.getElementById("last");
+    this.stretch.addEventListener("change", () => this.showLast(Number(this.stretch.value) || null));
     this.scroll = 0;
     this.held = null; // where the reader holds the chart
     this.labels = 120;
@@ -47,6 +51,7 @@ export class Chart {
 
   // Bring a moment into sight, if what is seen is a part of the run without it.
   reveal(time) {
+    if (this.last !== null) return;
     const [from, to] = this.window;
     if (this.to === null && time > to && time < this.store.end) this.to = this.#latest;
     else if (time < from || time > to) this.#moveTo(time, 0.5);
@@ -63,15 +68,49 @@ export class Chart {
 
   // From the first message to the last thing that happened; if that is what is seen, all of the run.
   showAll() {
-    const isSeen = this.from === null && this.to === null;
+    const isSeen = this.last === null && this.from === null && this.to === null;
+    this.last = null;
     this.from = isSeen ? this.#earliest : null;
     this.to = isSeen && !this.store.isLive ? this.#latest : null;
     this.draw();
   }
 
+  // Only so many seconds before the moment that is shown, which the chart then follows; null: all.
+  showLast(seconds) {
+    this.from = this.to = null;
+    this.last = seconds;
+    this.draw();
+  }
+
+  // The reader moves the window himself: it stands where it stood.
+  #take() {
+    if (this.last === null) return;
+    [this.from, this.to] = this.window;
+    this.last = null;
+  }
+
+  // Another message is chosen: the bar that tells of it at a time is brought into sight.
+  follow(message, time) {
+    this.chosen = message;
+    const of = this.store.spans.filter((span) => span.message === message && span.lanes);
+    const span = of.findLast(({ kind, start }) => kind === "handling" && start <= time) ?? of.findLast(({ start }) => start <= time) ?? of[0];
+    const [from, to] = this.window;
+    if (span && (span.end < from || span.start > to)) {
+      this.#take();
+      this.#moveTo(span.start, BEFORE);
+    }
+    this.draw();
+    const place = span && this.layout.find(({ row }) => row === this.store.rows[span.row]), { height } = this;
+    if (!place || (place.top >= AXIS && Math.min(place.bottom, place.top + LANE) <= height)) return;
+    this.scroll += place.top - height / 2;
+    this.draw();
+  }
+
   get window() {
     const [from, to] = this.#all;
-    return [this.from ?? from, this.to ?? to];
+    if (this.last === null) return [this.from ?? from, this.to ?? to];
+    const begin = Math.max(Math.min(this.time, this.store.end) - this.last, from);
+    return [begin, begin + this.last];
   }
 
   // The window of a reader who does not zoom.
@@ -110,6 +149,7 @@ export class Chart {
     const { context, width, height } = prepared(this.canvas);
     Object.assign(this, { context, width, height, looks: { lift: css("--lift"), weak: Number(css("--weak")) } });
     if (!this.store.head || width < 50) return;
+    this.stretch.value = this.last ?? (this.from === null && this.to === null ? "" : "part");
     context.font = "12px system-ui, Helvetica, Arial, sans-serif";
     context.textBaseline = "middle";
     this.#lay();
@@ -363,6 +403,7 @@ export class Chart {
   }
 
   #zoom(x, factor) {
+    this.#take();
     const [from, to] = this.window, centre = this.#timeAt(x);
     const least = 1e-6, most = Math.max((this.store.end - this.#earliest) * 1.05, this.#least) + 1e-3;
     const wide = Math.min(Math.max((to - from) * factor, least), most), share = (centre - from) / (to - from);
@@ -378,6 +419,7 @@ export class Chart {
     const dx = event.offsetX - held.x, dy = event.offsetY - held.y;
     if (Math.abs(dx) + Math.abs(dy) > 3) held.moved = true;
     if (!held.moved) return;
+    this.#take();
     const [from, to] = held.window, shift = dx / (this.width - this.labels) * (to - from);
     if (from > this.#earliest || this.to !== null) { this.from = from - shift; this.to = to - shift; }
     this.scroll = held.scroll - dy;

@@ -14,6 +14,7 @@ import { Tree } from "./tree.js";
 
 const BEAT = 250; // milliseconds between two pictures of time that goes on
 const AGAIN = 2000; // milliseconds until the server is asked again that does not answer, or can't read on
+const LATELY = 30; // seconds
 const SLOW = 900; // milliseconds between two counts of how long waits have lasted
 
 const store = new Store();
@@ -56,7 +57,6 @@ function playTo(time) {
 function choose(id) {
   const task = store.byId.get(id);
   openTab("task");
-  chart.chosen = id;
   details.show(id, cursor);
   if (task) {
     if (task.time > cursor) setTime(task.time);
@@ -64,7 +64,7 @@ function choose(id) {
   } else {
     tree.leave();
   }
-  chart.draw();
+  chart.follow(id, Math.min(cursor, store.end));
   remember();
 }
 
@@ -190,7 +190,7 @@ async function follow() {
       draw();
       if (!recalled && store.head.caughtUp) {
         recalled = true;
-        if (!location.hash && store.head.state === "ended") tree.showTop();
+        if (!location.hash && store.head.state === "ended") tree.showTop(store.end);
         recall(location.hash);
       }
       if (store.head.state === "damaged") await pause(AGAIN); // the server has nothing to wait for
@@ -221,6 +221,8 @@ const KEYS = {
   "]": () => goToFailure(1),
   "/": () => search.input.focus(),
   f: () => chart.showAll(),
+  l: () => chart.showLast(chart.last === null ? LATELY : null),
+  "?": () => document.getElementById("keys").showModal(),
 };
 
 function moveChoice(step) {
@@ -234,8 +236,9 @@ function goToFailure(by) {
 }
 
 document.addEventListener("keydown", (event) => {
+  if (document.querySelector("dialog[open]")) return; // its keys are its own
   const kind = event.target.tagName, isButton = kind === "BUTTON" && ["Enter", " "].includes(event.key);
-  if (isButton || ["INPUT", "SELECT", "DIALOG"].includes(kind) || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
+  if (isButton || ["INPUT", "SELECT"].includes(kind) || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
   event.preventDefault();
   KEYS[event.key]();
 });
@@ -243,7 +246,7 @@ document.addEventListener("click", (event) => {
   if (event.detail && event.target.closest("button")) event.target.closest("button").blur(); // keys are the page's again
 });
 for (const tab of ["task", "messages"]) document.getElementById(`tab-${tab}`).addEventListener("click", () => openTab(tab));
-document.getElementById("help").addEventListener("click", () => document.getElementById("keys").showModal());
+document.getElementById("help").addEventListener("click", KEYS["?"]);
 document.getElementById("divider").addEventListener("pointerdown", (down) => {
   const move = (event) => {
     const share = Math.min(Math.max(event.clientY / window.innerHeight, 0.2), 0.85);

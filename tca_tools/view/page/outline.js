@@ -37,6 +37,18 @@ export class Outline {
     for (let above = task.parent; above; above = above.parent) this.opened.set(above, true);
   }
 
+  // Open tasks from the top down, as long as the rows have room.
+  openInto(room, time) {
+    for (const tried = new Set(); ;) {
+      const closed = this.rows(time).filter(({ task, children, open }) => task && children && !open && !tried.has(task));
+      if (!closed.length) return;
+      const { task } = closed.reduce((first, row) => (row.depth < first.depth ? row : first));
+      tried.add(task);
+      this.opened.set(task, true);
+      if (this.rows(time).length > room) this.opened.delete(task);
+    }
+  }
+
   // The rows at a moment: { task } or, for a run that is folded, { folded, state, parent }; each with its depth.
   rows(time) {
     const rows = [], stack = [...this.#below(null, this.store.top, time, 0)].reverse();

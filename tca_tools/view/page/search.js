@@ -1,10 +1,10 @@
 // Finding tasks: by name, number or state, by the module that handled them or for which they are queued, and by how they
 // failed. Several words must all fit, each somewhere. Tasks of that name come first, then those in that state, of that
-// module, and what failed so; each in the order in which they were sent. Other messages are found in the same way, if one
+// module, what failed so, and what was killed for such a reason; each in the order in which they were sent. Other messages are found in the same way, if one
 // of the words is of their name: they come behind the tasks. What is sent only later is found by its name alone.
 
 const SHORTEST = 3; // letters: of fewer a state must be all
-const NOWHERE = 4;
+const KILLED = 4, NOWHERE = 5;
 
 export class Search {
   constructor(store, { tree, choose, setTime, changed }) {
@@ -72,7 +72,7 @@ export class Search {
     this.choose(this.found[this.place].id);
   }
 
-  // Where a word fits: 0 the name or number, 1 the state, 2 the module, 3 the failure.
+  // Where a word fits: 0 the name or number, 1 the state, 2 the module, 3 the failure, 4 why it was killed.
   #place(task, word) {
     const { store, time } = this, isIn = (text) => text.toLowerCase().includes(word);
     if (isNamed(task, word)) return 0;
@@ -81,7 +81,9 @@ export class Search {
     if (states.some((state) => state === word || state && begins(state, word))) return 1;
     if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return 2;
     for (const module of task.modules ?? []) if (isIn(module)) return 2;
-    return task.said.some((one) => one.time <= time && one.text.includes(word)) ? 3 : NOWHERE;
+    const said = task.said.filter((one) => one.time <= time && one.text.includes(word));
+    if (!said.length) return NOWHERE;
+    return said.every(({ isKill }) => isKill) ? KILLED : 3;
   }
 }
 

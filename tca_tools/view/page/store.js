@@ -144,8 +144,8 @@ export class Store {
     });
   }
 
-  #addSaid({ message, time, text }) {
-    message.forEach((id, i) => this.find(id)?.said.push({ time: time[i], text: text[i].toLowerCase() }));
+  #addSaid({ message, time, text, kill }) {
+    message.forEach((id, i) => this.find(id)?.said.push({ time: time[i], text: text[i].toLowerCase(), isKill: Boolean(kill[i]) }));
   }
 
   #addHolds({ task: ids, before: others, kind, time }) {

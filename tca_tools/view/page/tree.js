@@ -118,9 +118,11 @@ export class Tree {
     if (top < scrollTop || top > scrollTop + clientHeight - 2 * ROW) this.scroller.scrollTop = top - clientHeight / 2;
   }
 
-  // Of a run that is over the first task is what tells most.
-  showTop() {
+  // Of a run that is over the first task is what tells most, with as much of what is under it as has room.
+  showTop(time) {
     this.keepsUp = false;
+    this.outline.openInto(Math.floor(this.scroller.clientHeight / ROW), time);
+    this.show(time);
     this.scroller.scrollTop = 0;
   }
 
