@@ -228,7 +228,7 @@ class CentralServices:
         connection = self._declare(message)
         return handlers_of(ask(connection, Ask(0, "messages"), "the question for messages"))[message.name]
 
-    def declared(self, name: str) -> Message[Any, Any]:
+    def declared(self, name: str) -> Any:
         """The message or variable of that name, as some module has declared it, with plain values as data and replies.
         Raises NotDeclared if there is none, MisuseError for a monitor.
         """

@@ -1,6 +1,6 @@
 """Why central sent a message: for a failure, a wiretap or a monitor."""
 
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, overload
 
 from tca_module.checks import name_of
 from tca_module.errors import MisuseError
@@ -8,7 +8,7 @@ from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued
 from tca_module.sending.task_ref import TaskRef
 from tca_module.session.epoch_numbers import with_epoch
-from tca_wire.messages.declarations import NOTHING, D, Message
+from tca_wire.messages.declarations import D, Message
 from tca_wire.packets import parts
 from tca_wire.packets.headers import Deliver, EndMonitor, Fire
 from tca_wire.points import TaskId
@@ -55,7 +55,11 @@ class MonitorRef(TaskRef, Generic[D]):
         super().__init__(connection, message, task_id, origin)
         self.action = action
 
-    def fire(self, action: Message[A, Any] | None = None, data: A = NOTHING) -> bool:
+    @overload
+    def fire(self, action: Message[None, Any] | None = None, data: None = None) -> bool: ...
+    @overload
+    def fire(self, action: Message[A, Any], data: A) -> bool: ...
+    def fire(self, action: Message[Any, Any] | None = None, data: Any = None) -> bool:
         """Send the *action* of a demon monitor, with these data: the event that it watches for has happened.
 
         Returns False if the monitor has ended or does not watch yet (TCM: a warning). Raises MisuseError for another

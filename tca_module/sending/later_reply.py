@@ -1,13 +1,13 @@
 """A reply that comes after the handler has returned (TCA: distributed responses; TDL: POSTPONE and RESUME)."""
 
 import threading
-from typing import Any, Generic
+from typing import Any, Generic, overload
 
 from tca_module.errors import MisuseError, Stopped
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import failed
 from tca_module.session.open_deliveries import current_delivery, working_on
-from tca_wire.messages.declarations import NOTHING, Message, R
+from tca_wire.messages.declarations import Message, R
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets.headers import Deliver, Fail, Reply
 from tca_wire.text.measures import numbered
@@ -43,7 +43,11 @@ class LaterReply(Generic[R]):
         """Whether the reply is still owed."""
         return self._answer is None and not self._ended
 
-    def reply(self, value: R = NOTHING) -> None:
+    @overload
+    def reply(self: "LaterReply[None]", value: None = None) -> None: ...
+    @overload
+    def reply(self, value: R) -> None: ...
+    def reply(self, value: Any = None) -> None:
         """Complete the message with its reply or result. Raises BadData if *value* does not fit (the reply is still
         owed), MisuseError if it was given before, Stopped if the module has ended.
         """

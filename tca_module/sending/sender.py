@@ -15,7 +15,6 @@ from tca_module.sending.watching import WatchingServices
 from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before
 from tca_wire.messages.declarations import (
-    NOTHING,
     Broadcast,
     Command,
     D,
@@ -101,7 +100,11 @@ class Sender(WatchingServices):
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
-    def goal(self, message: Goal[D], data: D = NOTHING, **options: Unpack[TaskOptions]) -> SentTask[None]:
+    @overload
+    def goal(self, message: Goal[None], data: None = None, **options: Unpack[TaskOptions]) -> SentTask[None]: ...
+    @overload
+    def goal(self, message: Goal[D], data: D, **options: Unpack[TaskOptions]) -> SentTask[None]: ...
+    def goal(self, message: Goal[Any], data: Any = None, **options: Unpack[TaskOptions]) -> SentTask[None]:
         """Make a subtask that expands into subtasks of its own. Returns when central has taken it.
 
         Raises BadData if *data* does not fit, FormatRefused if others declare the message differently, Refused if the
@@ -110,7 +113,11 @@ class Sender(WatchingServices):
         check_class(message, Goal)
         return self._task(message, data, options)
 
-    def command(self, message: Command[D, R], data: D = NOTHING, **options: Unpack[TaskOptions]) -> SentTask[R]:
+    @overload
+    def command(self, message: Command[None, R], data: None = None, **options: Unpack[TaskOptions]) -> SentTask[R]: ...
+    @overload
+    def command(self, message: Command[D, R], data: D, **options: Unpack[TaskOptions]) -> SentTask[R]: ...
+    def command(self, message: Command[Any, R], data: Any = None, **options: Unpack[TaskOptions]) -> SentTask[R]:
         """Make a subtask that acts; ``result()`` waits for its end. Otherwise like ``goal``."""
         check_class(message, Command)
         return self._task(message, data, options)
@@ -182,8 +189,14 @@ class Sender(WatchingServices):
 
     # --- questions -------------------------------------------------------------------------------------------------
 
+    @overload
     def query(
-        self, message: Query[D, R], data: D = NOTHING, *, timeout: float | None = QUERY_TIMEOUT, priority: int = 0
+        self, message: Query[None, R], data: None = None, *, timeout: float | None = ..., priority: int = ...
+    ) -> R: ...
+    @overload
+    def query(self, message: Query[D, R], data: D, *, timeout: float | None = ..., priority: int = ...) -> R: ...
+    def query(
+        self, message: Query[Any, R], data: Any = None, *, timeout: float | None = QUERY_TIMEOUT, priority: int = 0
     ) -> R:
         """Ask, and wait for the reply, at most *timeout* seconds (None: for ever).
 
@@ -200,7 +213,11 @@ class Sender(WatchingServices):
         question = self._question(message, data, priority=priority, blocking=True, brief=brief)
         return PendingReply(*question, message).receive_within(left, timeout)
 
-    def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> PendingReply[R]:
+    @overload
+    def query_send(self, message: Query[None, R], data: None = None, *, priority: int = ...) -> PendingReply[R]: ...
+    @overload
+    def query_send(self, message: Query[D, R], data: D, *, priority: int = ...) -> PendingReply[R]: ...
+    def query_send(self, message: Query[Any, R], data: Any = None, *, priority: int = 0) -> PendingReply[R]:
         """Ask, and fetch the reply later with ``receive()``, or with ``await`` in an async handler."""
         return self._ask(message, data, priority)
 
@@ -237,8 +254,16 @@ class Sender(WatchingServices):
         )  # fmt: skip
         return connection, connection.request(header, body, wants_answer=True, is_awaited=is_awaited)
 
+    @overload
     def multi_query(
-        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int | None = None,
+        self, message: MultiQuery[None, R], data: None = None, *, maximum: int | None = ..., timeout: float | None = ...
+    ) -> list[R]: ...
+    @overload
+    def multi_query(
+        self, message: MultiQuery[D, R], data: D, *, maximum: int | None = ..., timeout: float | None = ...
+    ) -> list[R]: ...
+    def multi_query(
+        self, message: MultiQuery[Any, R], data: Any = None, *, maximum: int | None = None,
         timeout: float | None = QUERY_TIMEOUT,
     ) -> list[R]:  # fmt: skip
         """Ask every module that handles the message; the replies in the order they came.
@@ -249,8 +274,16 @@ class Sender(WatchingServices):
         """
         return list(self._ask_all(message, data, maximum, timeout, blocking=True))
 
+    @overload
     def multi_query_send(
-        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int | None = None,
+        self, message: MultiQuery[None, R], data: None = None, *, maximum: int | None = ..., timeout: float | None = ...
+    ) -> PendingReplies[R]: ...
+    @overload
+    def multi_query_send(
+        self, message: MultiQuery[D, R], data: D, *, maximum: int | None = ..., timeout: float | None = ...
+    ) -> PendingReplies[R]: ...
+    def multi_query_send(
+        self, message: MultiQuery[Any, R], data: Any = None, *, maximum: int | None = None,
         timeout: float | None = QUERY_TIMEOUT,
     ) -> PendingReplies[R]:  # fmt: skip
         """Ask every module that handles the message; iterate over the result to get the replies as they come. It ends
@@ -275,11 +308,19 @@ class Sender(WatchingServices):
 
     # --- statements ------------------------------------------------------------------------------------------------
 
-    def inform(self, message: Inform[D], data: D = NOTHING) -> None:
+    @overload
+    def inform(self, message: Inform[None], data: None = None) -> None: ...
+    @overload
+    def inform(self, message: Inform[D], data: D) -> None: ...
+    def inform(self, message: Inform[Any], data: Any = None) -> None:
         """Tell the one module that handles the message: at most once, in order, without waiting."""
         self._tell(message, Inform, data)
 
-    def broadcast(self, message: Broadcast[D], data: D = NOTHING) -> None:
+    @overload
+    def broadcast(self, message: Broadcast[None], data: None = None) -> None: ...
+    @overload
+    def broadcast(self, message: Broadcast[D], data: D) -> None: ...
+    def broadcast(self, message: Broadcast[Any], data: Any = None) -> None:
         """Tell every module that handles the message: at most once, in order, without waiting."""
         self._tell(message, Broadcast, data)
 
@@ -292,35 +333,51 @@ class Sender(WatchingServices):
     # --- whatever the class ----------------------------------------------------------------------------------------
 
     @overload
-    def execute(self, message: Goal[D], data: D = NOTHING) -> SentTask[None]: ...
+    def execute(self, message: Goal[None], data: None = None) -> SentTask[None]: ...
     @overload
-    def execute(self, message: Command[D, R], data: D = NOTHING) -> SentTask[R]: ...
+    def execute(self, message: Command[None, R], data: None = None) -> SentTask[R]: ...
     @overload
-    def execute(self, message: Query[D, R], data: D = NOTHING) -> R: ...
+    def execute(self, message: Query[None, R], data: None = None) -> R: ...
     @overload
-    def execute(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R]: ...
+    def execute(self, message: MultiQuery[None, R], data: None = None) -> list[R]: ...
     @overload
-    def execute(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> None: ...
+    def execute(self, message: Inform[None] | Broadcast[None], data: None = None) -> None: ...
     @overload
-    def execute(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
-    def execute(self, message: Any, data: Any = NOTHING) -> Any:
+    def execute(self, message: Goal[D], data: D) -> SentTask[None]: ...
+    @overload
+    def execute(self, message: Command[D, R], data: D) -> SentTask[R]: ...
+    @overload
+    def execute(self, message: Query[D, R], data: D) -> R: ...
+    @overload
+    def execute(self, message: MultiQuery[D, R], data: D) -> list[R]: ...
+    @overload
+    def execute(self, message: Inform[D] | Broadcast[D], data: D) -> None: ...
+    def execute(self, message: Any, data: Any = None) -> Any:
         """Send a message of any class as the call for that class does (TCA 8.5: tcaExecute)."""
         check_class(message, *EXECUTED, call="execute")
         return next(getattr(self, call) for kind, call in EXECUTED.items() if isinstance(message, kind))(message, data)
 
     @overload
-    def execute_if_handled(self, message: Goal[D], data: D = NOTHING) -> SentTask[None] | None: ...
+    def execute_if_handled(self, message: Goal[None], data: None = None) -> SentTask[None] | None: ...
     @overload
-    def execute_if_handled(self, message: Command[D, R], data: D = NOTHING) -> SentTask[R] | None: ...
+    def execute_if_handled(self, message: Command[None, R], data: None = None) -> SentTask[R] | None: ...
     @overload
-    def execute_if_handled(self, message: Query[D, R], data: D = NOTHING) -> R | None: ...
+    def execute_if_handled(self, message: Query[None, R], data: None = None) -> R | None: ...
     @overload
-    def execute_if_handled(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R] | None: ...
+    def execute_if_handled(self, message: MultiQuery[None, R], data: None = None) -> list[R] | None: ...
     @overload
-    def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> bool: ...
+    def execute_if_handled(self, message: Inform[None] | Broadcast[None], data: None = None) -> bool: ...
     @overload
-    def execute_if_handled(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
-    def execute_if_handled(self, message: Any, data: Any = NOTHING) -> Any:
+    def execute_if_handled(self, message: Goal[D], data: D) -> SentTask[None] | None: ...
+    @overload
+    def execute_if_handled(self, message: Command[D, R], data: D) -> SentTask[R] | None: ...
+    @overload
+    def execute_if_handled(self, message: Query[D, R], data: D) -> R | None: ...
+    @overload
+    def execute_if_handled(self, message: MultiQuery[D, R], data: D) -> list[R] | None: ...
+    @overload
+    def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D) -> bool: ...
+    def execute_if_handled(self, message: Any, data: Any = None) -> Any:
         """Send a message only if somebody handles it now; central decides and sends in one step (TCA 8.5:
         tcaMaybeExecute).
 

@@ -1,7 +1,7 @@
 """A task of the tree, as anybody who knows its number can use it, and as its sender can."""
 
 from collections.abc import Generator, Iterator
-from typing import Any, Generic, NamedTuple
+from typing import Any, Generic, NamedTuple, overload
 
 import msgspec
 
@@ -13,7 +13,7 @@ from tca_module.sending.task_points import TaskIntervals
 from tca_module.session.epoch_numbers import first_foreign, with_epoch
 from tca_module.session.request import Request
 from tca_wire.messages.controls import ExceptionHandler
-from tca_wire.messages.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message, R
+from tca_wire.messages.declarations import Command, D, Failure, FailureRaised, Goal, Message, R
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Point, TaskId
@@ -147,7 +147,11 @@ class SteerableTask(TaskIntervals):
         check(what, checks.POINT_OR_NONE, after=after)
         return self._steer(headers.Kill(0, self._node(), why, scope, after, delay, origin=self._origin), what)
 
-    def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
+    @overload
+    def on_termination(self, message: Goal[None] | Command[None, Any], data: None = None) -> None: ...
+    @overload
+    def on_termination(self, message: Goal[D] | Command[D, Any], data: D) -> None: ...
+    def on_termination(self, message: Goal[Any] | Command[Any, Any], data: Any = None) -> None:
         """Send *message* if the task is killed after its start, to leave things safe (TDL: ON TERMINATE).
 
         It is sent at once and may run beside handlers that have yet to return, unless both share a resource of capacity
@@ -181,14 +185,18 @@ class SteerableTask(TaskIntervals):
         header = headers.Raise(0, self._node(), failure.name, failure.text, failure.kinds, self._origin)
         return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
-    def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
+    @overload
+    def retry(self, message: Message[None, Any] | None = None, data: None = None) -> bool: ...
+    @overload
+    def retry(self, message: Message[D, Any], data: D) -> bool: ...
+    def retry(self, message: Message[Any, Any] | None = None, data: Any = None) -> bool:
         """Kill all under the task, except monitors of others, and handle it again, when that and the calling
         exception handler have ended. With its *message* it gets new *data*. Returns False if the task had ended or been
         killed.
         """
         if message is not None:
             check_message(message)
-        elif data is not NOTHING:
+        elif data is not None:
             raise MisuseError(f"a retry of {self}: data needs its message, too: retry(MESSAGE, data)")
         if message is not None and message.name != self.message:
             raise MisuseError(f"{self} can't be retried with data of '{message.name}'")

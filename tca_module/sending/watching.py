@@ -1,7 +1,7 @@
 """Watching tasks: exception handlers, wiretaps and monitors, from any Sender."""
 
 from collections.abc import Mapping
-from typing import Any, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
 from tca_module.checks import check, check_class, check_message, check_options, name_of
@@ -12,7 +12,7 @@ from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.sending.task_ref import AttachmentRef, Recovery, TaskRef
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import ExceptionHandler, Monitor, PointMonitor, PollingMonitor
-from tca_wire.messages.declarations import NOTHING, D, Failure, Message
+from tca_wire.messages.declarations import D, Failure, Message
 from tca_wire.packets.headers import Attach, Send, Tap
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import ROOT, Point, TaskId
@@ -131,7 +131,13 @@ class WatchingServices(CentralServices):
         header = Tap(0, condition, listener.name, name, task_id, watch, self._origin)
         return AttachmentRef(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
 
-    def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorRef[D]:
+    @overload
+    def monitor(
+        self, monitor: Monitor[None], data: None = None, **options: Unpack[MonitorOptions]
+    ) -> MonitorRef[None]: ...
+    @overload
+    def monitor(self, monitor: Monitor[D], data: D, **options: Unpack[MonitorOptions]) -> MonitorRef[D]: ...
+    def monitor(self, monitor: Monitor[Any], data: Any = None, **options: Unpack[MonitorOptions]) -> MonitorRef[Any]:
         """Start a monitor under the task being handled. Without an end of its own (maximum, duration, until) it ends
         when all else under its parent has ended.
         """

@@ -21,25 +21,33 @@ Coming = Coroutine[Any, Any, R | LaterReply[R]]
 
 
 class HandlerDecorator(Protocol[D, R]):
-    """Declares the decorated function as a handler, and leaves it as it is."""
+    """Declares the decorated function as a handler, and leaves it as it is. A type checker names the first form where
+    none fits.
+    """
 
-    @overload
-    def __call__(
-        self, function: Callable[[Task, D], Coroutine[Any, Any, R]], /
-    ) -> Callable[[Task, D], Coroutine[Any, Any, R]]: ...
-    @overload
-    def __call__(self, function: Callable[[Task, D], Coming[R]], /) -> Callable[[Task, D], Coming[R]]: ...
     @overload
     def __call__(self, function: Callable[[Task, D], R], /) -> Callable[[Task, D], R]: ...
     @overload
     def __call__(
         self, function: Callable[[Task, D], R | LaterReply[R]], /
     ) -> Callable[[Task, D], R | LaterReply[R]]: ...
+    @overload
+    def __call__(
+        self, function: Callable[[Task, D], Coroutine[Any, Any, R]], /
+    ) -> Callable[[Task, D], Coroutine[Any, Any, R]]: ...
+    @overload
+    def __call__(self, function: Callable[[Task, D], Coming[R]], /) -> Callable[[Task, D], Coming[R]]: ...
 
 
 class HandlerDecoratorWithoutData(Protocol[R]):
     """Declares a handler of a message without data, which need not be an argument."""
 
+    @overload
+    def __call__(self, function: Callable[[Task], R] | Callable[[Task, None], R], /) -> Callable[..., R]: ...
+    @overload
+    def __call__(
+        self, function: Callable[[Task], R | LaterReply[R]] | Callable[[Task, None], R | LaterReply[R]], /
+    ) -> Callable[..., R | LaterReply[R]]: ...
     @overload
     def __call__(
         self, function: Callable[[Task], Coroutine[Any, Any, R]] | Callable[[Task, None], Coroutine[Any, Any, R]], /
@@ -48,12 +56,6 @@ class HandlerDecoratorWithoutData(Protocol[R]):
     def __call__(
         self, function: Callable[[Task], Coming[R]] | Callable[[Task, None], Coming[R]], /
     ) -> Callable[..., Coming[R]]: ...
-    @overload
-    def __call__(self, function: Callable[[Task], R] | Callable[[Task, None], R], /) -> Callable[..., R]: ...
-    @overload
-    def __call__(
-        self, function: Callable[[Task], R | LaterReply[R]] | Callable[[Task, None], R | LaterReply[R]], /
-    ) -> Callable[..., R | LaterReply[R]]: ...
 
 
 Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]

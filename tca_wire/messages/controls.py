@@ -127,6 +127,11 @@ class DemonMonitor(Monitor[D]):
     ) -> None: ...  # fmt: skip
     @overload
     def __init__(
+        self, name: str, data: type[D], *, set_up: Action | None = ..., action: Action | None = ...,
+        cancel: Action | None = ...,
+    ) -> None: ...  # fmt: skip
+    @overload
+    def __init__(
         self, name: str, data: Any, *, set_up: Action | None = ..., action: Action | None = ...,
         cancel: Action | None = ...,
     ) -> None: ...  # fmt: skip

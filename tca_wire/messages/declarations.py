@@ -20,9 +20,6 @@ from tca_wire.vocabulary import Limit, MessageClass
 D = TypeVar("D")
 R = TypeVar("R")
 
-NOTHING: Any = None
-"""Default of data parameters: messages without data are sent without."""
-
 
 def _checked_name(name: str) -> str:
     if not isinstance(name, str) or not name.strip() or len(name) > Limit.NAME or not name.isprintable():
@@ -240,7 +237,11 @@ class Failure(Generic[D], metaclass=Declaring):
             advice = f"declare both with the same type, or '{kind_of.name}' without data ({misfit})"
             raise BadFormat(f"{text} {kind_of.data}, which its exception handlers want: {advice}")
 
-    def __call__(self, data: D = NOTHING, text: str = "") -> "FailureRaised":
+    @overload
+    def __call__(self: "Failure[None]", data: None = None, text: str = "") -> "FailureRaised": ...
+    @overload
+    def __call__(self, data: D, text: str = "") -> "FailureRaised": ...
+    def __call__(self, data: Any = None, text: str = "") -> "FailureRaised":
         """The Python exception to raise. Raises BadData if *data* does not fit, or *text* is none."""
         if not isinstance(text, str):
             msg = f"failure '{self.name}' wants a text beside its data, and {text!r:.60} is none"

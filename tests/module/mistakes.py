@@ -1,9 +1,9 @@
 """Declarations as a type checker sees them, and mistakes that it finds: read by test_types.py's mypy, never run."""
 
 from dataclasses import dataclass
-from typing import assert_type
+from typing import Any, assert_type
 
-from tca_module import Broadcast, Command, Failure, Goal, LaterReply, Module, MultiQuery, Query, Task
+from tca_module import Broadcast, Command, DemonMonitor, Failure, Goal, LaterReply, Module, MultiQuery, Query, Task
 
 
 @dataclass
@@ -16,9 +16,11 @@ REST = Goal("rest")
 MOVE_LEG = Command("move leg", int, result=Footfall)
 STANCE = Query("stance", float, reply=list[int])
 TEMPERATURE = Query("temperature", reply=float)
+LEVEL: Query[float | None, float] = Query("level", float | None, reply=float)
 HEALTH = MultiQuery("health", reply=str)
 ALARM = Broadcast("alarm", str)
 COLLISION = Failure("collision", Footfall)
+ROCKS = DemonMonitor("rocks", float)
 
 
 def handlers(module: Module) -> None:
@@ -64,11 +66,11 @@ def wrong_handlers(module: Module) -> None:
 
 
 def wrong_calls(module: Module, task: Task, later: LaterReply[Footfall]) -> None:
-    task.query(REST)  # type: ignore[arg-type]
-    task.goal(MOVE_LEG, 1)  # type: ignore[arg-type]
-    task.inform(ALARM, "x")  # type: ignore[arg-type]
+    task.query(REST)  # type: ignore[call-overload]
+    task.goal(MOVE_LEG, 1)  # type: ignore[call-overload]
+    task.inform(ALARM, "x")  # type: ignore[call-overload]
     task.goal(WALK, 5)  # type: ignore[misc]
-    task.goal(REST, sequentially=True)  # type: ignore[call-arg]
+    task.goal(REST, sequentially=True)  # type: ignore[call-overload]
     height: int = task.command(MOVE_LEG, 1).result()  # type: ignore[assignment]
     later.reply(1)  # type: ignore[arg-type]
     task.query_notify(TEMPERATURE, None, lambda _, degrees: degrees.upper())  # type: ignore[attr-defined]
@@ -77,6 +79,35 @@ def wrong_calls(module: Module, task: Task, later: LaterReply[Footfall]) -> None
     for health in task.multi_query_send(HEALTH):
         _ = health.real, height  # type: ignore[attr-defined]
     raise COLLISION(5)  # type: ignore[arg-type]
+
+
+def sent_without_data(task: Task, later: LaterReply[Footfall]) -> None:
+    task.goal(WALK)  # type: ignore[arg-type]
+    task.command(MOVE_LEG)  # type: ignore[arg-type]
+    task.command(MOVE_LEG, priority=5)  # type: ignore[arg-type]
+    task.query(STANCE)  # type: ignore[arg-type]
+    task.query_send(STANCE)  # type: ignore[arg-type]
+    task.broadcast(ALARM)  # type: ignore[arg-type]
+    task.execute(WALK)  # type: ignore[arg-type]
+    task.execute_if_handled(MOVE_LEG)  # type: ignore[arg-type]
+    task.on_termination(WALK)  # type: ignore[arg-type]
+    task.monitor(ROCKS)  # type: ignore[arg-type]
+    task.retry(WALK)  # type: ignore[arg-type]
+    later.reply()  # type: ignore[call-arg]
+    _ = COLLISION()  # type: ignore[call-arg]
+
+
+def sent_with_what_is_wanted(task: Task, later: LaterReply[None], any_message: Command[Any, Any]) -> None:
+    assert_type(task.command(MOVE_LEG, 1, priority=5).result(), Footfall)
+    assert_type(task.query(TEMPERATURE), float)
+    assert_type(task.execute(STANCE, 1.0), list[int])
+    task.goal(REST)
+    task.goal(REST, None, deadline=2.0)
+    task.command(any_message)
+    task.command(any_message, 5)
+    task.query(LEVEL, None)
+    later.reply()
+    task.retry()
 
 
 async def wrong_await(task: Task) -> int:

@@ -208,7 +208,7 @@ def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:
         user.monitor(DemonMonitor("guard", set_up=look, action=act))
         acted.acquire(timeout=5)
         with pytest.raises(MisuseError, match="the options are"):
-            user.monitor(PointMonitor("check2", condition=seen), perod=1)  # type: ignore[call-arg]
+            user.monitor(PointMonitor("check2", condition=seen), perod=1)  # type: ignore[call-overload]
     assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
 
 

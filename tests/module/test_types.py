@@ -1,9 +1,10 @@
-"""The mistakes in ``mistakes.py`` are found by mypy, and nothing else there is called one.
+"""The mistakes in ``mistakes.py`` are found by mypy, nothing else there is called one, and its words help.
 
 In strict mode mypy complains of each ``type: ignore`` that is not needed: so each mistake is found.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -16,8 +17,16 @@ MYPY = shutil.which("mypy", path=str(Path(sys.executable).parent))
 
 @pytest.mark.slow
 @pytest.mark.skipif(MYPY is None, reason="mypy is not installed")
-def test_the_type_checker_finds_each_mistake() -> None:
+def test_the_type_checker_finds_each_mistake_and_says_what_is_wanted(tmp_path: Path) -> None:
+    mistakes = Path(__file__).with_name("mistakes.py")
+    bare = tmp_path / "bare.py"
+    bare.write_text(re.sub(r"  # type: ignore\S+", "", mistakes.read_text()))
     options = ["--config-file", "setup.cfg", "--follow-imports", "silent", "--cache-dir", os.devnull]
-    command = [sys.executable, "-m", "mypy", *options, str(Path(__file__).with_name("mistakes.py"))]
+    command = [sys.executable, "-m", "mypy", *options, str(mistakes), str(bare)]
     found = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
-    assert found.returncode == 0, found.stdout + found.stderr
+    assert str(mistakes.name) not in found.stdout, found.stdout
+    expected = re.findall(r'of "HandlerDecorator\w*" has .*; expected (.*)  \[', found.stdout)
+    assert len(expected) == mistakes.read_text().count("handles(STANCE)  # type") + 1
+    assert not [text for text in expected if "Coroutine" in text]
+    assert 'incompatible type "Command[int, Footfall]"; expected "Command[None, Footfall]"' in found.stdout
+    assert 'Missing positional argument "data"' in found.stdout
