@@ -75,7 +75,9 @@ class Frame(NamedTuple):
     waits: list[WaitLine]
     """The longest come first."""
     held: list[WaitLine]
-    """Tasks that constraints, or a suspended parent, keep from beginning, the longest first."""
+    """Tasks that constraints, or a suspended parent, keep from beginning or ending, and monitors that their parent waits
+    for, the longest first.
+    """
     suspended: list[WaitLine]
     """Tasks that somebody has to resume, the longest first; not those under them."""
     totals: dict[str, int]

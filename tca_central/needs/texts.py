@@ -49,8 +49,9 @@ def _why_not_replied(central: State, collector: Collector) -> str:
     told = failures[:_FAILURES]
     told += [f"and {len(failures) - _FAILURES} more"] if len(failures) > _FAILURES else []
     told += [not_answered(replies_to(central, collector))] if collector.pending else []
+    text = "; ".join(told)
     has_replies = collector.end is not None and collector.end[0].outcome is Outcome.DONE
-    return "nobody replied: " * (bool(told) and not has_replies) + "; ".join(told)
+    return text if has_replies or not text else f"nobody replied: {text}"
 
 
 def why_not_granted(central: State, claim: Claim[Connection]) -> str:

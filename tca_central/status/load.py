@@ -17,7 +17,7 @@ from tca_central.needs.graph import Granting, Node, Returning, Turn, TurnAt, Wai
 from tca_central.needs.waits import Ends, next_of, waits_of
 from tca_central.order.holds import has_held_start
 from tca_central.state import PresenceWait, State
-from tca_wire.points import START_HANDLING
+from tca_wire.points import ROOT, START_HANDLING
 from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
 SHOWN_WAITS = 50
@@ -127,8 +127,8 @@ def _blocking(central: State, connection: Connection, origin: int, node: Node, s
 
 
 def _held(central: State) -> list[Task]:
-    """Tasks that constraints, or a suspended parent, keep from beginning; those first that were sent or last handled
-    first.
+    """Tasks that constraints, or a suspended parent, keep from beginning or ending, and monitors that are waited for;
+    those first that were sent or last handled first.
     """
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
     held = [one for one in oldest if _is_held(one) and one.slot is None and one.queues is None and not one.killed]
@@ -136,9 +136,14 @@ def _held(central: State) -> list[Task]:
 
 
 def _is_held(task: Task) -> bool:
-    if task.suspended and task.parent is not None and task.parent.suspended and not task.reached & START_HANDLING:
-        return True
-    return has_held_start(task)
+    parent = task.parent
+    if task.suspended and parent is not None:
+        return parent.suspended and (
+            has_held_start(task) or not task.reached & START_HANDLING
+        )  # else it is told itself
+    if task.message.is_aside and task.reached & START_HANDLING and not task.returned:
+        return not task.is_watcher and parent is not None and parent.id != ROOT
+    return has_held_start(task) or (task.returned and bool(task.held))
 
 
 def _held_task(central: State, task: Task, ends: Ends) -> Waiter:

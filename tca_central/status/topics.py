@@ -111,23 +111,39 @@ def tree(central: State) -> list[dict[str, Any]]:
 
 def describe(task: Task | KeptTask) -> dict[str, Any]:
     """A task in plain values."""
-    described = {
+    return {
         "task": int(task.id),
         "parent": int(task.parent.id) if task.parent else 0,
         "message": task.message.name,
         "class": str(task.message.message_class),
         "role": str(task.role),
+        **(_ended(task) if isinstance(task, KeptTask) else _living(task)),
     }
-    state: tuple[Any, ...]
-    if isinstance(task, KeptTask):
-        outcome, failure, text, _ = task.outcome
-        state = describe_moments(ALL_MOMENTS), {}, "", False, text * (outcome is Outcome.KILLED), failure, str(outcome)
-    else:
-        held = {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()}
-        module, failure = task.slot.module.name if task.slot else "", task.failure[0] if task.failure else ""
-        state = describe_moments(task.reached), held, module, task.suspended, task.killed, failure, ""
-    names = "reached", "held", "module", "suspended", "killed", "failure", "outcome"
-    return described | dict(zip(names, state, strict=True))
+
+
+def _living(task: Task) -> dict[str, Any]:
+    return {
+        "reached": describe_moments(task.reached),
+        "held": {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()},
+        "module": task.slot.module.name if task.slot else "",
+        "suspended": task.suspended,
+        "killed": task.killed,
+        "failure": task.failure[0] if task.failure else "",
+        "outcome": "",
+    }
+
+
+def _ended(task: KeptTask) -> dict[str, Any]:
+    outcome, failure, text, _ = task.outcome
+    return {
+        "reached": describe_moments(ALL_MOMENTS),
+        "held": {},
+        "module": "",
+        "suspended": False,
+        "killed": text if outcome is Outcome.KILLED else "",
+        "failure": failure,
+        "outcome": str(outcome),
+    }
 
 
 def relatives(central: State, task: Task | KeptTask | None, relation: str, message: str) -> list[dict[str, Any]]:

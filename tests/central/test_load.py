@@ -2,15 +2,16 @@
 
 from typing import Any
 
-from central.player import Player
+from central.player import ANY, Player
 
 from tca_central.status.load import SHOWN_WAITS, load
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.packets import headers
+from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.packets.routes import Note, Noted
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import MessageClass, Outcome
 from tca_wire.waits import CommonEnd, WaitFor, WaitKind
 
 
@@ -130,6 +131,46 @@ def test_held_tasks_say_what_they_wait_for_the_longest_first() -> None:
     assert load(robot.central)["waits"] == told["waits"]  # they stand in no queue
     robot.reply("legs/1", value=1)
     assert [held.number for held in load(robot.central)["held"]] == [third]
+
+
+def test_what_is_kept_from_its_end_is_held() -> None:
+    robot = Player.of("planner: goal walk", "user")
+    robot.declare("user", "command rest")
+    walk, rest = robot.task("user", "walk"), robot.task("user", "rest", flags=0)
+    last = Point(TaskId(walk), Moment.END_ACHIEVING)
+    after = Constraint(Point(TaskId(rest), Moment.END_ACHIEVING), last)
+    robot.receive("user", headers.Constrain(robot.number("user"), [after]))
+    assert load(robot.central)["held"] == []  # it is still planned
+    robot.reply("planner/1")
+    (held,) = load(robot.central)["held"]
+    assert (held.number, held.waits) == (walk, (WaitFor(WaitKind.CONSTRAINT, rest, "rest", Moment.END_ACHIEVING),))
+
+
+def test_a_monitor_that_its_parent_waits_for_is_told() -> None:
+    robot = Player.of("planner: goal walk", "map: query is low", "user")
+    robot.declare("user", "inform warn")
+    monitors = [
+        MessageFormat(name, MessageClass.POLLING_MONITOR, ANY, "", ["is low", "warn"])
+        for name in ("guard", "until low")
+    ]
+    robot.receive("user", headers.Register(robot.number("user"), monitors))
+    walk = robot.task("user", "walk")
+    robot.task("planner/1", "guard", under=walk, watch=WatchOptions(100.0))
+    until_low = robot.task("planner/1", "until low", under=walk, watch=WatchOptions(100.0, maximum=1))
+    robot.reply("map/1", value=False)
+    robot.reply("map/1", value=False)
+    robot.reply("planner/1")
+    (held,) = load(robot.central)["held"]
+    assert (held.number, held.waits) == (until_low, (WaitFor(WaitKind.CONDITION, 0, "is low", holds=False),))
+
+
+def test_what_is_suspended_and_held_is_told_once() -> None:
+    robot = Player.of("legs: command step", "user")
+    second = [robot.task("user", "step"), robot.task("user", "step")][1]
+    robot.receive("user", headers.Suspend(robot.number("user"), TaskId(second)))
+    told = load(robot.central)
+    assert told["held"] == []
+    assert [one.number for one in told["suspended"]] == [second]
 
 
 def test_direct_messages_count_like_others() -> None:
