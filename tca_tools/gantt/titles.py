@@ -4,15 +4,20 @@ from math import inf
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import failing, told_to
-from tca_tools.run.records import Claim, HandlerWait, Handling, Queueing, Raised, Task
+from tca_tools.run.records import Claim, Failure, HandlerWait, Handling, Queueing, Raised, Task
 from tca_tools.run.whole_run import Run
+from tca_tools.terminal import cut
 from tca_tools.why.wait_words import told
 from tca_tools.why.waits import Wait, of_handler_wait
+from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, place, raised_by
 from tca_wire.text.measures import duration, from_to, run_time
 from tca_wire.text.printable import first_line
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import Outcome
+
+_LONGEST_DATA = 80
+"""Columns of data that stand for words."""
 
 
 def handled(run: Run, handling: Handling) -> str:
@@ -22,15 +27,31 @@ def handled(run: Run, handling: Handling) -> str:
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
     if handling.outcome is Outcome.FAILED:
+        title += _with_what(run, handling)
         told = told_to(run, failing(run, handling), handling.end or run.time)
         title += f", {told}" if told else ""
     return title
 
 
+def _with_what(run: Run, handling: Handling) -> str:
+    """The failure of one handler: ``: terrain collision: leg 4 met rock``; of copies each may have another one."""
+    message = run.messages.get(handling.message_id)
+    if message is None or message.message_class.fans_out or handling.end is None:
+        return ""
+    failure = message.was("failure", handling.end)
+    return failure and f": {_words_or_data(failure, message.was('failure_data', handling.end))}"
+
+
+def _words_or_data(failure: Failure, data: bytes) -> str:
+    """A failure in a line; where nothing was said of it, its data: ``blocked {"at": 3}``."""
+    return first_line(failure) if failure.words else f"{failure} {cut(data_text(data), _LONGEST_DATA)}".rstrip()
+
+
 def raised(run: Run, task: Task, failure: Raised) -> str:
     """``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
     told = told_to(run, task, failure.time)
-    title = f"{task} failed at {run_time(failure.time)}: {first_line(failure.failure)}{raised_by(failure.by)}"
+    what = _words_or_data(failure.failure, task.was("failure_data", failure.time))
+    title = f"{task} failed at {run_time(failure.time)}: {what}{raised_by(failure.by)}"
     return title + (f", {told}" if told else "")
 
 

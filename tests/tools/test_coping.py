@@ -106,7 +106,7 @@ def test_who_had_given_up_is_not_told_and_nothing_of_his_fails_later() -> None:
     assert [one.text for one in links if one.depth] == ["where {2} failed: blind: fog"]
     assert max(one.time for one in links) == 2.0
     bar = next(bar for row in chart(run).rows for bar in row.handled if bar.name == "look")
-    assert bar.title().endswith(f": failed, {told}")
+    assert bar.title().endswith(f": failed: blind: fog, {told}")
 
 
 def test_who_had_ended_is_not_told() -> None:

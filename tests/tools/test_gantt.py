@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 from click.testing import Result
 from tools.story import COMMAND, QUERY, THIS, Story, locking, silent_for, stumbling, walking
@@ -18,7 +19,7 @@ from tca_tools.run.fold import History
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import MessageClass, Outcome
 
 Tca = Callable[..., Result]
 Expect = Callable[[str, str], None]
@@ -392,3 +393,20 @@ def test_a_short_wait_looks_like_one() -> None:
 )
 def test_ticks_are_round(start: float, end: float, labels: list[str]) -> None:
     assert [label for _, label in ticks(start, end, 5)] == labels
+
+
+@pytest.mark.parametrize(("words", "told"), [("leg 4 met rock", ": leg 4 met rock"), ("", ' {"force": 812.0}')])
+def test_the_title_of_what_failed_says_with_what_in_words_or_else_in_data(words: str, told: str) -> None:
+    story = Story().module("legs", "move").at(1.0)
+    move = story.command("move", "user", to="legs")
+    story.at(2.0).returned(move, Outcome.FAILED, data={"force": 812.0}).say(facts.Failed(move, "collision", words))
+    (bar,) = (bar for row in chart(story.fold()).rows for bar in row.handled)
+    assert bar.title() == f"move {{1}} handled by legs from 1.000 s to 2.000 s, 1 s: failed: collision{told}"
+
+
+def test_a_failure_that_was_raised_without_words_shows_its_data() -> None:
+    story = Story().module("legs", "move").at(1.0)
+    move = story.command("move", "user", to="legs")
+    raised = facts.Failed(move, "collision", "", is_beside=True, by="eye", body=msgspec.msgpack.encode({"at": 3}))
+    (bar,) = (bar for row in chart(story.at(2.0).say(raised).fold()).rows for bar in row.handled)
+    assert [mark.title for mark in bar.raised] == ['move {1} failed at 2.000 s: collision {"at": 3} (raised by eye)']

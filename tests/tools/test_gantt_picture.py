@@ -1,9 +1,11 @@
 """``tca gantt -o``: what can be seen in the picture, as files, and of very many bars."""
 
+import math
 import re
 import sys
 from collections.abc import Callable
 from colorsys import rgb_to_hls
+from operator import mul
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -16,8 +18,8 @@ from tools.test_coping import asking
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.build import chart
-from tca_tools.gantt.chart import Bar, BarKind, ResourceRow
-from tca_tools.gantt.looks import dark, light
+from tca_tools.gantt.chart import Bar, BarKind, Ending, ResourceRow
+from tca_tools.gantt.looks import COLOURS, dark, light
 from tca_tools.gantt.queues import curve, is_curve, queue_height
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.window import Pick
@@ -107,13 +109,32 @@ def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca:
     assert written["look"] == "in"  # dark: white could not be read there
 
 
+def distance(one: str, other: str) -> float:
+    """How different two colours look: 1 from black to white (B. Ottosson, Oklab, 2020)."""
+    return math.dist(oklab(one), oklab(other))
+
+
+def oklab(colour: str) -> list[float]:
+    linear = [(int(colour[place : place + 2], 16) / 255) ** 2.2 for place in (1, 3, 5)]
+    cones = [
+        sum(map(mul, row, linear)) ** (1 / 3)
+        for row in ((0.4122, 0.5363, 0.0514), (0.2119, 0.6807, 0.1074), (0.0883, 0.2817, 0.6300))
+    ]
+    return [
+        sum(map(mul, row, cones))
+        for row in ((0.2105, 0.7936, -0.0041), (1.9780, -2.4286, 0.4506), (0.0259, 0.7828, -0.8087))
+    ]
+
+
 def test_no_colour_of_a_message_is_that_of_something_else() -> None:
-    """Not red, which means a failure; no grey; dark to write on, or light."""
+    """Not red or amber, which mean a failure; no grey; dark to write on, or light."""
+    amber = COLOURS[Ending.COPED]
     assert len({dark(number) for number in range(40)}) == 40
     for number in range(200):
         red, green, blue = (int(dark(number)[place : place + 2], 16) for place in (1, 3, 5))
         hue, _, saturation = rgb_to_hls(red / 255, green / 255, blue / 255)
         assert saturation > 0.25
+        assert distance(dark(number), amber) > 0.15
         assert 0.05 < hue < 0.93
         assert red + green + blue < 420
         assert all(int(light(number)[place : place + 2], 16) > 150 for place in (1, 3, 5))
