@@ -221,6 +221,14 @@ class State:
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result
 
+    def outcome_of_ended(self, task_id: int) -> tuple[Outcome, str, str, bytes] | None:
+        """The outcome of an ended task; None if it is forgotten."""
+        if (record := self.kept.get(task_id)) is not None:
+            return record.outcome
+        if task_id <= self.forgotten and task_id not in self.outcomes:
+            return None
+        return self.outcomes.get(task_id, (Outcome.DONE, "", "", b""))
+
     def note_failure(
         self, delivery: Delivery, failure: RaisedFailure, *, is_beside: bool = False, by: str = ""
     ) -> None:

@@ -51,6 +51,7 @@ LOOK, SURVEY = Query("look", Place, reply=Image), Command("survey", list[Place])
 HEIGHT, CONFIRM, TEMPERATURE = Query("a", Place, reply=float), Query("b", int, reply=bool), Query("c", reply=float)
 BATTERY, COOL_DOWN, MOVE, STABILITY_CHECK = Inform("d", int), Command("e"), Command("f", float, result=float), Command("g")
 GIVE_UP, MOVE_LEG, RAISE_LEG, TERRAIN_COLLISION = ExceptionHandler("k"), Command("h", int, result=int), ExceptionHandler("i"), Failure("j", float)
+NOTE = Inform("l")
 def parse(line: bytes) -> int: ...
 def give_up() -> None: ...
 class Cable:

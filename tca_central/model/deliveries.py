@@ -192,7 +192,7 @@ class AttachedHandler:
 class Wiretap:
     """A wiretap: the listener is sent *before* some moments, which it holds back, or *at* others."""
 
-    __slots__ = ("at", "before", "condition", "holders", "id", "listener", "place", "watch")
+    __slots__ = ("at", "before", "condition", "has_fired", "holders", "id", "listener", "place", "watch")
 
     def __init__(self, tap_id: int, condition: Condition, listener: MessageType, place: Any) -> None:
         self.id = tap_id
@@ -201,6 +201,7 @@ class Wiretap:
         self.place = place  #: the task or message type that it taps
         self.before = 0
         self.at = 0
+        self.has_fired = False  #: of one task: has sent its listener
         self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
         self.holders: dict[str, Holder] = {}  #: by name: the modules that added it and have not taken it away
 

@@ -10,7 +10,7 @@ from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_
 from tca_wire.journal import facts
 from tca_wire.messages.failures import DEADLOCK
 from tca_wire.packets import headers
-from tca_wire.vocabulary import Dropping, Outcome, Refusal
+from tca_wire.vocabulary import Dropping, Refusal
 
 _GIVEN_UP = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
 
@@ -19,7 +19,7 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
     """A module waits for a moment of a task."""
     moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)
-    known = central.outcome(task) if task is not None else _outcome_of_ended(central, header.point.task)
+    known = central.outcome(task) if task is not None else central.outcome_of_ended(header.point.task)
     if known is None:
         text = f"task {header.point.task} ended too long ago to know how: see the journal"
         raise RequestError(Refusal.TOO_LATE, text)
@@ -32,15 +32,6 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
         central.agenda.wait(task, moment, wait)
         if header.blocking:
             central.block(connection, header.number, header.origin, brief=header.brief)
-
-
-def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, bytes] | None:
-    """The outcome of an ended task; None if it is forgotten."""
-    if (record := central.kept.get(task_id)) is not None:
-        return record.outcome
-    if task_id <= central.forgotten and task_id not in central.outcomes:
-        return None
-    return central.outcomes.get(task_id, (Outcome.DONE, "", "", b""))
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:

@@ -22,9 +22,9 @@ from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, first_difference
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Tapped, WatchOptions
-from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, Moment, Point, TaskId
-from tca_wire.rules import CONDITIONS, DELIVERED, LISTENERS
-from tca_wire.vocabulary import Condition, Refusal, Role
+from tca_wire.points import ALL_MOMENTS, END_HANDLING, ROOT, START_HANDLING, Moment, Point, TaskId
+from tca_wire.rules import CONDITIONS, DELIVERED, FAILURE, LISTENERS, REPLIED, SUCCESS
+from tca_wire.vocabulary import Condition, Outcome, Refusal, Role
 
 MOST_TAPS = 1000
 """Wiretaps of one message or task."""
@@ -56,21 +56,18 @@ class Listening:
 
 def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes) -> None:
     """A module taps a message, or one task."""
-    messages = central.registry.messages
-    place: Task | MessageType | None
-    place = messages.get(header.message) if header.message else central.tree.task(header.task)
-    if place is None:
-        which = f"'{header.message}' is not declared" if header.message else f"task {header.task} has ended"
-        raise RequestError(Refusal.UNKNOWN if header.message else Refusal.TOO_LATE, f"{which}: it can't be tapped")
-    listener = messages.get(header.listener)
+    place = _place(central, header)
+    listener = central.registry.messages.get(header.listener)
     if listener is None:
         raise RequestError(Refusal.UNKNOWN, f"listener '{header.listener}' is not declared")
     tapped = place.message if isinstance(place, Task) else place
     _check(header.condition, tapped, listener)
-    if isinstance(place, Task):
-        _check_in_time(header.condition, place)
+    is_due = isinstance(place, Task) and _is_due(header, place)
     if listener.message_class.is_monitor:
         _check_monitor(central, header, tapped, listener)
+    if isinstance(place, Task) and place.id not in central.tree.tasks:
+        central.accept(connection, header.number, _call_for_ended(central, connection.module, header, listener, place))
+        return
     tap = _add(central, connection.module, header, listener, tapped, place)
     tap.holders[connection.module.name] = connection.module.holder
     for other in list(place.more.taps if isinstance(place, Task) else place.taps):
@@ -78,7 +75,24 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
         if is_said_anew and connection.module.name in other.holders:
             remove(central, other, connection.module)  # its monitor is to watch as is said now
     _ask_waiting(central, tap)
+    if is_due and isinstance(place, Task) and not tap.has_fired:
+        _fire(central, tap, place, place.body)
     central.accept(connection, header.number, tap.id)
+
+
+def _place(central: State, header: headers.Tap) -> Task | MessageType:
+    """The message or task that is tapped; for a call at once a stand-in where the task has ended."""
+    place: Task | MessageType | None
+    if header.message:
+        if header.at_once:
+            raise RequestError(Refusal.PROTOCOL, f"all '{header.message}' can't be tapped at once: one task can")
+        place = central.registry.messages.get(header.message)
+    else:
+        place = central.tree.task(header.task) or (_ended(central, header) if header.at_once else None)
+    if place is None:
+        which = f"'{header.message}' is not declared" if header.message else f"task {header.task} has ended"
+        raise RequestError(Refusal.UNKNOWN if header.message else Refusal.TOO_LATE, f"{which}: it can't be tapped")
+    return place
 
 
 def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
@@ -101,13 +115,67 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
         raise RequestError(Refusal.FORMAT, f"{text} (here = the listener, there = the tapped message)")
 
 
-def _check_in_time(condition: Condition, task: Task) -> None:
-    """Raises RequestError if what a task is to be tapped for is past. Its handling may come again, with a retry."""
-    rule = CONDITIONS[condition]
+def _is_due(header: headers.Tap, task: Task) -> bool:
+    """Whether the listener is to be sent at once. Raises RequestError if what a task is to be tapped for is past, and
+    it is not, or can't be, sent so. Its handling may come again, with a retry.
+    """
+    condition, rule = header.condition, CONDITIONS[header.condition]
+    if header.at_once:
+        _check_at_once(condition)
+        if _has_happened(condition, task):
+            return True
     moments = (rule.before | rule.at) & ALL_MOMENTS & ~START_HANDLING
     is_killed = condition is Condition.WHEN_KILLED and bool(task.killed)
-    if condition is Condition.WHEN_SENT or is_killed or task.reached & moments:
-        raise RequestError(Refusal.TOO_LATE, f"{task} can't be tapped '{condition}' any more: that is past")
+    if condition is Condition.WHEN_SENT or is_killed or task.reached == ALL_MOMENTS or task.reached & moments:
+        how = "it was killed" if task.killed and not is_killed else "that is past"
+        raise RequestError(Refusal.TOO_LATE, f"{task} can't be tapped '{condition}' any more: {how}")
+    return False
+
+
+def _check_at_once(condition: Condition) -> None:
+    """Raises RequestError if a condition that is past can't be made up for."""
+    rule, text = CONDITIONS[condition], f"'{condition}' can't be called at once"
+    if rule.holds_until:
+        raise RequestError(Refusal.PROTOCOL, f"{text}: it holds back what is to come; use a 'while' condition")
+    if rule.at & (SUCCESS | FAILURE | REPLIED):
+        raise RequestError(Refusal.PROTOCOL, f"{text}: it is not remembered; 'after handled' is")
+
+
+def _has_happened(condition: Condition, task: Task) -> bool:
+    """Whether what a task is tapped for has happened; of *while* conditions also that it goes on."""
+    rule = CONDITIONS[condition]
+    if condition is Condition.WHEN_SENT:
+        return True
+    if task.killed or condition is Condition.WHEN_KILLED:
+        return condition is Condition.WHEN_KILLED and bool(task.killed)
+    if condition is Condition.WHILE_HANDLING:
+        return task.is_running
+    moments = END_HANDLING if condition is Condition.AFTER_HANDLED else (rule.before | rule.at) & ALL_MOMENTS
+    return bool(task.reached & moments) and not task.reached & rule.lasts_until
+
+
+def _ended(central: State, header: headers.Tap) -> Task | None:
+    """A stand-in for a task that has ended; None if too little is known of it."""
+    outcome, record = central.outcome_of_ended(header.task), central.kept.get(header.task)
+    message = record.message if record is not None else central.registry.messages.get(header.of)
+    if outcome is None or message is None or not message.message_class.is_task:
+        return None
+    task = Task(header.task, message, record.body if record is not None else b"", None)
+    task.reached, task.returned = ALL_MOMENTS, True
+    task.killed = "" if outcome[0] is Outcome.DONE else str(outcome[0])
+    return task
+
+
+def _call_for_ended(central: State, by: Module, header: headers.Tap, listener: MessageType, task: Task) -> int:
+    """Send the listener of a wiretap on a task that has ended, with the data that it was kept with; the tap's id."""
+    if listener.format.data != NO_DATA and task.id not in central.kept:
+        advice = "send the task with keep=True, or tap it with a listener that is declared without data"
+        raise RequestError(Refusal.TOO_LATE, f"{task} has ended, and its data are forgotten: {advice}")
+    tap = Wiretap(central.new_id(), header.condition, listener, task)
+    tap.watch = header.watch
+    central.facts.append(facts.TapAdded(tap.id, tap.condition, listener.name, task.message.name, header.task, by.name))
+    _fire(central, tap, task, task.body)
+    return tap.id
 
 
 def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, listener: MessageType) -> None:
@@ -248,13 +316,14 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
     else:
         context = Listening(tap, tapped)
         made = make_statement(central, message, body, Role.LISTENER, about=tapped, context=context)
+    tap.has_fired = isinstance(tap.place, Task)
     central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))
     return made
 
 
 def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Task:
     """A listener that is a task."""
-    is_child = isinstance(tapped, Task) and CONDITIONS[tap.condition].is_child
+    is_child = CONDITIONS[tap.condition].is_child and tapped.id in central.tree.tasks  # it may have ended
     parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
     context = Listening(tap, tapped)
     listener = make_task(central, tap.listener, body, parent, Role.LISTENER, about=tapped, context=context)

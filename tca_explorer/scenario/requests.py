@@ -83,7 +83,7 @@ def _recovery(one: Attachment) -> str:
 
 def _tap(header: headers.Tap, name: Name) -> str:
     return f"taps {f'all {header.message}' if header.message else name(header.task)} {header.condition} with \
-{header.listener}"
+{header.listener}{', at once' * header.at_once}"
 
 
 def call_of(header: Any) -> str:

@@ -101,8 +101,8 @@ class WatchingServices(CentralServices):
         return AttachmentRef(connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header)
 
     def tap(
-        self, condition: Condition, tapped: Message[Any, Any] | TaskRef, listener: Message[Any, Any],
-        **options: Unpack[Watched],
+        self, condition: Condition, tapped: Message[Any, Any] | TaskRef, listener: Message[Any, Any], *,
+        at_once: bool = False, **options: Unpack[Watched],
     ) -> AttachmentRef:  # fmt: skip
         """Send *listener*, with the tapped data, whenever the condition comes true of a message or task (TCA 8.5:
         TapMessage, TapReference).
@@ -112,9 +112,13 @@ class WatchingServices(CentralServices):
         handles is skipped. The same wiretap of several modules fires once, until each has removed it; twice from one
         module it is one, with the newer *options*.
 
+        What one task is tapped for may have happened already: then Refused ("too late") is raised, or with *at_once*
+        the listener is sent now, once (TCM: InvokeWhen). Central has the data of a task that has ended only if it was
+        kept: else the listener must be declared without data.
+
         Raises Refused for a monitor that would never end (only *while* conditions of a task end one), for a command or
-        monitor that is to hold a goal's planning, and ("too late") for a moment of a task that is past: then use
-        ``under(task).monitor()``.
+        monitor that is to hold a goal's planning, and for *at_once* with *before* conditions or those of success,
+        failure or reply.
         """
         check("tap()", checks.CONDITION, condition=condition)
         check_message(listener)
@@ -123,12 +127,16 @@ class WatchingServices(CentralServices):
             watch = _watch_options(listener, options, _WATCHED)
         elif options:
             raise MisuseError(f"tap(): {min(options)} is for monitors that listen, not for {listener!r:.60}")
+        check("tap()", checks.FLAG, at_once=at_once)
         if isinstance(tapped, TaskRef):
-            connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
+            connection, where = self._declare(listener), str(tapped)
+            of = tapped.message if at_once else ""
+            header = Tap(0, condition, listener.name, "", tapped.id, watch, self._origin, at_once, of)
+        elif at_once:
+            raise MisuseError("tap(): at_once is for one task, such as tasks(WALK)[0], not for all of a message")
         else:
-            connection = self._declare(listener, tapped)
-            name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
-        header = Tap(0, condition, listener.name, name, task_id, watch, self._origin)
+            connection, where = self._declare(listener, tapped), f"'{tapped.name}'"
+            header = Tap(0, condition, listener.name, tapped.name, ROOT, watch, self._origin)
         return AttachmentRef(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
 
     @overload

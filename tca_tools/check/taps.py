@@ -20,7 +20,11 @@ def tap_added(world: JournalWorld, fact: facts.TapAdded) -> None:
     """A wiretap is added."""
     if not world.new_number(fact.id):
         world.broken(NUMBERS, 0, f"wiretap {{{fact.id}}} came after {world.name(world.newest)}")
-    if fact.task != ROOT:
+    if fact.task in world.over:  # it calls at once, or not at all
+        world.late_taps.add(fact.id)
+        what = f"{world.name(fact.task)} got wiretap {{{fact.id}}} after its end, and it was not fired"
+        world.expect(lambda: fact.id not in world.late_taps, TAPPED, fact.task, what)
+    elif fact.task != ROOT:
         world.task(fact.task, "got a wiretap")
     world.taps[fact.id] = fact
     if CONDITIONS[fact.condition].before:
@@ -37,6 +41,7 @@ def forget_task(world: JournalWorld, item: MessageRecord) -> None:
 def fired(world: JournalWorld, fact: facts.TapFired) -> None:
     """A wiretap sends its listener."""
     tap, tapped = world.taps.get(fact.tap), world.items.get(fact.tapped)
+    world.late_taps.discard(fact.tap)
     if tap is None:
         if world.is_whole:
             world.broken(TAPPED, fact.tapped, f"wiretap {{{fact.tap}}} was fired, and is not there")

@@ -53,6 +53,7 @@ class JournalWorld:
         """By what the module calls itself, and the resource."""
         self.claims: dict[int, facts.Claimed] = {}
         self.taps: dict[int, facts.TapAdded] = {}
+        self.late_taps: set[int] = set()  #: those on tasks that had ended, until they are fired
         self.taps_before: dict[str, dict[int, facts.TapAdded]] = {}  #: those that hold, by message
         self.attached: dict[int, facts.Attached] = {}
         self.invocations_at_root: dict[int, int] = {}  #: how often each attachment was called there

@@ -296,6 +296,10 @@ class Tap(_Header, frozen=True, tag=64):
     watch: WatchOptions | None = None
     """The options of a listener that is a monitor."""
     origin: int = 0
+    at_once: bool = False
+    """Where what *task* is tapped for has happened already, send the listener now; else that is refused."""
+    of: str = ""
+    """With *at_once*: the message that *task* is, for it may have ended."""
 
 
 class Fire(_Header, frozen=True, tag=65):

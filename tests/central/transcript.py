@@ -118,6 +118,8 @@ class Transcript:
     def tap(self, name: str, condition: str, place: str, listener: str, options: str) -> list[Any]:
         where: dict[str, Any] = {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
         where["watch"] = read_watch(options)
+        if at_once := re.search(r"at once(?: of (\w+))?", options):
+            where |= {"at_once": True, "of": at_once[1] or ""}
         return self.player.receive(name, headers.Tap(self.player.number(name), Condition(condition), listener, **where))
 
     def fire(self, name: str, task: str, action: str) -> list[Any]:

@@ -27,7 +27,7 @@ from tca_explorer import (
     sent,
     suspended,
 )
-from tca_module import Condition, Recovery, Refused, Timeout, this
+from tca_module import Condition, Inform, Recovery, Refused, Timeout, this
 
 # --- wiretaps --------------------------------------------------------------------------------------------------------
 
@@ -53,6 +53,26 @@ def test_a_when_tap_holds_the_end() -> None:
 def test_while_and_after_hold_nothing(condition: Condition) -> None:
     story = found(scenarios.tapped(condition), before(achieved(CHECK, 1), achieved(STEP, 2)))
     assert "tapped: {1} for step {2}: check {3}" in story
+
+
+def test_a_tap_that_calls_at_once_calls_exactly_once() -> None:
+    told = Inform("told")
+
+    def tapped(*, at_once: bool) -> tca.Scenario:
+        scenario = tca.Scenario("tapped at once")
+        scenario.module("legs").handles(STEP)(scenarios.nothing)
+        scenario.module("log").handles(told)(scenarios.nothing)
+
+        @scenario.module("user").does
+        def story(me: tca.Script) -> None:
+            step = me.command(STEP)
+            with contextlib.suppress(Refused):  # it has ended
+                me.tap(Condition.AFTER_ACHIEVED, step, told, at_once=at_once)
+
+        return scenario
+
+    good(tapped(at_once=True), at_most_in_all(1, sent(told)), eventually(sent(told)), never_stuck())
+    found(tapped(at_once=False), eventually(sent(told)))
 
 
 # --- failures --------------------------------------------------------------------------------------------------------

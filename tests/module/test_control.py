@@ -28,6 +28,7 @@ from tca_module import (
     Refused,
     Task,
     TaskFailed,
+    TaskRef,
     Timeout,
     connect,
     this,
@@ -210,6 +211,25 @@ def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:
         with pytest.raises(MisuseError, match="the options are"):
             user.monitor(PointMonitor("check2", condition=seen), perod=1)  # type: ignore[call-overload]
     assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
+
+
+def test_a_wiretap_calls_at_once_for_what_is_past_and_once(central: LocalCentral, user: Client, legs: Module) -> None:
+    told = Inform("told")
+    heard: list[TaskRef | None] = []
+    legs.handles(MOVE)(lambda _, height: height)
+    legs.handles(told)(lambda task: heard.append(task.tap_event.tapped))
+    with legs.running():
+        moves = [user.command(MOVE, 1.0, keep=bool(number % 3)) for number in range(20)]
+        for number, move in enumerate(moves):
+            if number % 2:
+                move.wait(SOON)
+            user.tap(Condition.AFTER_ACHIEVED, move, told, at_once=True)
+        for condition in (Condition.WHEN_SENT, Condition.AFTER_HANDLED):
+            user.tap(condition, moves[0], told, at_once=True)
+        user.command(MOVE, 1.0).wait(SOON)  # behind all that was sent to the legs
+        assert sorted(one.id for one in heard if one) == sorted([one.id for one in moves] + [moves[0].id] * 2)
+        with pytest.raises(Refused, match="its data are forgotten: send the task with keep=True"):
+            user.tap(Condition.AFTER_ACHIEVED, moves[0], Inform("its height", float), at_once=True)
 
 
 def test_monitors_listen_to_wiretaps(robot: tuple[Robot, Client]) -> None:

@@ -94,6 +94,7 @@ CALLS: list[Call] = [
     lambda user, _task, _: user.on_failure("slipped", SHRUG),
     lambda user, _task, _: user.on_failure(SLIPPED, REST),
     lambda user, _task, _: user.on_failure(SLIPPED, SHRUG, of=SAY),
+    lambda user, _task, _: user.tap(Condition.AFTER_HANDLED, REST, SAY, at_once=True),
     lambda user, _task, _: user.on_failure(FELL, GRIP),
     lambda user, _task, _: user.on_failure(None, GRIP),
     lambda _, task, _module: task.fail(FELL),

@@ -157,9 +157,9 @@ class Life:
             name, is_reissue = delivery.slot.id.decode(), b % 4 == 3 or (b % 4 > 0 and delivery.role is Role.EXCEPTION)
             self.player.fail(name, failure, delivery.given_as, kinds=kinds, reissue=is_reissue)
 
-    def request(self, header: type, *fields: Any) -> None:
+    def request(self, header: type, *fields: Any, **options: Any) -> None:
         """Something that only the user asks for."""
-        self.player.receive("user", header(self.player.number("user"), *fields), b"\x08")
+        self.player.receive("user", header(self.player.number("user"), *fields, **options), b"\x08")
 
     def task(self, a: int) -> TaskId | None:
         """A living task, or now and then what may have been one."""
@@ -216,8 +216,12 @@ class Life:
         listeners = ["note", "lift", "step", "pose"] * 2 + [*MONITORS] * 2 + ["recover", "where", "all"]
         watch = self.watch_options(d, b, c) if d % 3 else None
         task, condition = self.task(d) or TaskId(0), conditions[a % len(conditions)]
+        at_once, ended = not message and a % 5 < 3, [*self.central.outcomes, *self.central.kept]
+        if at_once and ended and c % 4 == 0:
+            task = TaskId(ended[b % len(ended)])
         if message or task:
-            self.request(headers.Tap, condition, listeners[b % len(listeners)], message, task, watch)
+            listener = listeners[b % len(listeners)]
+            self.request(headers.Tap, condition, listener, message, task, watch, at_once=at_once, of="move")
 
     def monitor_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = [0, *self.central.tree.tasks]

@@ -180,6 +180,7 @@ class Tap:
     condition: Condition
     listener: str
     watch: Any = None  # how it watches, if it is a monitor
+    has_fired: bool = False
     holders: set[str] = field(default_factory=set)
 
 
@@ -282,6 +283,7 @@ class World:
         self.collectors: list[Collector] = []
         self.claims: list[Claim] = []  # oldest first
         self.ended: set[int] = set()
+        self.came_to_nothing: set[int] = set()  # of these, the killed ones
         self.never_began: set[tuple[int, Moment]] = set()  # the starts that tasks had not reached when they were killed
         self.spared: set[Node] = set()  # exception handlers that nobody handles, and that wait all the same
         self.news = False  # a wiretap has sent something

@@ -148,6 +148,8 @@ def family(node: Node) -> tuple[int, str]:
 def _end(world: World, node: Node) -> None:
     del world.nodes[node.id]
     world.ended.add(node.id)
+    if node.killed:
+        world.came_to_nothing.add(node.id)
     oracle_locks.end_for(world, node)
     key = family(node)
     if world.last.get(key) is node:

@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 from properties import oracle_monitors, oracle_rules, oracle_slots
-from properties.oracle_records import EA, EH, EP, SA, SH, SP, Job, Node, Pair, Tap, World
+from properties.oracle_records import EA, EH, EP, SA, SH, SP, Disagreement, Job, Node, Pair, Tap, World
 
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -120,12 +120,14 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     kind = world.kinds[tap.listener]
     if not is_heard(world, tap):
         return None
+    tap.has_fired = True
     if not kind.is_task:
         made = world.seen.take_made(tap.listener, Role.LISTENER, 0, job.id, tap.id)
         heard = Job(made, tap.listener, kind, module=job.module, role=Role.LISTENER, about=job, tap=tap)
         oracle_slots.send_statement(world, heard)
         return None
-    parent = job if isinstance(job, Node) and tap.condition in CHILDREN else world.root
+    is_there = isinstance(job, Node) and job.id in world.nodes
+    parent = job if isinstance(job, Node) and is_there and tap.condition in CHILDREN else world.root
     listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, job, tap.id)
     listener.tap = tap
     options = tap.watch or WatchOptions()
@@ -144,6 +146,9 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
 
 def tap(world: World, module: str, header: headers.Tap) -> None:
     """A module taps; the same wiretap is there once, with all who want it, and a later one of its own replaces it."""
+    if not header.message and header.task not in world.nodes:
+        _tap_ended(world, header)
+        return
     taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
     same = [one for one in taps if (one.condition, one.listener) == (header.condition, header.listener)]
     mine = next((one for one in same if one.watch == header.watch), None)
@@ -155,6 +160,33 @@ def tap(world: World, module: str, header: headers.Tap) -> None:
     for other in same:
         if other is not mine and module in other.holders:
             let_go(world, other.id, module)
+    if header.at_once and not mine.has_fired and _has_happened(world.nodes[header.task], header.condition):
+        world.news = True
+        _fire(world, mine, world.nodes[header.task])
+
+
+def _has_happened(node: Node, condition: Condition) -> bool:
+    """Whether what a task is tapped for is past, and *while* it happens not over."""
+    if condition is Condition.WHEN_SENT:
+        return True
+    if node.killed or condition is Condition.WHEN_KILLED:
+        return node.killed and condition is Condition.WHEN_KILLED
+    if condition is Condition.WHILE_HANDLING:
+        return bool(node.slot)
+    moment = {Condition.AFTER_HANDLED: EH, Condition.WHEN_PLANNED: EP, Condition.WHEN_ACHIEVED: EA}.get(condition)
+    moment = moment or next(one for one, at in AT.items() if at is condition)
+    return moment in node.past and WHILE.get(condition) not in node.past
+
+
+def _tap_ended(world: World, header: headers.Tap) -> None:
+    """A task that has ended is tapped: its listener is sent now, for what has happened, and never again."""
+    killed, condition = header.task in world.came_to_nothing, header.condition
+    is_so = condition is Condition.WHEN_SENT or killed is (condition is Condition.WHEN_KILLED)
+    if header.task not in world.ended or not is_so or condition in WHILE:
+        raise Disagreement(f"central takes {header}, which never comes")
+    added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
+    node = Node(header.task, header.of, world.kinds[header.of])
+    _fire(world, Tap(added.id, header.condition, header.listener, header.watch), node)
 
 
 def let_go(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
