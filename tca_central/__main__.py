@@ -13,6 +13,7 @@ import click
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
+from tca_central.shell.door import make_room
 from tca_central.shell.journal_writer import JournalWriter, Sync
 from tca_central.shell.server import LOST_AFTER, Server
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
@@ -88,6 +89,7 @@ def central(
     if lost_after == 1:
         msg = "--lost-after 1 is too short to tell a stopped process from a busy computer: 2 or more, or 0 for never"
         raise click.UsageError(msg)
+    make_room()
     epoch = token_hex(8)
     folder = journal or _new_journal_folder()
     try:

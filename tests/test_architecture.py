@@ -47,6 +47,7 @@ MAY_IMPORT = {
 
 ONLY_IN = {
     "zmq": {
+        "tca_central/shell/door.py",
         "tca_central/shell/server.py",
         "tca_module/sockets/transport.py",
         "tca_module/sockets/direct.py",

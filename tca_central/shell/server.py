@@ -1,4 +1,4 @@
-"""The ZeroMQ shell around the core: the only file of central that knows sockets and clocks.
+"""The ZeroMQ shell around the core: the only file of central that knows sockets, beside `door.py`, and clocks.
 
 A turn of the loop: read what has arrived, let it happen, journal it, send what follows. Messages to one connection
 that arise in the same turn leave in one packet. A connection that takes no more has its packets kept, up to a bound.
@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import zmq
-import zmq.utils.monitor
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
@@ -31,6 +30,7 @@ from tca_central.events import (
     Tick,
     Transmit,
 )
+from tca_central.shell.door import Door
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.pulses import Pulses
 from tca_wire.endpoint import default_folder
@@ -99,19 +99,28 @@ class Server:
         self._pulses = Pulses(lost_after)
         self._lock = _lock_of(endpoint)
         self._context = zmq.Context()
-        self.socket = self._bind(endpoint)
-        self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
-        self._monitor = self.socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._has_lost = False  #: a connection has closed
         self._wake, self._woken = sockets.socketpair()
+        self._wake.setblocking(False)
+        self.socket, self._door = self._bind(endpoint)
+        self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
         self._poller = zmq.Poller()
         self._poller.register(self._woken, zmq.POLLIN)
         self._poller.register(self.socket, zmq.POLLIN)
-        self._poller.register(self._monitor, zmq.POLLIN)
 
     def stop(self, why: str) -> None:
         """End the loop; may be called from a signal handler or another thread."""
         self.stopping = why
-        with contextlib.suppress(OSError):  # the loop may have seen it already, and be over
+        self._wake_up()
+
+    def _someone_left(self) -> None:
+        self._has_lost = True
+        self._wake_up()
+
+    def _wake_up(self) -> None:
+        with contextlib.suppress(
+            OSError
+        ):  # the loop may have seen it already, and be over; or has yet to hear the last
             self._wake.send(b".")
 
     # --- the loop --------------------------------------------------------------------------------------------------
@@ -142,9 +151,11 @@ class Server:
     def _events(self) -> Iterator[Event]:
         """The events since the last turn; waits for one, at most until the next beat."""
         ready = dict(self._poller.poll(self._patience()))
+        if self._woken.fileno() in ready:
+            self._woken.recv(4096)
         if self.socket in ready:
             yield from self._received()
-        if self._monitor in ready or self.now() >= self._next_beat:
+        if self._has_lost or self.now() >= self._next_beat:
             yield from self._lost()
         if self.now() >= self._next_pulse:
             yield from self._silent()
@@ -228,9 +239,8 @@ class Server:
                 yield RequestReceived(now, connection, header, body)
 
     def _lost(self) -> Iterator[Event]:
-        """Beat to every connection; the socket knows which are gone (a monitor event tells only that some are)."""
-        while self._monitor.poll(0):
-            zmq.utils.monitor.recv_monitor_message(self._monitor)
+        """Beat to every connection; the socket knows which are gone (the door tells only that some are)."""
+        self._has_lost = False
         self._next_beat = self.now() + BEAT_PERIOD
         for connection, why in self._too_slow.items():
             yield ConnectionLost(self.now(), connection, why)
@@ -319,18 +329,21 @@ class Server:
 
     # --- beginning and end -----------------------------------------------------------------------------------------
 
-    def _bind(self, endpoint: str) -> zmq.Socket[bytes]:
+    def _bind(self, endpoint: str) -> tuple[zmq.Socket[bytes], Door]:
         socket = self._context.socket(zmq.ROUTER)
         for option, value in _OPTIONS:
             socket.setsockopt(option, value)
+        door = Door(socket, self._someone_left)
         try:
             socket.bind(endpoint)
         except zmq.ZMQError as error:
             self._context.destroy()
+            self._close_wakers()
             reason = "another program uses it" if error.errno == zmq.EADDRINUSE else error.strerror
             msg = f"can't listen on {endpoint}: {reason}; choose another address with --bind"
             raise CentralError(msg) from None
-        return socket
+        door.open()
+        return socket, door
 
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
@@ -340,14 +353,16 @@ class Server:
             self._flush()
             if self.journal is not None:
                 self.journal.close(self.central.events + 1, self.now(), self.stopping or "an error")
-        self.socket.disable_monitor()
-        self._monitor.close()
+        self._door.close()
         self.socket.close()
         self._context.term()
-        self._wake.close()
-        self._woken.close()
+        self._close_wakers()
         if self._lock >= 0:
             os.close(self._lock)
+
+    def _close_wakers(self) -> None:
+        self._wake.close()
+        self._woken.close()
 
 
 def _packets(items: list[bytes]) -> Iterator[bytes]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
 from tca_module.session.session import QUIET, Session
-from tca_module.sockets.transport import Transport, is_anybody_there
+from tca_module.sockets.transport import Transport, is_anybody_there, is_turned_away
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 
@@ -42,6 +42,11 @@ class PacketLine:
 
     def what_to_do(self) -> str:
         """Advice for when central does not answer. Takes a moment."""
+        if is_turned_away(self._transport.address):
+            return (
+                "it takes no more connections: end some programs, or start it with a higher limit of file descriptors \
+(ulimit -Hn)"
+            )
         if is_anybody_there(self._transport.address):
             return (
                 "it is there, but its process stands still (SIGSTOP, a paused container: let it go on) or is busy for \

@@ -107,19 +107,37 @@ def is_anybody_there(address: str) -> bool:
     process, but not for one that has ended.
     """
     try:
-        if address.startswith("ipc://"):
-            path = address.removeprefix("ipc://")
-            with sockets.socket(sockets.AF_UNIX) as probe:
-                probe.settimeout(_PROBED_WITHIN)
-                probe.connect(f"\0{path[1:]}" if path.startswith("@") else path)
-        else:
-            host, _, port = address.removeprefix("tcp://").rpartition(":")
-            sockets.create_connection((host.strip("[]"), int(port)), _PROBED_WITHIN).close()
+        _probe(address).close()
     except OSError as error:
         return error.errno == errno.EAGAIN  # of a Unix socket: more have come than a process that stands still took
     except ValueError:
         return False
     return True
+
+
+def is_turned_away(address: str) -> bool:
+    """Whether those who connect to *address* are cut off at once, as by a central that has too many connections."""
+    try:
+        with _probe(address) as probe:
+            return not probe.recv(1)
+    except (OSError, ValueError) as error:
+        return isinstance(error, ConnectionResetError)
+
+
+def _probe(address: str) -> sockets.socket:
+    """A connection. Raises OSError, or ValueError if *address* is none."""
+    if not address.startswith("ipc://"):
+        host, _, port = address.removeprefix("tcp://").rpartition(":")
+        return sockets.create_connection((host.strip("[]"), int(port)), _PROBED_WITHIN)
+    path = address.removeprefix("ipc://")
+    probe = sockets.socket(sockets.AF_UNIX)
+    try:
+        probe.settimeout(_PROBED_WITHIN)
+        probe.connect(f"\0{path[1:]}" if path.startswith("@") else path)
+    except OSError:
+        probe.close()
+        raise
+    return probe
 
 
 def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:

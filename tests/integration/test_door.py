@@ -1,0 +1,96 @@
+"""Too many connections: central turns newcomers away in time, says so, and lives."""
+
+import resource
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import zmq
+from integration.programs import Central, central
+
+from tca_module import CentralLost, connect
+from tca_module.sockets.transport import is_turned_away
+
+pytestmark = pytest.mark.slow
+
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_NOFILE, ({soft}, {hard}))
+from tca_central.__main__ import central
+central()
+"""
+
+
+def limited(soft: int, hard: int) -> list[str]:
+    return [sys.executable, "-c", LIMITED.format(soft=soft, hard=hard)]
+
+
+@pytest.fixture(autouse=True)
+def _many_files() -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (before[1], before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+def test_a_rush_of_idle_connections_does_not_end_central(tmp_path: Path) -> None:
+    with central(tmp_path, command=limited(1024, 1024)) as daemon, ExitStack() as stack:
+        for _ in range(1100):
+            stack.enter_context(socket.socket(socket.AF_UNIX)).connect(daemon.address.removeprefix("ipc://"))
+        said = said_by(daemon, "takes no more connections")
+        assert "of 1024 file descriptors are in use" in said
+        stack.close()
+        said_by(daemon, "takes connections again")
+        connect("late", daemon.address).close()
+
+
+@pytest.mark.parametrize("bind", ["", "tcp://127.0.0.1:*"])
+def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: Path) -> None:
+    with central(tmp_path, bind=bind, command=limited(100, 100)) as daemon:
+        address = daemon.first_line.rpartition(" ")[2]
+        with connect("early", address) as early, zmq.Context() as context:
+            idle = idle_connections(context, address)
+            said_by(daemon, "takes no more connections")
+            assert is_turned_away(address)
+            with pytest.raises(CentralLost, match="it takes no more connections: end some programs, or start it"):
+                connect("late", address, patience=0.5)
+            assert early.status()["connections"] == 1
+            for one in idle:
+                one.close(linger=0)
+            said_by(daemon, "takes connections again")
+            assert not is_turned_away(address)
+            connect("later", address).close()
+
+
+def test_central_has_as_many_descriptors_as_it_may(tmp_path: Path) -> None:
+    with central(tmp_path, command=limited(300, 600)) as daemon:
+        limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE)
+    assert limits == (600, 600)
+
+
+def test_a_central_that_stops_while_its_door_is_shut_ends_well(tmp_path: Path) -> None:
+    with central(tmp_path, command=limited(100, 100)) as daemon, zmq.Context() as context:
+        idle = idle_connections(context, daemon.address)
+        said_by(daemon, "takes no more connections")
+        daemon.stop()
+        assert daemon.process.returncode == 0
+        for one in idle:
+            one.close(linger=0)
+
+
+def idle_connections(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> "list[zmq.Socket[bytes]]":
+    idle = [context.socket(zmq.DEALER) for _ in range(60)]
+    for one in idle:
+        one.connect(address)
+    return idle
+
+
+def said_by(daemon: Central, words: str) -> str:
+    """A line of its log."""
+    assert daemon.process.stderr
+    while words not in (line := daemon.process.stderr.readline()):
+        assert line, f"it ended, and never said: {words}"
+    return line
