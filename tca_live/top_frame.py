@@ -75,7 +75,7 @@ class Frame(NamedTuple):
     waits: list[WaitLine]
     """The longest come first."""
     held: list[WaitLine]
-    """Tasks that constraints, or a suspended parent, keep from beginning or ending, and monitors that their parent waits
+    """Tasks that constraints, or a suspended parent, keep from beginning or ending; monitors that their parent waits
     for, the longest first.
     """
     suspended: list[WaitLine]

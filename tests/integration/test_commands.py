@@ -10,7 +10,7 @@ from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SILENT, SO
 from tca_live.messages import get_variable, query, send, set_variable
 from tca_live.questions import modules, status
 from tca_live.tasks import kill, raise_failure, resume, suspend, unlock
-from tca_module import Client, MultiQuery, Outcome, connect
+from tca_module import Client, Failure, Module, MultiQuery, Outcome, Task, connect
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 
@@ -260,3 +260,18 @@ def test_nonsense_is_refused(robot: list[str], user: Client) -> None:
     assert "is no number of seconds" in tca(query, "where", "x=1", "--timeout", "nan")[2]
     assert tca(raise_failure, "walk", "a\nb")[0] == 2
     assert walk.info() is not None
+
+
+def test_a_failure_with_colons_in_its_name_is_told_whole(user: Client, address: str) -> None:
+    stuck, legs = Failure("knee: stuck: hard"), Module("legs", address)
+
+    @legs.handles(LATER)
+    def later(_: Task) -> None:
+        raise stuck(text="a screw: loose")
+
+    with legs.running():
+        assert "knee: stuck: hard: a screw: loose\n" in tca(send, "later", "--wait")[2]
+        assert json.loads(tca(send, "later", "--wait", "--json")[1])["failure"] == "knee: stuck: hard"
+    task = user.command(LATER)
+    told = tca(raise_failure, "later", "knee: stuck: hard", "by hand")
+    assert told == (0, f"later {{{task.id}}}: failure 'knee: stuck: hard' was raised\n", "")
