@@ -17,6 +17,7 @@ from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
+from tca_tools.view.traffic import TRAFFIC_TABLES, Traffic
 from tca_tools.view.verdicts import Verdicts
 from tca_wire.journal.facts import Entry, Failed, Killed, Received
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place
@@ -68,6 +69,7 @@ TABLES = {
     "end.span": "i",
     "end.time": "d",
     "end.outcome": "t",
+    **TRAFFIC_TABLES,
 }
 """A frame's columns with their kinds (see columns.py)."""
 
@@ -139,6 +141,7 @@ class Feed:
         self._direct: dict[str, int] = {}  # of those that came without central, with the row of the first one
         self._ended_badly: list[tuple[Handling, int]] = []  # with the newest entry: runs of handlers with their spans
         self._verdicts = Verdicts(self.history)
+        self._traffic = Traffic(self.history, self.columns)
 
     def colours(self) -> dict[str, str]:
         """The colour of each message, as in other charts of the run: by its place among the names."""
@@ -174,6 +177,7 @@ class Feed:
         if (message := self.history.messages.get(fact.id)) is None:
             return
         self._names.setdefault(fact.message)
+        self._traffic.tell_message(message)
         if not isinstance(message, Task) and message.received == self.history.time:
             self.columns.add("message", message.id, message.name, message.received)
 
@@ -245,6 +249,8 @@ class Feed:
         row = self._row(handling.module, handling.resource)
         if not handling.message_id:
             self._direct.setdefault(handling.name, row)
+        if id(handling) not in self._open:
+            self._traffic.tell_handling(handling)
         self._span(handling, SpanKind.HANDLING, row, handling.name, handling.message_id, handling.start)
         if handling.end is not None:
             if handling.outcome is Outcome.FAILED:

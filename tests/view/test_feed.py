@@ -1,5 +1,6 @@
 """The columns that a page gets say the same as the history, in whatever pieces they come."""
 
+from collections import Counter
 from math import inf, nextafter
 from operator import itemgetter
 from typing import Any
@@ -99,6 +100,7 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     assert sum(kind == SpanKind.HELD for _, kind, *_ in spans) == sum(map(len, history.grants.values()))
     assert_lanes(spans, ends)
     assert_verdicts(page, history, player.entries)
+    assert_traffic(page, history)
     whole = Page()
     whole.take(player.feed)
     assert (whole.columns, whole.texts) == (page.columns, page.texts)
@@ -118,6 +120,23 @@ def assert_lanes(spans: list[tuple[Any, ...]], ends: dict[int, tuple[float, str]
             lanes[lane] = end
         most = max(sum(begun <= start <= over for begun, over, _ in bars) for start, _, _ in bars)
         assert len(lanes) <= most
+
+
+def assert_traffic(page: Page, history: History) -> None:
+    """Each run of a handler counts once, and each message that waits for its first one."""
+    links, counted = page.table("link"), Counter[tuple[str, str, str]]()
+    for link, _, is_less in page.table("sent"):
+        sender, message, _, handler = links[link]
+        counted[sender, message, handler] += -1 if is_less else 1
+    known = Counter[tuple[str, str, str]]()
+    for run in history.handlings:
+        message = history.messages.get(run.message_id)
+        known[message.sender if message else run.direct_from, run.name, run.module] += 1
+    for message in history.messages.values():
+        kind = message.message_class
+        if not (message.handlings or kind.fans_out or kind.is_monitor):
+            known[message.sender, message.name, ""] += 1
+    assert +counted == known
 
 
 def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:

@@ -1,10 +1,11 @@
 """Small things that a reader of the page sees at once: where it opens, columns that stand still, names that can be read."""
 
+import re
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import Story
+from tools.story import Story, stumbling
 
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
@@ -148,3 +149,31 @@ def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task(look: Look
     until(page, f"String({window}) === '2,7'")
     page.keyboard.press("f")
     until(page, f"String({window}) === '1,41'")
+
+
+def test_who_talks_to_whom(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"), "#t=1")
+    page.locator("#tab-traffic").click()
+    pairs, rows = page.locator("#traffic .pair"), page.locator("#traffic tr:not(.pair)")
+    expect(pairs).to_have_text(
+        [
+            "user interface → gait planner11",
+            "gait planner → gait planner11",
+            "gait planner → perception11",
+            "gait planner → not handled yet2–",
+        ]
+    )
+    page.evaluate("tca.slider.setTime(Infinity)")
+    expect(pairs.nth(1)).to_have_text("gait planner → gait planner20.4")  # 2 in 5 s
+    expect(pairs).to_have_text(
+        [
+            re.compile("planner1"),
+            re.compile("planner2"),
+            re.compile("perception2"),
+            re.compile("controller2"),
+            re.compile("not handled yet3–"),
+        ]
+    )
+    rows.get_by_text("move leg").first.click()
+    expect(page.locator("#search")).to_have_value("move leg controller")
+    assert page.evaluate("tca.tree.found.values().next().value.id") == 6

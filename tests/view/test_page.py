@@ -233,12 +233,15 @@ def test_a_live_central_is_followed(look: Look, tmp_path: Path) -> None:
         page = look(daemon.journal)
         expect(page.locator("#status")).to_have_text("live")
         expect(page.locator(".row").first).to_contain_text("for a module that handles walk")
+        page.locator("#tab-traffic").click()
+        expect(page.locator("#traffic .pair td:first-child")).to_have_text(["user → not handled yet"])
         with legs.running():
             expect(page.locator(".row")).to_have_count(3)
             expect(page.locator(".row").nth(1)).to_contain_text("for a module that handles move")
             with feet.running():
                 expect(page.locator("#counts")).to_have_text("3 achieved")
                 expect(page.locator("#follow")).to_have_class("on")
+                expect(page.locator("#traffic .pair td:first-child")).to_have_text(["user → legs", "legs → feet"])
 
 
 def many_tasks(number: int) -> bytes:

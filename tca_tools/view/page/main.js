@@ -10,11 +10,13 @@ import { Search } from "./search.js";
 import { Slider } from "./slider.js";
 import { Steering } from "./steer.js";
 import { Store } from "./store.js";
+import { Traffic } from "./traffic.js";
 import { Tree } from "./tree.js";
 
 const BEAT = 250; // milliseconds between two pictures of time that goes on
 const AGAIN = 2000; // milliseconds until the server is asked again that does not answer, or can't read on
 const LATELY = 30; // seconds
+const TABS = ["task", "messages", "traffic"];
 const SLOW = 900; // milliseconds between two counts of how long waits have lasted
 
 const store = new Store();
@@ -75,6 +77,7 @@ const slider = new Slider(store, callbacks);
 const steering = new Steering(store, { toEnd: () => setTime(Infinity) });
 const details = new Details(store, { ...callbacks, answered: (about) => steering.show(about, cursor === Infinity) });
 const messages = new Messages(store, callbacks);
+const traffic = new Traffic(store, { find: (words) => search.look(words) });
 const causes = new Causes(store, callbacks);
 const search = new Search(store, { tree, choose, setTime, changed: draw });
 const runs = new Runs(store, { isMoved: () => cursor !== Infinity || details.id !== null || search.input.value !== "" });
@@ -95,6 +98,7 @@ function draw() {
     slider.show(time, cursor === Infinity);
     details.show(details.id, time);
     messages.show(time);
+    traffic.show(time);
     drawCounts(time);
     causes.show(time);
     remember();
@@ -114,6 +118,7 @@ function glide(time) {
   if (performance.now() - counted < SLOW) return;
   counted = performance.now();
   setAges(time);
+  traffic.show(time);
 }
 
 function drawCounts(time) {
@@ -134,11 +139,12 @@ function goToNext(looks, time) {
 
 function openTab(name) {
   document.getElementById("steering").hidden = name !== "task";
-  for (const tab of ["task", "messages"]) {
+  for (const tab of TABS) {
     document.getElementById(tab).hidden = tab !== name;
     document.getElementById(`tab-${tab}`).setAttribute("aria-selected", tab === name);
   }
   if (name === "messages") messages.show(Math.min(cursor, store.end));
+  if (name === "traffic") traffic.show(Math.min(cursor, store.end));
 }
 
 // The address names moment and task, so that it can be sent to somebody.
@@ -245,7 +251,7 @@ document.addEventListener("keydown", (event) => {
 document.addEventListener("click", (event) => {
   if (event.detail && event.target.closest("button")) event.target.closest("button").blur(); // keys are the page's again
 });
-for (const tab of ["task", "messages"]) document.getElementById(`tab-${tab}`).addEventListener("click", () => openTab(tab));
+for (const tab of TABS) document.getElementById(`tab-${tab}`).addEventListener("click", () => openTab(tab));
 document.getElementById("help").addEventListener("click", KEYS["?"]);
 document.getElementById("divider").addEventListener("pointerdown", (down) => {
   const move = (event) => {

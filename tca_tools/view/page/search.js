@@ -60,6 +60,12 @@ export class Search {
     return all.filter((one) => words.every((word) => isNamed(one, word))).sort((one, other) => one.time - other.time);
   }
 
+  look(words) {
+    this.input.value = words;
+    this.input.focus();
+    this.update();
+  }
+
   // To another one; where there is none, to the first one that is sent later, when it is.
   next(step) {
     if (!this.found.length && this.later.length) {

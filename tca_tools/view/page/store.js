@@ -4,7 +4,7 @@ import { firstWith, newRow } from "./rows.js";
 import { ofRun } from "./runs.js";
 
 // The last place in a sorted list whose value is not beyond `value`; -1 if all are.
-function lastNotAfter(list, value) { return firstWith(list, (one) => one > value) - 1; }
+export function lastNotAfter(list, value) { return firstWith(list, (one) => one > value) - 1; }
 
 // Whether the run had gone on after a failure by a time, or still might; of one that is to come, as far as is known. Each
 // turn makes it the other way round.
@@ -55,6 +55,7 @@ export class Store {
     this.failures = []; // those of messages, as they were raised: { message, time, span, handled, turns }
     this.failuresOf = new Map(); // the same by message
     this.verdicts = []; // the same by their rows, with those of what came directly
+    this.links = []; // who sends what to whom: { sender, message, kind, handler, times, less }, see traffic.py
     this.version = 0;
     this.first = Infinity; // when the first message was sent or handled
     this.lastly = -Infinity; // when something began or ended last, other than a connection
@@ -104,6 +105,7 @@ export class Store {
     this.#endSpans(tables.end);
     this.#addFailures(tables.failure);
     this.#addVerdicts(tables.verdict);
+    this.#addTraffic(tables);
     this.lengths = head.lengths;
     this.version += 1;
     this.end = this.last;
@@ -174,6 +176,11 @@ export class Store {
       this.verdicts[row].handled = Boolean(good[i]);
       this.verdicts[row].turns.push(time[i]);
     });
+  }
+
+  #addTraffic({ link: { sender, message, kind, handler }, sent }) {
+    sender.forEach((_, i) => this.links.push({ sender: sender[i], message: message[i], kind: kind[i], handler: handler[i], times: [], less: [] }));
+    sent.link.forEach((link, i) => (sent.less[i] ? this.links[link].less : this.links[link].times).push(sent.time[i]));
   }
 
   #addSpans({ row, kind, name, message, within, lane, start }) {

@@ -1,0 +1,64 @@
+// Who talks to whom at the moment that is shown: how many messages each module has sent which other one, and how many a
+// second lately.
+
+import { element } from "./dom.js";
+import { lastNotAfter } from "./store.js";
+
+const LATELY = 30; // seconds
+
+export class Traffic {
+  // `find` looks for words.
+  constructor(store, { find }) {
+    Object.assign(this, { store, find });
+    this.panel = document.getElementById("traffic");
+    this.told = ""; // what is pressed just now stays there
+  }
+
+  show(time) {
+    this.time = time;
+    if (this.panel.hidden) return;
+    const since = time - LATELY, seconds = Math.min(LATELY, Math.max(time - this.store.start, 1)), groups = new Map();
+    for (const link of this.store.links) {
+      const number = upTo(link, time), lately = lastNotAfter(link.times, time) - lastNotAfter(link.times, since);
+      if (!number) continue;
+      const key = JSON.stringify([link.sender, link.handler]);
+      if (!groups.has(key)) groups.set(key, { sender: link.sender, handler: link.handler, rows: [] });
+      groups.get(key).rows.push({ message: link.message, kind: link.kind, number, rate: link.handler ? lately / seconds : 0 });
+    }
+    const all = [...groups.values()].sort((one, other) => !one.handler - !other.handler), told = JSON.stringify(all);
+    if (told === this.told) return;
+    this.told = told;
+    this.panel.replaceChildren(...this.#parts(all));
+  }
+
+  *#parts(groups) {
+    if (!groups.length) return yield element("p", { class: "faint", text: "Nobody has sent anything yet." });
+    const heads = [["message", ""], ["number", "until the moment shown"], ["per s", `in the last ${LATELY} s of that`]];
+    yield element("table", {},
+      element("tr", {}, ...heads.map(([text, title]) => element("th", { text, title }))),
+      ...groups.flatMap((group) => [this.#head(group), ...group.rows.map((row) => this.#row(row, group))]));
+  }
+
+  #head({ sender, handler, rows }) {
+    const whom = handler ? element("span", { text: handler }) : element("span", { class: "faint", text: "not handled yet" });
+    return line("pair", element("td", {}, `${sender} → `, whom), rows.reduce((sum, { number }) => sum + number, 0),
+      rows.reduce((sum, { rate }) => sum + rate, 0));
+  }
+
+  #row({ message, kind, number, rate }, { handler }) {
+    const name = element("button", { class: "link", text: message, title: "find these" });
+    name.addEventListener("click", () => this.find(kind === "direct" ? message : `${message} ${handler}`));
+    return line("", element("td", {}, name, element("span", { class: "faint", text: `  ${kind}` })), number, rate);
+  }
+}
+
+function line(kind, name, number, rate) {
+  return element("tr", { class: kind }, name, element("td", { class: "number", text: number.toLocaleString("en") }),
+    element("td", { class: "number", text: rate ? perSecond(rate) : "–" }));
+}
+
+// As in tca stats.
+function perSecond(rate) { return rate < 100 ? String(Number(rate.toPrecision(2))) : rate.toFixed(0); }
+
+// How many of a link there were; of what no handler has begun with, how many there are.
+function upTo({ times, less }, time) { return lastNotAfter(times, time) - lastNotAfter(less, time); }

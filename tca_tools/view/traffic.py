@@ -1,0 +1,47 @@
+"""Who sent what to whom, and when: columns from which a page counts for any moment. Pure."""
+
+from tca_tools.run.records import Handling, Message
+from tca_tools.run.whole_run import Run
+from tca_tools.view.columns import Columns
+
+TRAFFIC_TABLES = {
+    "link.sender": "t",
+    "link.message": "t",
+    "link.kind": "t",  # the message's class; "direct" of what came without central
+    "link.handler": "t",  # a module; "" of what no handler has begun with yet
+    "sent.link": "i",
+    "sent.time": "d",
+    "sent.less": "B",  # whether it is one less: its handler has begun
+}
+
+
+class Traffic:
+    """A link is a sender, a message and the module that handles it; a row is sent for each run of a handler."""
+
+    def __init__(self, run: Run, columns: Columns) -> None:
+        self._run, self._columns = run, columns
+        self._links: dict[tuple[str, str, str, str], int] = {}
+        self._unhandled: dict[int, int] = {}
+        """The links of messages with which no handler has begun."""
+
+    def tell_message(self, message: Message) -> None:
+        """A message was sent. One for many handlers is counted with each that takes it."""
+        kind = message.message_class
+        if not (kind.is_monitor or kind.fans_out or message.handlings):
+            link = self._unhandled[message.id] = self._link(message.sender, message.name, kind, "")
+            self._columns.add("sent", link, self._run.time, False)
+
+    def tell_handling(self, handling: Handling) -> None:
+        """A handler has begun."""
+        if (link := self._unhandled.pop(handling.message_id, None)) is not None:
+            self._columns.add("sent", link, self._run.time, True)
+        message = self._run.messages.get(handling.message_id)
+        sender = message.sender if message else handling.direct_from
+        kind = str(message.message_class) if message else "direct"
+        self._columns.add("sent", self._link(sender, handling.name, kind, handling.module), handling.start, False)
+
+    def _link(self, sender: str, message: str, kind: str, handler: str) -> int:
+        key = sender, message, kind, handler
+        if key not in self._links:
+            self._links[key] = self._columns.add("link", *key)
+        return self._links[key]
