@@ -84,6 +84,8 @@ def _check_constraints(central: State) -> None:
         assert held_counts(task) == dict(held[task.id]), f"{task}: held by {held_counts(task)}"
         assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders[task.id], f"{task}: leaders"
     assert all(tree.tasks.get(one.id) is one for one in tree.across), "an edge begins at a task that has ended"
+    for number in tree.never_began:
+        assert number in central.outcomes or tree.tasks[number].killed, f"task {number} is no killed one"
 
 
 def _check_place(central: State, task: Task) -> None:
