@@ -111,7 +111,9 @@ class RequestFailed(TcaError):
 
     def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
         summary = text.partition("\n")[0]  # of a traceback
-        super().__init__(f"{what} failed: {failure}: {summary}" if summary else f"{what} failed: {failure}")
+        super().__init__(": ".join(filter(None, (f"{what} failed", failure, summary))))
+        self.passed_on = ": ".join(filter(None, (f"{what} failed", summary)))
+        """The words of the failure of the same name that a handler has which does not catch this."""
         self.failure = failure
         self.text = text
         self.body = body

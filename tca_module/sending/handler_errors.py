@@ -63,7 +63,7 @@ def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     if isinstance(error, Reissued):
         return Fail(delivery, "", reissue=True), b""
     if isinstance(error, QueryFailed | TaskFailed):
-        return Fail(delivery, error.failure, str(error), [HANDLER_ERROR]), error.body
+        return Fail(delivery, error.failure, error.passed_on, [HANDLER_ERROR]), error.body
     for kind, name in _NAMED:
         if isinstance(error, kind):
             text = str(error) or f"{type(error).__name__} in its handler"

@@ -18,6 +18,7 @@ from textual.widgets import Input, RichLog, Static
 from tca_tools.replay.recording import Recording
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import coped_with
+from tca_tools.run.records import OVER
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.text import COLOURS, UNICODE, prefixes
@@ -170,7 +171,8 @@ class StoryPane(Vertical):
             return
         lines = [Text.assemble((printable(str(task)), "bold"), "  ", (task.standing, colour_of(task.standing)))]
         lines += [Text(cut(data, _LONGEST_DATA), "dim") for data in [words.data(task)] if data]
-        lines += [Text(note, "yellow") for note in [words.note(at, task)] if note]
+        if task.state not in OVER:  # why it failed or was killed, its story tells
+            lines += [Text(note, "yellow") for note in [words.note(at, task)] if note]
         head.update(Text("\n").join(lines))
         run, table = at.run, Table.grid(padding=(0, 2, 0, 0))
         for sentence in story(run, number, at.moment):

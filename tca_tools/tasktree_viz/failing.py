@@ -11,6 +11,7 @@ from tca_tools.run.records import OVER, Message, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
 from tca_tools.why.deciding import called_for, calls, decider, retried
+from tca_tools.why.story import NOT_HANDLED
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
@@ -25,6 +26,8 @@ class Link:
     time: float
     depth: int
     text: str
+    brief: str = ""
+    """The text without why, if it says that."""
 
 
 def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
@@ -35,7 +38,7 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
     seen = {task.id}
     killed = _killed(task)
     if not task.failures and killed <= moment:
-        found.append((killed, (_END, 0), Link(killed, 0, f"{task} was killed: {task.why_killed}")))
+        found.append((killed, (_END, 0), _with_why(killed, 0, f"{task} was killed", task.why_killed or "")))
         waiting = [_FailureCause(culprit, (_CAUSES, 0), killed, moment) for culprit in _culprits(run, task)]
     while waiting and len(found) < _MOST_LINKS:
         cause = waiting.pop()
@@ -88,15 +91,13 @@ def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
     for time, failure in [one for one in message.failures if one[0] <= until]:
         for since, is_others, led_to_it in out_of_time(run, message, time, failure):
             yield (_ITSELF, 0), Link(since, depth + is_others, led_to_it)
-        yield (_ITSELF, 0), Link(time, depth, f"{message} failed: {failure}")
+        yield (_ITSELF, 0), _with_why(time, depth, f"{message} failed", failure)
     if isinstance(message, Task):
         for call in calls(RunAt(run, known), message):
             yield (_CALLS, call.place), Link(call.time, depth, f"exception handler {call.text}")
         yield from (((_AGAIN, 0), link) for link in _retries(run, message, depth))
-        if end := _end(run, message, known):
-            was_killed = message.was("killed", known) is not None
-            killed_or_over = message.written("killed", known) if was_killed else _newest_state(message, known)
-            yield (_END, 0), Link(killed_or_over, depth, end)
+        if end := _end(run, message, depth, known):
+            yield (_END, 0), end
             yield from (((_END, 0), link) for link in _end_above(run, message, depth, known))
 
 
@@ -112,22 +113,30 @@ def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
             yield Link(one[0], depth, f"{task} is {retried(run, task, one)}")
 
 
-def _end(run: Run, task: Task, moment: float) -> str:
+def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
     """The task's fate by *moment*, if it had failed."""
     at = RunAt(run, moment).tasks.get(task.id)
     if at is None or not (raised := [one for one in task.failures if one[0] <= moment]):
-        return ""
+        return None
     became = fate(run, task, raised[-1][0], moment)
+    time = _newest_state(task, moment) if at.why_killed is None else task.written("killed", moment)
+    is_replaced = became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state is TaskState.ACHIEVED
+    without = f"; {run.describe(task.top)} was achieved without it" if is_replaced else ""
     if became is Fate.OPEN:
-        return f"{task} is being recovered"
+        return Link(time, depth, f"{task} is being recovered")
     if became is Fate.DEALT_WITH:
-        return f"{task}: its failure was dealt with"
-    if became not in ENDED_TASKS and at.why_killed is None:
-        is_known = at.state in OVER or _has_tried_again(task, moment)
-        return f"{task}: {at.state} after all" if is_known else ""
-    end = f"{task}: nobody dealt with its failure" if at.why_killed is None else f"{task} was killed: {at.why_killed}"
-    is_achieved = became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state is TaskState.ACHIEVED
-    return end + (f"; {run.describe(task.top)} was achieved without it" if is_achieved else "")
+        return Link(time, depth, f"{task}: its failure was dealt with")
+    if at.why_killed is not None:
+        why = NOT_HANDLED if task.killed_for == task.id else at.why_killed
+        return _with_why(time, depth, f"{task} was killed", why, without)
+    if became in ENDED_TASKS:
+        return Link(time, depth, f"{task}: nobody dealt with its failure{without}")
+    is_known = at.state in OVER or _has_tried_again(task, moment)
+    return Link(time, depth, f"{task}: {at.state} after all") if is_known else None
+
+
+def _with_why(time: float, depth: int, what: str, why: str, more: str = "") -> Link:
+    return Link(time, depth, f"{what}: {why}{more}", what + more)
 
 
 def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link]:

@@ -50,7 +50,10 @@ def story_lines(run: Run, number: int, width: int | None = None) -> Iterator[str
         yield ""
         yield from _wrapped("", "its failure, step by step:", width)
     for link in chain:
-        yield from _wrapped(f"{link.time:9.3f}  {'  ' * link.depth}", failure_line(link.text), width)
+        text = (
+            failure_line(link.text) if link.depth else link.brief or link.text
+        )  # why it failed itself, its story tells
+        yield from _wrapped(f"{link.time:9.3f}  {'  ' * link.depth}", text, width)
 
 
 def _task_lines(run: Run, task: Task, width: int) -> Iterator[str]:

@@ -4,7 +4,6 @@ All sentences are made here; tasks stand in them as ``name {7}``, of which the p
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict
 from itertools import groupby
 from operator import attrgetter
 from typing import Any
@@ -17,7 +16,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import failure_line, note_of, span
 from tca_tools.view.reading import Reading
 from tca_tools.why.ends import Cause, causes
-from tca_tools.why.story import Sentence, story
+from tca_tools.why.story import NOT_HANDLED, Sentence, story
 from tca_tools.why.wait_words import age_of, coming, how, last_of, shown, told_now
 from tca_tools.why.waits import held_above
 from tca_wire.journal.facts import kind_of
@@ -37,8 +36,6 @@ _LONGEST_DATA = 300
 _LONGEST_STORY = 1000
 _LONGEST_FAILURE = 2000
 """Characters that a tooltip has of it."""
-_NOT_HANDLED = "no exception handler handled that"
-"""Of a task that failed and was killed for that: how it failed is said already."""
 _BAD = ("failed", "killed", "dropped", "refused", "module left", "unhandled")
 """Facts that nobody likes to see."""
 
@@ -67,7 +64,9 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
         }
         if isinstance(message, Task):
             links = failure_chain(run, TaskId(message.id), at.moment)
-            answer["chain"] = [asdict(link) | {"text": failure_line(link.text)} for link in links]
+            answer["chain"] = [
+                {"time": link.time, "depth": link.depth, "text": failure_line(link.text)} for link in links
+            ]
         if isinstance(message, Task) and message.received <= at.moment:
             answer |= _task_answer(at, at.tasks[message.id])
         return answer
@@ -106,7 +105,7 @@ def _failure_answer(run: Run, message: Message, moment: float) -> Data:
 
 def _task_answer(at: RunAt, task: TaskAt) -> Data:
     note, waits = note_of(at, task), shown(at, task)
-    why = _NOT_HANDLED if task.failure and task.record.killed_for == task.id else task.why_killed
+    why = NOT_HANDLED if task.failure and task.record.killed_for == task.id else task.why_killed
     groups = [list(some) for _, some in groupby(waits, attrgetter("kind"))]
     told = [
         {"text": f"{how(task)} {several_in_words(told_now(at, task, some))}", "since": max(one.start for one in some)}

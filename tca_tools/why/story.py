@@ -24,6 +24,8 @@ from tca_wire.text.waits_in_words import in_words, several_in_words, suspended_b
 from tca_wire.vocabulary import Outcome
 from tca_wire.waits import WaitFor, WaitKind
 
+NOT_HANDLED = "no exception handler handled that"
+"""Of a task that failed and was killed for that: how it failed is said already."""
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
 _MANY = 3
@@ -128,7 +130,9 @@ def _kills(task: Task) -> Iterator[Sentence]:
             yield Sentence(time, f"watches no longer: {why}")
     for time, why in task.became("killed"):
         if why is not None:
-            yield Sentence(time, f"killed: {kill_reason(why, task.was('killed_by', time))}", is_bad=True)
+            is_told = task.killed_for == task.id and task.was("failure", time)
+            told = NOT_HANDLED if is_told else kill_reason(why, task.was("killed_by", time))
+            yield Sentence(time, f"killed: {told}", is_bad=True)
 
 
 def _answers_so_far(run: Run, query: Message, given_up: float) -> str:

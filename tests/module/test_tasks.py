@@ -300,7 +300,7 @@ def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Clien
 
     with robot.running():
         walking = user.goal(WALK, Arc(1.0, 1))
-        with pytest.raises(TaskFailed, match=r"fog: .*query 'height' failed: fog: thick") as failed:
+        with pytest.raises(TaskFailed, match=r"fog: .*query 'height' failed: thick") as failed:
             walking.result(SOON)
     assert failed.value.data == 3
 

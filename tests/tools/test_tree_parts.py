@@ -103,7 +103,7 @@ def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) ->
 def _fail_for_a_query(story: Story, asker: int) -> None:
     where = story.received("where", QUERY, "asker", 0, origin=asker, blocking=True, to="map")
     story.at(asker + 1.0).failed(where, "no map", "it is dark").say(facts.Answered(where))
-    story.failed(asker, "no map", "'where' failed: no map: it is dark")
+    story.failed(asker, "no map", "'where' failed: it is dark")
 
 
 def recovery() -> Story:
@@ -125,13 +125,28 @@ def test_a_failure_is_followed_to_where_it_began() -> None:
     assert told.index("replan {3} fails, too") < told.index("killed")
     assert [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]] == [
         "  where {2} failed: no map: it is dark",
-        "step {1} failed: no map: 'where' failed: no map: it is dark",
+        "step {1} failed",
         "exception handler replan {3} was called in expert: failed",
         "    where {4} failed: no map: it is dark",
-        "  replan {3} failed: no map: 'where' failed: no map: it is dark",
+        "  replan {3} failed: no map: 'where' failed: it is dark",
         "  replan {3}: nobody dealt with its failure",
-        "step {1} was killed: failure 'no map' was not handled",
+        "step {1} was killed",
     ]
+
+
+def test_a_story_says_once_why_its_task_failed_or_was_killed() -> None:
+    """Also where it was killed for a failure that was raised while its handler ran."""
+    story = Story().module("arm", "pick").at(1.0)
+    walk = story.goal("walk", "user")
+    pick = story.command("pick", "user", walk, to="arm")
+    why = "failure 'timeout' of pick {2} was not handled"
+    story.at(2.0).say(facts.Failed(pick, "timeout", "too late", is_beside=True), facts.Unhandled(TaskId(pick)))
+    story.say(*(facts.Killed(TaskId(task), why, failed=TaskId(pick)) for task in (pick, walk)))
+    run = story.at(3.0).returned(pick, Outcome.KILLED).reached(pick, *Moment).reached(walk, *Moment).fold()
+    told = ["\n".join(story_lines(run, number, 200)) for number in (pick, walk)]
+    assert [text.count("too late") for text in told] == [1, 1]
+    assert [text.count("was not handled") for text in told] == [0, 1]
+    assert "killed: no exception handler handled that" in told[0]
 
 
 def test_what_ran_out_of_time_waited_for_something() -> None:
@@ -153,7 +168,7 @@ def test_what_ran_out_of_time_waited_for_something() -> None:
         (1.0, "batch {2} was being handled by baker, for 2 s when time ran out"),
         (3.0, "deliver {3} failed: timeout: too late"),
         (3.0, f"order {{1}} was killed: {why}"),
-        (3.0, f"deliver {{3}} was killed: {why}"),
+        (3.0, "deliver {3} was killed: no exception handler handled that"),
     ]
 
 
