@@ -27,6 +27,7 @@ from tca_tools.errors import ToolError
 from tca_tools.run.fates import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
+from tca_tools.view.outcomes import Outcomes
 from tca_tools.view.reading import Reading
 from tca_tools.view.runs import Runs, Shown
 from tca_tools.view.steering import NotAllowed, Steering, SteeringRequest
@@ -52,6 +53,7 @@ def application(runs: Runs, hosts: list[str], steering: Steering | None = None) 
         routes=[
             Route("/", lambda _request: FileResponse(PAGE / "index.html")),
             Route("/api/runs", partial(_runs, runs)),
+            Route("/api/outcome", partial(_outcome, Outcomes(runs))),
             Route("/api/frame", partial(_frame, runs)),
             *([Route("/api/steer", partial(_steer, runs, steering), methods=["POST"])] if steering else []),
             *(Route(f"/api/{path}", _asked(runs, answer)) for path, answer in _ANSWERS.items()),
@@ -83,6 +85,13 @@ async def _runs(runs: Runs, _request: Request) -> Response:
             for run in reversed(found)
         ]
     )
+
+
+async def _outcome(outcomes: Outcomes, request: Request) -> Response:
+    """What became of a run, whether the page shows it or not."""
+    address = request.query_params.get("run", "")
+    found = await run_in_threadpool(outcomes.of, address)
+    return _no_run(address) if found is None else JSONResponse(found)
 
 
 async def _frame(runs: Runs, request: Request) -> Response:

@@ -18,7 +18,8 @@ from tca_tools.gantt.looks import dark
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import WATCHING, Failing, has_coped, went_on
 from tca_tools.run.fold import History
-from tca_tools.run.records import TaskState
+from tca_tools.run.outcomes import outcome_of
+from tca_tools.run.records import OVER, TaskState
 from tca_tools.view import verdicts
 from tca_tools.view.feed import LANES_OF, TABLES, Feed, SpanKind
 from tca_wire.journal import facts
@@ -101,6 +102,9 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     assert_lanes(spans, ends)
     assert_verdicts(page, history, player.entries)
     assert_traffic(page, history)
+    tops = [one for one in history.tasks.values() if not one.parent and not one.message_class.is_monitor]
+    ended = [one.state if one.state in OVER else TaskState.ACHIEVING for one in tops]
+    assert outcome_of(player.entries).top == Counter(ended)
     whole = Page()
     whole.take(player.feed)
     assert (whole.columns, whole.texts) == (page.columns, page.texts)

@@ -161,6 +161,22 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     page = look(folder)
     expect(page.locator("#runs option")).to_have_text(["mixed#2 (newest)", "mixed#1"])
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("killed")
+    page.locator("#outcomes").click()
+    second, first = page.locator("#all tr:nth-child(2) td"), page.locator("#all tr:nth-child(3) td")
+    expect(second).to_have_text(
+        [
+            "mixed#2",
+            re.compile("2023"),
+            "5 s",
+            "ended",
+            "1 killed8 tasks in all",
+            re.compile("^failure 'terrain collision' of"),
+        ]
+    )
+    expect(first).to_have_text(["mixed#1", re.compile("2023"), "4 s", "not closed", "1 achieving8 tasks in all", ""])
+    first.get_by_role("button").click()
+    expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
+    page.go_back()
     page.locator("#runs").select_option(index=1)
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
 

@@ -5,6 +5,7 @@ import { Chart } from "./chart.js";
 import { Details } from "./details.js";
 import { dot, element, setTime as setAges } from "./dom.js";
 import { Messages } from "./messages.js";
+import { Outcomes } from "./outcomes.js";
 import { ofRun, Runs } from "./runs.js";
 import { Search } from "./search.js";
 import { Slider } from "./slider.js";
@@ -80,6 +81,7 @@ const messages = new Messages(store, callbacks);
 const traffic = new Traffic(store, { find: (words) => search.look(words) });
 const causes = new Causes(store, callbacks);
 const search = new Search(store, { tree, choose, setTime, changed: draw });
+new Outcomes(store);
 const runs = new Runs(store, { isMoved: () => cursor !== Infinity || details.id !== null || search.input.value !== "" });
 
 // Draw all parts, once before the next picture however often it is asked for.

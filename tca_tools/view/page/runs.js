@@ -78,6 +78,7 @@ export class Runs {
   #list(options, run) {
     this.list.hidden = options.length < 2;
     document.getElementById("name").hidden = !this.list.hidden;
+    document.getElementById("outcomes").hidden = this.list.hidden;
     const shown = [...this.list.options].map(({ value, text }) => [value, text]);
     if (JSON.stringify(shown) === JSON.stringify(options)) return; // an open list is left alone
     this.list.replaceChildren(...options.map(([value, text]) => element("option", { value, text, selected: value === run })));
@@ -91,7 +92,7 @@ export class Runs {
 }
 
 // To another run: the page begins anew.
-function go(run) { location.assign(location.pathname + (run === null ? "" : asked(run))); }
+export function go(run) { location.assign(location.pathname + (run === null ? "" : asked(run))); }
 
 function asked(run) { return `?run=${encodeURIComponent(run).replaceAll("%2F", "/")}`; }
 

@@ -1,0 +1,52 @@
+"""What became of each run that can be chosen: counted when a page asks, and kept until its journal grows."""
+
+from typing import Any
+
+from tca_tools.errors import ToolError
+from tca_tools.run.journals import Log, open_log
+from tca_tools.run.outcomes import RunOutcome, outcome_of
+from tca_tools.view.runs import Runs
+from tca_wire.text.printable import printable_lines
+
+_LONGEST = 64 << 20
+"""Bytes of a journal that is counted: six seconds' work."""
+
+
+class Outcomes:
+    """The outcomes of runs, by their addresses."""
+
+    def __init__(self, runs: Runs) -> None:
+        self._runs = runs
+        self._known: dict[str, tuple[int, RunOutcome, str]] = {}
+
+    def of(self, address: str) -> dict[str, Any] | None:
+        """That of a run; None if there is no such run."""
+        run = next((one for one in self._runs.all() if one.address == address), None)
+        if run is None:
+            return None
+        try:
+            log = open_log(run.path, run.epoch)
+            size = sum(segment.stat().st_size for segment in log.segments())
+            if size > _LONGEST:
+                return {"error": f"{size / (1 << 20):,.0f} MiB, not counted: open it"}
+            known = self._known.get(address)
+            if known is None or known[0] != size:
+                found = outcome_of(log)
+                known = self._known[address] = size, found, "damaged" if log.is_cut_short else ""
+        except (ToolError, OSError) as error:
+            return {"error": printable_lines(str(getattr(error, "message", error)))}
+        return _plain(known[1], known[2] or _state(log, known[1]))
+
+
+def _state(log: Log, outcome: RunOutcome) -> str:
+    return "ended" if outcome.is_closed else "live" if log.is_being_written else "not closed"
+
+
+def _plain(outcome: RunOutcome, state: str) -> dict[str, Any]:
+    return {
+        "state": state,
+        "lasted": outcome.lasted,
+        "tasks": outcome.tasks,
+        "top": list(outcome.top.items()),
+        "why": printable_lines(outcome.why),
+    }
