@@ -2,57 +2,160 @@
 
 ::
 
-with LocalCentral() as central:
-    planner = Module("gait planner", central=central)
-    ...
-    with planner.running(), connect("test", central) as user:
-        assert user.command(MOVE_LEG, leg_move).result(timeout=5) == footfall
+    with LocalCentral(stepped=True) as central:
+        planner = Module("gait planner", central=central)
+        ...
+        with planner.running(), connect("test", central) as user:
+            user.command(MOVE_LEG, leg_move, delay=60)
+            central.advance(60)
+            assert central.transcript() == expected
 
 ``LocalCentral(check=True)`` is for tests of central itself.
 """
 
 import itertools
-import queue
 import threading
 import time
-from typing import Self
+from collections import deque
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from typing import Any, Self
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Record, RequestReceived, Tick
 from tca_central.invariants import check_invariants
+from tca_module import checks
+from tca_module.errors import MisuseError, Timeout
 from tca_module.sockets.transport import Waker
+from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact
+from tca_wire.messages.declarations import Message
 from tca_wire.packets.codec import pack_item, packets, unpack_to_central
-from tca_wire.packets.headers import Closing, ToModule
+from tca_wire.packets.headers import Closing, Hello, ToModule
+from tca_wire.text.bodies import data_text
+from tca_wire.text.facts_in_words import Wording
+
+_QUIET_WITHIN = 5.0  # seconds of real time
+_TURN = 1.0  # seconds of real time after which a handler that does not wait for central no longer holds the others up
+
+_BEFORE_ALL = (
+    facts.ModuleJoined, facts.ResourceChanged, facts.FormatDefined, facts.HandlerAdded, facts.HandlerRemoved,
+)  # fmt: skip
+"""Facts of how programs come, which do so at once and in any order."""
 
 
 class LocalCentral:
-    """The core of central, used from any thread."""
+    """The core of central, used from any thread.
 
-    def __init__(self, epoch: str = "local", *, check: bool = False) -> None:
+    With *stepped* its clock stands still but in ``advance``, and of all handlers one runs at a time, from one wait for
+    central to the next: so the same test has the same transcript. The times of central pass with that clock: delays,
+    deadlines, periods, durations, times for locks. ``timeout=`` of a wait, and callbacks, take real seconds.
+    """
+
+    def __init__(self, epoch: str = "local", *, check: bool = False, stepped: bool = False) -> None:
         """With *check* central's own invariants are checked after every event, for small trees (AssertionError)."""
         self._is_checked = check
+        self._is_stepped = stepped
         self.address = f"local central '{epoch}'"
         self.entries: list[Entry] = []  #: the journal
         self.core = Central(epoch)
         self._began = time.monotonic()
+        self._stepped_to = 0.0
         self._lock = threading.Lock()
         self._numbers = itertools.count(1)
         self._connections: dict[ConnectionId, LocalTransport] = {}
         self._is_closed = False
         self._due = threading.Condition(self._lock)
+        self._quiet = threading.Condition(self._lock)
         self._clock = threading.Thread(target=self._tick, name="clock of the local central", daemon=True)
-        self._clock.start()
+        if not stepped:
+            self._clock.start()
+
+    # --- time ------------------------------------------------------------------------------------------------------
+
+    def _now(self) -> float:
+        return self._stepped_to if self._is_stepped else time.monotonic() - self._began
 
     def _tick(self) -> None:
         """Let time pass: due timers fire."""
         with self._due:
             while not self._is_closed:
-                due, now = self.core.clock.next, time.monotonic() - self._began
+                due, now = self.core.clock.next, self._now()
                 if due is not None and due <= now:
                     self._handle(Tick(now))
                 else:
                     self._due.wait(None if due is None else due - now)
+
+    def advance(
+        self, seconds: float, *, timeout: float = _QUIET_WITHIN, ignoring: Collection[Message[Any, Any]] = ()
+    ) -> None:
+        """Let so many seconds pass on a stepped clock. Whatever is due meanwhile happens at its own time, and the next
+        only when all is quiet again. Raises what ``until_quiet`` does.
+        """
+        if not self._is_stepped:
+            raise MisuseError("advance() needs a clock that stands still: make it with LocalCentral(stepped=True)")
+        checks.check("advance()", checks.SECONDS, seconds=seconds)
+        until = self._stepped_to + seconds
+        self.until_quiet(timeout=timeout, ignoring=ignoring)
+        while (due := self._next_due()) is not None and due <= until:
+            self._step_to(due)
+            self.until_quiet(timeout=timeout, ignoring=ignoring)
+        self._step_to(until)
+
+    def _next_due(self) -> float | None:
+        with self._lock:
+            return self.core.clock.next
+
+    def _step_to(self, moment: float) -> None:
+        with self._lock:
+            self._stepped_to = max(self._stepped_to, moment)
+            self._handle(Tick(self._stepped_to))
+
+    # --- quiet -----------------------------------------------------------------------------------------------------
+
+    def until_quiet(self, *, timeout: float = _QUIET_WITHIN, ignoring: Collection[Message[Any, Any]] = ()) -> None:
+        """Wait until nothing is left to happen that needs no time: every handler has returned, or waits for central (a
+        reply, a task, a lock) or, in a coroutine or owing its reply, for anything else.
+
+        Threads of your own are not waited for. A handler that sleeps, or waits for something that only the test does,
+        is at work: name such messages in *ignoring*. Raises Timeout after *timeout* seconds of real time.
+        """
+        checks.check("until_quiet()", checks.DURATION, timeout=timeout)
+        checks.check("until_quiet()", checks.MESSAGES, ignoring=ignoring)
+        ignored = {message.name for message in ignoring}
+        with self._quiet:
+            if not self._quiet.wait_for(lambda: not self._at_work(ignored), timeout):
+                busy = " and ".join(self._at_work(ignored)) or "a timer"
+                advice = "let it wait for central, or name its message in ignoring="
+                raise Timeout(f"not quiet within {timeout:g} s: {busy} is at work: {advice}")
+
+    def _at_work(self, ignored: set[str]) -> list[str]:
+        """What has something to do now, in words."""
+        handled: dict[ConnectionId, list[str]] = {}
+        for delivery in self.core.dispatcher.running.values():
+            if delivery.slot is not None:
+                handled.setdefault(delivery.slot.id, []).append(delivery.message.name)
+        busy = []
+        for slot in self._connections.values():
+            names = handled.get(slot.id, [])
+            if slot.serves and not slot.is_idle and not ignored.intersection(names):
+                busy.append(f"the handler of '{names[-1]}'" if names else f"module '{slot.serves}'")
+        due = self.core.clock.next
+        return busy + ["a timer"] * (due is not None and due <= self._now())
+
+    def may_take(self, transport: "LocalTransport") -> bool:
+        """Whether the thread of a connection may have what has come for it. The lock is held."""
+        return not (self._is_stepped and transport.serves) or transport.has_turn or transport.is_overtime
+
+    def look(self) -> None:
+        """Something has come, or a thread pauses: whose turn is it? The lock is held."""
+        slots = [one for one in self._connections.values() if one.serves] if self._is_stepped else []
+        waiting = [one for one in slots if one.is_paused and one.packets]
+        if waiting and not any(one.has_turn and not one.is_overtime for one in slots):
+            min(waiting, key=lambda one: one.packets[0][0]).call()
+        self._quiet.notify_all()
+
+    # --- what happened ---------------------------------------------------------------------------------------------
 
     @property
     def facts(self) -> list[Fact]:
@@ -60,10 +163,27 @@ class LocalCentral:
         with self._lock:
             return [fact for entry in self.entries for fact in entry.facts]
 
+    def transcript(self) -> str:
+        """What has happened, a line each, as ``tca log show`` says it; on a stepped clock with the time. How modules
+        join and declare is left out.
+        """
+        with self._lock:
+            entries = self.entries[:]
+        wording, lines = Wording(), list[str]()
+        for entry in entries:
+            for fact in entry.facts:
+                words, data = wording.words(fact), data_text(getattr(fact, "body", b""))
+                if not isinstance(fact, _BEFORE_ALL):
+                    start = f"{entry.time:8.3f}  " if self._is_stepped else ""
+                    lines.append(f"{start}{facts.kind_of(fact)}: {words}" + (f": {data}" if data else ""))
+        return "\n".join([*lines, ""])
+
+    # --- connections -----------------------------------------------------------------------------------------------
+
     def transport(self) -> "LocalTransport":
         """A new connection."""
         with self._lock:
-            transport = LocalTransport(self, ConnectionId(b"local %d" % next(self._numbers)))
+            transport = LocalTransport(self, ConnectionId(b"local %d" % next(self._numbers)), self._lock)
             self._connections[transport.id] = transport
             return transport
 
@@ -79,7 +199,8 @@ class LocalCentral:
         with self._due:
             self._is_closed = True
             self._due.notify()
-        self._clock.join()
+        if not self._is_stepped:
+            self._clock.join()
 
     def __enter__(self) -> Self:
         return self
@@ -93,7 +214,9 @@ class LocalCentral:
             if self._is_closed:
                 return False
             for header, body in unpack_to_central(packet):
-                self._handle(RequestReceived(time.monotonic() - self._began, connection, header, body))
+                if isinstance(header, Hello) and header.connection and (known := self._connections.get(connection)):
+                    known.serves = header.module
+                self._handle(RequestReceived(self._now(), connection, header, body))
             return True
 
     def cut(self, module: str) -> None:
@@ -101,16 +224,24 @@ class LocalCentral:
         with self._lock:
             known = list(self.core.registry.connections.values())
             for connection in [one.id for one in known if one.module.name == module]:
-                self._handle(ConnectionLost(time.monotonic() - self._began, connection))
+                self._handle(ConnectionLost(self._now(), connection))
 
     def closed(self, connection: ConnectionId) -> None:
         """The far end of a connection is gone."""
         with self._lock:
             was_open = self._connections.pop(connection, None) is not None
             if was_open and not self._is_closed:
-                self._handle(ConnectionLost(time.monotonic() - self._began, connection))
+                self._handle(ConnectionLost(self._now(), connection))
+            self.look()
 
     def _handle(self, event: Event) -> None:
+        self._let_happen(event)
+        while self._is_stepped and (due := self.core.clock.next) is not None and due <= self._stepped_to:
+            self._let_happen(Tick(self._stepped_to))
+        self._due.notify()  # something may be due sooner than before
+        self.look()
+
+    def _let_happen(self, event: Event) -> None:
         told: dict[LocalTransport, list[tuple[ToModule, bytes]]] = {}
         for effect in self.core.handle(event):
             if isinstance(effect, Record):
@@ -120,7 +251,6 @@ class LocalCentral:
         for transport, items in told.items():
             for _, packet in packets(items):
                 transport.arrive(packet)
-        self._due.notify()  # something may be due sooner than before
         if self._is_checked:
             check_invariants(self.core)
 
@@ -128,41 +258,91 @@ class LocalCentral:
 class LocalTransport:
     """One connection to a LocalCentral."""
 
-    def __init__(self, central: LocalCentral, connection: ConnectionId) -> None:
+    def __init__(self, central: LocalCentral, connection: ConnectionId, lock: threading.Lock) -> None:
         self.id = connection
-        self.incoming: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self.serves = ""  #: the module whose messages its thread handles; "": it only sends
+        self.is_paused = False  #: its thread waits
+        self.has_turn = False  #: its thread was called, and has not paused since
+        self._since = time.monotonic()  #: its thread runs
+        self.packets: deque[tuple[int, bytes]] = deque()  #: what has come, numbered in the order of all that comes
         self._central = central
         self._waker: Waker | None = None
+        self._lock = lock
+        self._called = threading.Condition(lock)
 
     @property
     def address(self) -> str:
         """The central's name."""
         return self._central.address
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether its thread waits and nothing has come for it."""
+        return self.is_paused and not self.packets
+
+    @property
+    def is_overtime(self) -> bool:
+        """Whether its thread has not paused for long: others need not wait for that."""
+        return not self.is_paused and time.monotonic() - self._since > _TURN
+
     def send(self, packet: bytes, wait_seconds: float) -> bool:  # noqa: ARG002 - central is there at once or never
         """Hand the packet to central."""
         return self._central.take(self.id, packet)
 
     def arrive(self, packet: bytes) -> None:
-        """A packet comes from central; an empty one only ends a wait."""
-        self.incoming.put(packet)
+        """A packet comes from central; an empty one only ends a wait. The lock is held."""
+        self.packets.append((next(_ARRIVALS), packet))
+        if self._central.may_take(self):
+            self.call()
+
+    def call(self) -> None:
+        """Let its thread go on. The lock is held."""
+        self._run()
+        self.has_turn = True
+        self._called.notify()
         if self._waker is not None:
             self._waker.set()
 
     def receive(self, timeout_seconds: float) -> bytes | None:
         """The next packet; None if there is none in time, or ``wake`` was called."""
+        with self._lock:
+            if timeout_seconds > 0 and not self._has_some():
+                self._pause()
+                self._called.wait_for(self._has_some, timeout_seconds)
+                self._run()
+            while self._has_some():
+                _, packet = self.packets.popleft()
+                if packet:
+                    return packet
+        return None
+
+    def _has_some(self) -> bool:
+        return bool(self.packets) and self._central.may_take(self)
+
+    def _pause(self) -> None:
+        self.is_paused, self.has_turn = True, False
+        self._central.look()
+
+    def _run(self) -> None:
+        if self.is_paused:
+            self.is_paused, self._since = False, time.monotonic()
+
+    @contextmanager
+    def pausing(self) -> Iterator[None]:
+        """A wait of its thread for files, of which this is one."""
+        with self._lock:
+            self._pause()
         try:
-            packet = self.incoming.get(timeout=timeout_seconds) if timeout_seconds > 0 else self.incoming.get_nowait()
-            while not packet:
-                packet = self.incoming.get_nowait()
-        except queue.Empty:
-            return None
-        return packet
+            yield
+        finally:
+            with self._lock:
+                self._run()
 
     def has_arrived(self) -> bool:
         """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
         is_woken = self._waker is not None and self._waker.clear()
-        return is_woken or not self.incoming.empty()
+        with self._lock:
+            return is_woken or self._has_some()
 
     def fileno(self) -> int:
         """A file that becomes readable when a packet arrives."""
@@ -176,10 +356,15 @@ class LocalTransport:
 
     def wake(self) -> None:
         """Let ``receive`` return now."""
-        self.arrive(b"")
+        with self._lock:
+            self.arrive(b"")
+            self._central.look()
 
     def close(self) -> None:
         """Central notices if nobody said goodbye."""
         self._central.closed(self.id)
         if self._waker is not None:
             self._waker.close()
+
+
+_ARRIVALS = itertools.count()

@@ -135,7 +135,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "serving": {"checks", "errors", "link", "sending", "session", "sockets"},
         "client": {"checks", "errors", "link", "sending"},
         "module": {"checks", "errors", "link", "sending", "serving", "session"},
-        "testing": {"sockets"},
+        "testing": {"checks", "errors", "sockets"},
         "__init__": {"client", "errors", "module", "sending", "serving"},
     },
     "tca_tools": {

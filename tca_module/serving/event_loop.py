@@ -7,6 +7,7 @@ not turn while a plain handler or a callback runs.
 import asyncio
 import selectors
 from collections.abc import Callable, Collection, Coroutine, Generator
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any, TypeVar
 
@@ -32,7 +33,7 @@ class EventLoop:
         self._is_closing = False
         self._fatal: BaseException | None = None  #: an exception of a handler that is to end the module
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
-        selector = _Selector(files[0], self._has_news)
+        selector = _Selector(files[0], self._has_news, connection.transport.pausing)
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
         self._awaiting = CoroutineWaits(self._loop, connection)
@@ -171,13 +172,19 @@ class EventLoop:
 class _Selector(selectors.DefaultSelector):
     """A selector that does not wait while there is other news, and then reports *file* as readable."""
 
-    def __init__(self, file: int, has_news: Callable[[], bool]) -> None:
+    def __init__(
+        self, file: int, has_news: Callable[[], bool], pausing: Callable[[], AbstractContextManager[Any]]
+    ) -> None:
         super().__init__()
         self._file = file
         self._has_news = has_news
+        self._pausing = pausing
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         """The files that are ready."""
         if not self._has_news():
-            return super().select(timeout)
+            if timeout is not None and timeout <= 0:
+                return super().select(timeout)
+            with self._pausing():
+                return super().select(timeout)
         return [*super().select(0), (self.get_key(self._file), selectors.EVENT_READ)]

@@ -9,7 +9,7 @@ import selectors
 import socket as sockets
 import threading
 from collections.abc import Collection
-from typing import Protocol
+from typing import Any, Protocol
 
 import zmq
 
@@ -60,6 +60,9 @@ class Transport(Beside, Protocol):
 
     def wake(self) -> None:
         """Let ``receive`` return soon; may be called from any thread."""
+
+    def pausing(self) -> contextlib.AbstractContextManager[Any]:
+        """The block in which its thread waits for files, of which this is one; ``receive`` has no need of it."""
 
     def close(self) -> None:
         """Close; packets already sent still leave, for a second."""
@@ -140,6 +143,9 @@ def _probe(address: str) -> sockets.socket:
     return probe
 
 
+_NO_PAUSE = contextlib.nullcontext()
+
+
 def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:
     """Wait, at most so many seconds, until *transport* or one of the *files* (their numbers) has something to read.
     Returns the files that have; False: that one is not open.
@@ -147,7 +153,9 @@ def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> d
     poll = select.poll()
     for file in (transport.fileno(), transport.waker().fileno(), *files):
         poll.register(file, select.POLLIN)
-    ready = poll.poll(0 if transport.has_arrived() else 1000 * max(0.0, seconds))
+    timeout = 0 if transport.has_arrived() else 1000 * max(0.0, seconds)
+    with transport.pausing() if timeout else _NO_PAUSE:
+        ready = poll.poll(timeout)
     return {file: not event & select.POLLNVAL for file, event in ready if file in files}
 
 
@@ -239,6 +247,10 @@ class DealerTransport:
         is_woken = self._waker is not None and self._waker.clear()
         arrived = [beside.has_arrived() for beside in self._beside]  # all must be asked
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
+
+    def pausing(self) -> contextlib.AbstractContextManager[Any]:
+        """Nobody asks."""
+        return _NO_PAUSE
 
     def fileno(self) -> int:
         """A file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""

@@ -1,5 +1,6 @@
 """Waiting on a connection: a scripted central, and a clock that runs only while somebody waits."""
 
+import contextlib
 from collections.abc import Callable
 
 import pytest
@@ -79,6 +80,9 @@ class ScriptedCentral:
             return packet
         self.now += timeout_seconds
         return None
+
+    def pausing(self) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext()
 
     def has_arrived(self) -> bool:
         return bool(self.packets)

@@ -175,7 +175,8 @@ def test_a_module_ends_when_one_of_its_threads_does(legs: Module, central: Local
 
     def break_one() -> None:
         slot = next(one for one in central.core.registry.connections.values() if one.resource)
-        central._connections[slot.id].incoming.put("no bytes")  # type: ignore[arg-type]
+        with central._lock:
+            central._connections[slot.id].arrive("no bytes")  # type: ignore[arg-type]
 
     with in_thread(legs.run) as ends:
         assert user.query(TEMPERATURE) == 36.6

@@ -1,0 +1,253 @@
+"""A central whose clock the test steps: what needs no time is waited for, and what happened can be read and compared."""
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from module.real_central import SOON
+
+from tca_module import (
+    Callback,
+    Client,
+    Command,
+    Goal,
+    Inform,
+    LaterReply,
+    MisuseError,
+    Module,
+    Outcome,
+    PollingMonitor,
+    Query,
+    Task,
+    Timeout,
+    connect,
+)
+from tca_module.testing import LocalCentral
+
+WALK, STEP, REST = Goal("walk", int), Command("step", int), Command("rest")
+STEER, SAY, NEVER = Query("steer", int, reply=int), Inform("say", str), Query("never", reply=int)
+IS_LOW = Query("is low", reply=bool)
+BATTERY = PollingMonitor("battery", condition=IS_LOW, action=REST)
+
+
+@pytest.fixture
+def central() -> Iterator[LocalCentral]:
+    with LocalCentral(check=True, stepped=True) as central:
+        yield central
+
+
+@pytest.fixture
+def legs(central: LocalCentral) -> Module:
+    return Module("legs", central)
+
+
+@pytest.fixture
+def user(central: LocalCentral) -> Iterator[Client]:
+    with connect("user", central) as client:
+        yield client
+
+
+def test_the_clock_stands_still_until_it_is_stepped(central: LocalCentral, user: Client, legs: Module) -> None:
+    done: list[str] = []
+    legs.handles(REST)(lambda _: done.append("rest"))
+    with legs.running():
+        rest = user.command(REST, delay=3600)
+        central.until_quiet()
+        central.advance(3599.5)
+        assert not done
+        central.advance(0.5)
+        assert done == ["rest"]
+        assert rest.info() is None
+
+
+def test_what_is_due_happens_at_its_own_time(central: LocalCentral, user: Client, legs: Module) -> None:
+    legs.handles(IS_LOW)(lambda _: len(central.entries) % 2 == 0)
+    legs.handles(REST)(lambda _: None)
+    with legs.running():
+        user.monitor(BATTERY, period=10, initial_wait=True, duration=35)
+        central.advance(40)
+        times = [float(line.split()[0]) for line in central.transcript().splitlines() if " tested: " in line]
+    assert times == [10, 20, 30]
+
+
+def test_a_deadline_ends_a_handler_that_waits(central: LocalCentral, user: Client, legs: Module) -> None:
+    legs.handles(REST)(lambda task: task.query(NEVER, timeout=None))
+    with legs.running():
+        rest = user.command(REST, deadline=60)
+        central.advance(59)
+        assert rest.info() is not None
+        central.advance(1)
+        assert rest.wait(SOON) is Outcome.FAILED
+        central.advance(100)
+
+
+def planned(central: LocalCentral) -> str:
+    """A plan of three steps whose handlers run in four threads, and ask a fifth."""
+    planner, legs, wheel = (Module(name, central) for name in ("planner", "legs", "wheel"))
+    legs.resource("feet", capacity=3)
+
+    @planner.handles(WALK)
+    def walk(task: Task, steps: int) -> None:
+        with task.parallel():
+            for number in range(steps):
+                task.command(STEP, number)
+        task.inform(SAY, "planned")
+
+    @legs.handles(STEP, resource="feet")
+    def step(task: Task, number: int) -> None:
+        task.inform(SAY, f"{number} steers {task.query(STEER, number)}")
+
+    wheel.handles(STEER)(lambda _, number: -number)
+    planner.handles(SAY)(lambda *_: None)
+    with planner.running(), legs.running(), wheel.running(), connect("user", central) as user:
+        user.goal(WALK, 3)
+        central.until_quiet()
+        user.goal(WALK, 1, delay=2.5)
+        central.until_quiet()
+        central.advance(3)
+        return central.transcript()
+
+
+def test_what_happened_can_be_read(central: LocalCentral, *, rewrite: bool) -> None:
+    """``pytest --rewrite`` writes it anew: commit only differences that you can explain."""
+    approved = Path(__file__).parent / "stepped.txt"
+    said = planned(central)
+    if rewrite:
+        approved.write_text(said)
+    assert said == approved.read_text()
+
+
+def test_the_same_happens_each_time() -> None:
+    for _ in range(10):
+        with LocalCentral(stepped=True) as central:
+            assert planned(central) == (Path(__file__).parent / "stepped.txt").read_text()
+
+
+def test_quiet_is_not_before_a_handler_has_returned(user: Client, legs: Module, central: LocalCentral) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+    done: list[int] = []
+
+    @legs.handles(REST)
+    def rest(_: Task) -> None:
+        begun.set()
+        assert go_on.wait(SOON)
+        done.append(1)
+
+    with legs.running():
+        user.command(REST)
+        assert begun.wait(SOON)
+        with pytest.raises(Timeout, match=r"not quiet within 0\.05 s: the handler of 'rest' is at work: let it wait"):
+            central.until_quiet(timeout=0.05)
+        central.until_quiet(timeout=0.05, ignoring=[REST])
+        central.advance(5, ignoring=[REST])
+        assert not done
+        threading.Timer(0.05, go_on.set).start()
+        central.until_quiet()
+        assert done
+
+
+def test_quiet_is_while_handlers_wait_for_what_nobody_does(user: Client, legs: Module, central: LocalCentral) -> None:
+    owed: list[LaterReply[None]] = []
+    asked: list[str] = []
+
+    @legs.handles(REST)
+    def rest(task: Task) -> LaterReply[None]:
+        owed.append(task.reply_later())
+        return owed[0]
+
+    @legs.handles(STEP, resource="hip")
+    async def step(task: Task, number: int) -> None:
+        asked.append("awaits")
+        await task.query_send(NEVER)
+
+    @legs.handles(WALK, resource="head")
+    async def walk(_: Task, steps: int) -> None:
+        await asyncio.sleep(0)
+        asked.append("sleeps")
+        await asyncio.sleep(3600)
+
+    with legs.running():
+        tasks = [user.command(REST, sequential=False), user.command(STEP, 1, sequential=False)]
+        tasks += [user.goal(WALK, 1, sequential=False)]
+        central.until_quiet()
+        assert sorted(asked) == ["awaits", "sleeps"]
+        threading.Thread(target=owed[0].reply).start()
+        assert tasks[0].wait(SOON) is Outcome.DONE
+        for task in tasks[1:]:
+            task.kill()
+        central.until_quiet()
+        assert not central.core.dispatcher.running
+
+
+def test_a_handler_that_waits_for_another_by_itself_does_not_stop_all(
+    user: Client, legs: Module, central: LocalCentral
+) -> None:
+    told = threading.Event()
+
+    @legs.handles(REST)
+    def rest(_: Task) -> None:
+        assert told.wait(SOON)
+
+    legs.handles(STEP, resource="feet")(lambda *_: told.set())
+    with legs.running():
+        rests, step = user.command(REST), user.command(STEP, 1, sequential=False)
+        assert (rests.wait(SOON), step.wait(SOON)) == (Outcome.DONE, Outcome.DONE)
+
+
+def test_a_handler_that_looks_by_itself_is_told_to_end(user: Client, legs: Module, central: LocalCentral) -> None:
+    begun = threading.Event()
+
+    @legs.handles(REST)
+    def rest(task: Task) -> None:
+        begun.set()
+        while not task.cancelled:
+            threading.Event().wait(0.01)
+
+    legs.handles(STEP, resource="feet")(lambda *_: None)
+    with legs.running():
+        rests = user.command(REST)
+        assert begun.wait(SOON)
+        assert user.command(STEP, 1, sequential=False).wait(SOON) is Outcome.DONE
+        rests.kill()
+        central.until_quiet()
+
+
+def test_a_module_with_callbacks_is_quiet_between_them(user: Client, legs: Module, central: LocalCentral) -> None:
+    called = threading.Event()
+
+    def call(callback: Callback) -> None:
+        callback.inform(SAY, "called")
+        called.set()
+
+    legs.handles(SAY)(lambda *_: None)
+    legs.after(0.01, call, resource="legs")
+    with legs.running():
+        assert called.wait(SOON)
+        user.inform(SAY, "asked")
+        central.until_quiet()
+        assert central.transcript().count("returned: say") == 2
+
+
+def test_a_real_clock_has_quiet_and_a_transcript_too() -> None:
+    with LocalCentral() as central:
+        legs = Module("legs", central)
+        legs.handles(REST)(lambda _: None)
+        with legs.running(), connect("user", central) as user:
+            user.command(REST)
+            central.until_quiet()
+            assert "returned: rest {1}: done" in central.transcript().splitlines()
+        with pytest.raises(MisuseError, match=r"advance\(\) needs a clock that stands still: .*stepped=True"):
+            central.advance(1)
+
+
+def test_wrong_arguments(central: LocalCentral) -> None:
+    wrong: list[tuple[Callable[[], object], str]] = [
+        (lambda: central.advance(-1), "seconds must be 0 or more seconds"),
+        (lambda: central.until_quiet(timeout=0), "timeout must be more than 0 seconds"),
+        (lambda: central.until_quiet(ignoring="rest"), "ignoring must be a list of messages"),  # type: ignore[arg-type]
+    ]
+    for call, words in wrong:
+        with pytest.raises(MisuseError, match=words):
+            call()
