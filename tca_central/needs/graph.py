@@ -186,8 +186,7 @@ def _of_point(central: State, place: Place, each: Each) -> Groups:
     is_watching = task.message.message_class.is_monitor and task.reached & START_HANDLING
     if is_watching and moment == END_HANDLING:
         yield from _of_test(task)
-    else:
-        yield from _of_order(central, task, moment, each)
+    yield from _of_order(central, task, moment, each)
 
 
 def is_only_queued(task: Task) -> bool:

@@ -282,6 +282,7 @@ class History(ReactionFold):
         self._turn_others(task, fact.moments)
         if fact.moments & END_ACHIEVING:
             self._end_suspension(task)
+            self._end_recovery(task)
 
     def _fail(self, fact: facts.Failed) -> None:
         if not fact.is_beside:

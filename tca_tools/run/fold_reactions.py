@@ -61,11 +61,18 @@ class ReactionFold(RecordFold):
     def _recovered(self, fact: facts.Recovered) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
-            task.is_recovering = any(self._decides(handler) for handler in task.deciders[-1:])
-            task.is_dealt_with = True
+            task.is_recovering, task.is_dealt_with = self._is_undecided(task), True
 
-    def _decides(self, handler: int) -> bool:
-        return handler in self._called_for and not self.tasks[TaskId(handler)].has_ended
+    def _end_recovery(self, handler: Task) -> None:
+        """An exception handler has ended, perhaps of a task that is retried: then it has dealt with nothing."""
+        if handler.id in self._called_for:
+            task = self._task(TaskId(self._called_for[handler.id][0]))
+            if task.is_recovering and not self._is_undecided(task):
+                task.is_recovering, task.is_unhandled = False, True
+
+    def _is_undecided(self, task: Task) -> bool:
+        deciders = (self.tasks[handler] for handler in task.deciders[-1:])
+        return any(one.id in self._called_for and not one.has_ended for one in deciders)
 
     def _retried(self, fact: facts.Retried) -> None:
         if fact.task > 0:
@@ -73,7 +80,8 @@ class ReactionFold(RecordFold):
             task.is_recovering = task.is_dealt_with = task.is_unhandled = False
             self._forget_outcome(task)
             is_other = fact.body not in (b"", task.body)
-            task.retries.append(Retry(self.time, fact.by, is_other, len(task.handlings), self.asker))
+            runs, sent = len(task.handlings), len(task.children)
+            task.retries.append(Retry(self.time, fact.by, is_other, runs, sent, self.asker))
             self._change(task, "body", fact.body or task.body)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:

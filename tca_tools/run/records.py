@@ -209,6 +209,8 @@ class Retry(NamedTuple):
     """Whether with other data."""
     runs: int
     """The number of its handlings that had begun."""
+    sent: int
+    """The number of tasks that had been sent under it."""
     asker: Handling | None = None
     """The run of a handler that asked for it."""
 
@@ -385,7 +387,7 @@ class Task(Message):
     is_dealt_with: bool = False
     """Its failure was dealt with."""
     is_unhandled: bool = False
-    """Nobody handled its failure. If it was not killed, because it survives what is above it, it goes on."""
+    """Nobody dealt with its failure. If it was not killed, as it is retried or survives what is above it, it goes on."""
     suspensions: list[Suspension] = field(default_factory=list)
     retries: list[Retry] = field(default_factory=list)
     states: list[tuple[float, TaskState]] = field(default_factory=list)

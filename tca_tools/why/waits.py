@@ -222,10 +222,14 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
 
 
 def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
-    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it to end."""
-    if retry.runs:
+    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it to end: then it is
+    queued, or handled. When a monitor begins anew is in no journal: what it sends then comes after its retry.
+    """
+    if task.time_of(START_HANDLING) < retry.time:
         begun = task.handlings[retry.runs].start if retry.runs < len(task.handlings) else task.time_of(END_ACHIEVING)
-        for child in map(run.tasks.__getitem__, task.children):
+        begun = next((one.start for one in task.queueings if retry.time <= one.start < begun), begun)
+        awaited = task.children[: retry.sent] if task.message_class.is_monitor else task.children
+        for child in map(run.tasks.__getitem__, awaited):
             if not _is_guest(child):
                 start, end = max(retry.time, child.received), min(child.time_of(END_ACHIEVING), begun, killed)
                 yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, END_ACHIEVING), _ENDS)

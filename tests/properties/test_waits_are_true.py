@@ -5,7 +5,7 @@ what central's own graph of needs says: for every moment of every task that live
 from collections.abc import Iterable
 
 import pytest
-from central.player import ANY
+from central.player import ANY, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
@@ -28,7 +28,7 @@ from tca_tools.why.waits import Node, keeping, next_node, steps, waits_of
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS, ROOT, TaskId
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS, ROOT, Moment, TaskId
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.vocabulary import MessageClass
 from tca_wire.waits import WaitKind
@@ -242,6 +242,36 @@ def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(play
     assert len(player.central.tree.tasks) == 2
 
 
+def test_who_is_queued_to_be_handled_again_does_not_wait_for_what_comes_under_it_then(player: ComparedPlayer) -> None:
+    walk = player.task("user", "walk")
+    player.task("user", "move", flags=Flags.NONE)  # takes the other slot
+    player.task("user", "lift", flags=Flags.NONE)  # and waits for one
+    player.task("user", "step", under=walk)
+    player.reply("legs/1")
+    retry(player, walk)
+    assert player.history.tasks[TaskId(walk)].is_queued
+    player.task("user", "later", under=walk)
+
+
+def test_a_monitor_that_begins_anew_waits_for_what_it_had_sent(player: ComparedPlayer) -> None:
+    guard = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
+    player.receive("user", headers.Register(player.number("user"), [guard]))
+    careful = player.task("user", "careful", watch=WatchOptions())
+    retry(player, careful)
+    player.reply("legs/1")
+    assert len(player.central.tree.tasks) == 2
+    player.reply("legs/2")
+    retry(player, careful)  # it begins at once
+
+
+def test_a_monitor_is_kept_from_its_end_by_constraints_too(player: ComparedPlayer) -> None:
+    walk = player.task("user", "walk")
+    guard = player.task("user", "guard", under=walk, watch=WatchOptions())
+    later = player.task("user", "later", flags=Flags.NONE)
+    after = before(point(later, Moment.END_HANDLING), point(guard, Moment.END_HANDLING))
+    player.receive("user", headers.Constrain(player.number("user"), [after]))
+
+
 def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk")
     for message in ("step", "later"):
@@ -272,6 +302,16 @@ def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(pla
     assert player.history.tasks[TaskId(walk)].is_recovering
     player.reply("expert/1")
     assert not player.central.tree.tasks
+
+
+def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_ended(player: ComparedPlayer) -> None:
+    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    walk = player.task("user", "walk")
+    retry(player, walk)
+    player.receive("user", headers.Raise(player.number("user"), TaskId(walk), "cold"))
+    assert player.history.tasks[TaskId(walk)].is_recovering
+    player.reply("expert/1")
+    assert not player.history.tasks[TaskId(walk)].is_recovering
 
 
 def test_whoever_is_to_be_planned_before_it_is_achieved_is_not_once_it_was_killed(player: ComparedPlayer) -> None:

@@ -27,7 +27,7 @@ TO_STDOUT = [
 ]  # fmt: skip
 TO_FILES = [
     "tree -o out.svg", "tree -o out.dot", "tree -o out.html", "report -o out.html", "export -o out.jsonl",
-    "export -o out.pftrace", "export --to csv -o out",
+    "export -o out.pftrace", "gantt -o out.svg", "gantt -o out.html", "export --to csv -o out",
 ]  # fmt: skip
 
 
