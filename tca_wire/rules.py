@@ -106,6 +106,11 @@ class TapRule(NamedTuple):
     lasts_until: int = 0
     """The moment of the tapped task at which its listeners end."""
 
+    @property
+    def finds_it_alive(self) -> bool:
+        """Whether a tapped task still has its end before it: polling and demon monitors that listen hang under it."""
+        return self.is_child or bool(self.lasts_until) or self.at == SENT
+
 
 CONDITIONS = {
     Condition.WHEN_SENT: TapRule(_ANY, at=SENT),

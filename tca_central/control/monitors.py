@@ -3,14 +3,14 @@
 A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every period. A *demon
 monitor* has something set up, and is fired by a module. A condition that holds, or a fire, sends the action under the
 monitor: with the condition's reply as its data, or the monitor's own where the reply is only true. What is declared
-without data gets none. A polling or demon monitor ends after so many actions, so many seconds, at a point, or when all
-else under its parent has ended.
+without data gets none. A polling or demon monitor ends after so many actions, so many seconds, at a point, and at the
+latest when its parent waits for nothing else: only one that is sent to be waited for keeps it.
 """
 
 from tca_central.errors import RequestError
-from tca_central.failing.failures import fail_task, raise_failure
+from tca_central.failing.failures import fail_task, kill, raise_failure
 from tca_central.model.deliveries import Connection
-from tca_central.model.task_tree import Task
+from tca_central.model.task_tree import Task, Verdict
 from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import data_for, make, make_delivery
 from tca_central.state import RaisedFailure, State
@@ -21,13 +21,14 @@ from tca_wire.messages.formats import NIL
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
 from tca_wire.packets.parts import MessageFormat
-from tca_wire.points import Point, TaskId
+from tca_wire.points import START_HANDLING, Point, TaskId
 from tca_wire.rules import DELIVERED
 from tca_wire.vocabulary import Due, MessageClass, Outcome, Refusal, Role
 
 FALSE, TRUE = b"\xc2", b"\xc3"  # as MessagePack
 
 _FIRST, _ACTION = 0, 1  # which part of a monitor
+_ALL_ELSE = "all else under its parent has ended"
 
 
 # --- birth -----------------------------------------------------------------------------------------------------------
@@ -223,8 +224,10 @@ def on_watched(central: State, watch: Watch) -> None:
 
 
 def end_watchers(central: State, task: Task) -> None:
-    """Nothing is left under a task but monitors that watched over the rest."""
-    children = list((task.children or {}).values())
-    if len(children) == task.watchers:
-        for child in children:
-            end_monitor(central, _watch(child), "all else under its parent has ended")
+    """Nothing is left under a task but monitors that it does not wait for."""
+    for child in list((task.children or {}).values()) if task.watches_alone else ():
+        is_to_begin = child.retrying or not child.reached & START_HANDLING
+        if is_to_begin and (child.held or child.suspended):
+            kill(central, child, Verdict(_ALL_ELSE))
+        else:
+            end_monitor(central, _watch(child), _ALL_ELSE)

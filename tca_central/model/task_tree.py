@@ -66,8 +66,8 @@ class Rare:
 class Task(Delivery):
     """A node of the task tree, from arrival to end. Its state follows from ``reached``, ``returned`` and ``killed``."""
 
-    __slots__ = ("children", "delayed", "failure", "followers", "guard", "had_others", "held",
-                 "ignores_parent", "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
+    __slots__ = ("children", "delayed", "failure", "followers", "guard", "held", "ignores_parent",
+                 "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
                  "leaders", "parent", "rare", "reached", "recovery", "requested", "result", "retrying",
                  "returned", "survives", "suspended", "top", "unplanned", "waiters", "watchers")  # fmt: skip
 
@@ -75,9 +75,8 @@ class Task(Delivery):
         super().__init__(task_id, message, body, sender)
         self.is_goal = message.is_goal
         self.ignores_parent = False  #: may start before its parent does
-        self.is_watcher = False  #: a monitor that ends when all else under its parent has
+        self.is_watcher = False  #: a monitor that its parent does not wait for: it ends when all else there has
         self.watchers = 0  #: number of such children
-        self.had_others = False  #: has had other children than those
         self.survives = False  #: is not killed when something above it is
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.parent: Task | None = None  #: None: the root
@@ -126,10 +125,8 @@ class Task(Delivery):
 
     @property
     def watches_alone(self) -> bool:
-        """Whether only watchers are left under it, and there was something to watch, or others put them there."""
-        if not self.watchers or not self.returned or len(self.children or ()) != self.watchers:
-            return False
-        return self.had_others or (self.rare is not None and self.rare.guests == self.watchers)
+        """Whether its handler has returned and only watchers are left under it."""
+        return self.returned and self.watchers > 0 and len(self.children or ()) == self.watchers
 
     @property
     def has_exception_handlers(self) -> bool:
@@ -275,15 +272,12 @@ class TaskTree:
 
     def become_last(self, task: Task, sender: str) -> None:
         """A task is there for good: from now on flags refer to it, if a module sent it."""
-        parent = task.parent
-        if parent is not None and not (task.is_watcher or task.role):
-            parent.had_others = True
         if is_aside(task):
             return
-        if parent is self.root:
+        if task.parent is self.root:
             self.last_of_module[sender] = task
-        elif parent is not None:
-            parent.last_child = task
+        elif task.parent is not None:
+            task.parent.last_child = task
 
     def detach(self, task: Task) -> None:
         """Take an ended task out."""

@@ -17,7 +17,15 @@ from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.order.cycles import Each, Place, predecessors
 from tca_central.state import State, TaskWait
-from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
+from tca_wire.points import (
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    ROOT,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+)
 
 
 class Waiting(NamedTuple):
@@ -198,7 +206,9 @@ def is_only_queued(task: Task) -> bool:
 
 
 def _of_test(monitor: Task) -> Groups:
-    """A monitor that ends after a test or action needs its condition's answer; others end by time or by request."""
+    """A monitor that ends after a test or action needs its condition's answer; others end by time or by request. One
+    that its parent does not wait for ends with all else there, too: the oldest of that stands for it.
+    """
     watch = monitor.more.watch
     if watch is None or (condition := watch.condition) is None or watch.options.duration:
         return
@@ -207,6 +217,10 @@ def _of_test(monitor: Task) -> Groups:
         ends: list[Node] = [Returning(condition) if condition.slot is not None else Turn(condition)]
         if watch.waits_for is not None:
             ends.append(Place(watch.waits_for, int(watch.options.until.moment)))
+        if (parent := monitor.parent) is not None and monitor.is_watcher and parent.id != ROOT:
+            others = (one for one in (parent.children or {}).values() if not one.is_watcher)
+            other = next(others, None) if parent.returned else None
+            ends.append(Place(parent, END_HANDLING) if other is None else Place(other, END_ACHIEVING))
         yield ends
 
 

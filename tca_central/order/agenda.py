@@ -45,7 +45,7 @@ class Agenda:
         self.ended_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
         self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
         self.tap_events: deque[tuple[Delivery, int]] = deque()  #: events of messages that wiretaps may be at
-        self.only_watched: deque[Task] = deque()  #: have only monitors under them that watched over the rest
+        self.only_watched: deque[Task] = deque()  #: wait for nothing but monitors that are not waited for
 
     # --- calls of the core -----------------------------------------------------------------------------------------
 

@@ -1,5 +1,6 @@
 """Messages that central makes itself, notices among them; copies for many handlers; and the suspension of handlers."""
 
+from collections.abc import Callable
 from typing import Any
 
 from tca_central.model.deliveries import Delivery, MessageType, ModuleResource
@@ -46,14 +47,17 @@ def route_statement(central: State, original: Delivery) -> None:
 
 def make_task(
     central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: Delivery | None = None,
-    context: Any = None,
+    context: Any = None, prepare: Callable[[Task], None] = lambda _: None,
 ) -> Task:  # fmt: skip
-    """A new task under *parent*, sent for *about* (None: *parent*), which waits for nothing above it."""
+    """A new task under *parent*, sent for *about* (None: *parent*), which waits for nothing above it. *prepare* is
+    called with it before it is in the tree.
+    """
     about = about or parent
     task = Task(TaskId(central.new_id()), message, body, None)
     task.role, task.ignores_parent, task.since = role, True, central.clock.now
     task.survives = role.survives
     task.context, task.sent_by = context, about.sent_by
+    prepare(task)
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, Flags.NONE, [])
     birth = facts.Received(
@@ -110,8 +114,12 @@ def data_for(message: MessageType, body: bytes) -> bytes:
 
 
 def at_birth(task: Task) -> list[facts.Fact]:
-    """The facts of moments that a new task has reached already."""
-    return [] if task.is_goal else [facts.Reached(TaskId(task.id), task.message.rules.at_birth)]
+    """The facts of the moments that a new task has reached already, and of a monitor that is waited for."""
+    if task.is_goal:
+        return []
+    reached = facts.Reached(TaskId(task.id), task.message.rules.at_birth)
+    is_awaited = task.message.is_aside and not task.is_watcher
+    return [facts.WaitedFor(TaskId(task.id)), reached] if is_awaited else [reached]
 
 
 def suspend(

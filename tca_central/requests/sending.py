@@ -15,7 +15,7 @@ from tca_central.outgoing.direct_routes import tell_sender
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, RaisedFailure, State
 from tca_central.watching.taps import fire_after
-from tca_central.watching.watches import become_monitor, check_options, ends_by_itself, enlist_monitor, is_foreign
+from tca_central.watching.watches import become_monitor, check_options, enlist_monitor, is_foreign
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
@@ -160,19 +160,19 @@ def _make_monitor(central: State, task: Task, parent: Task, header: Send) -> Non
     check_options(central, task.message, options)
     _check_end(task.message, parent, options)
     become_monitor(central, task, options)
-    task.is_watcher = not (ends_by_itself(task.message, options) or options.for_ever)
     task.more.is_guest = is_foreign(central, parent, header.origin)
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:
-    """Raises RequestError if a monitor is to watch until the end of what does not end before the monitor has."""
+    """Raises RequestError if a monitor is to watch until the end of what waits for the monitor's own end."""
     until = options.until
-    if until is None or until.moment is not Moment.END_ACHIEVING:
+    if until is None or until.moment is not Moment.END_ACHIEVING or not (options.waited_for or not message.is_aside):
         return
     above = parent.above(until.task)
     if above is not None:
         text = f"{message.message_class} '{message.name}' under {above} can't watch until that ends, which waits for it"
-        raise RequestError(Refusal.CYCLE, f"{text}: without an end of its own it ends with what it watches over")
+        hint = ": leave out waited_for, and it ends with it at the latest" if options.waited_for else ""
+        raise RequestError(Refusal.CYCLE, text + hint)
 
 
 def _route_exception(_: State, _connection: Connection, _h: Send, message: MessageType, _body: bytes) -> None:

@@ -22,8 +22,8 @@ from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, first_difference
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Tapped, WatchOptions
-from tca_wire.points import ALL_MOMENTS, END_HANDLING, ROOT, START_HANDLING, Moment, Point, TaskId
-from tca_wire.rules import CONDITIONS, DELIVERED, FAILURE, LISTENERS, REPLIED, SUCCESS
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, ROOT, START_HANDLING, Moment, Point, TaskId
+from tca_wire.rules import CONDITIONS, DELIVERED, FAILURE, LISTENERS, REPLIED, SUCCESS, recurs_on_retry
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Role
 
 MOST_TAPS = 1000
@@ -182,10 +182,12 @@ def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, lis
     """Raises RequestError if a monitor that listens so would never end."""
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
-    is_bounded = ends_by_itself(listener, options) or options.for_ever
-    if not is_bounded and not (CONDITIONS[header.condition].lasts_until and tapped.message_class.is_task):
+    rule = CONDITIONS[header.condition]
+    ends_with_it = tapped.message_class.is_task and rule.finds_it_alive and not rule.is_child
+    if not (ends_with_it or ends_by_itself(listener, options) or options.waited_for):
         text = f"{listener.message_class} '{listener.name}' that listens '{header.condition}' would never end"
-        raise RequestError(Refusal.PROTOCOL, f"{text}: say how often, how long or until when it watches, or for ever")
+        hint = "say how often, how long or until when it watches, or waited_for=True if somebody ends it"
+        raise RequestError(Refusal.PROTOCOL, f"{text}: {hint}")
 
 
 def _add(
@@ -323,20 +325,37 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
 
 def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Task:
     """A listener that is a task."""
-    is_child = CONDITIONS[tap.condition].is_child and tapped.id in central.tree.tasks  # it may have ended
-    parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
-    context = Listening(tap, tapped)
-    listener = make_task(central, tap.listener, body, parent, Role.LISTENER, about=tapped, context=context)
+    message, rule = tap.listener, CONDITIONS[tap.condition]
+    task = tapped if isinstance(tapped, Task) else None
+    is_alive = tapped.id in central.tree.tasks
+    watches_it = message.is_aside and rule.finds_it_alive and not rule.is_child
+    parent = task if task is not None and is_alive and (rule.is_child or watches_it) else central.tree.root
     options = tap.watch or WatchOptions()
-    if isinstance(tapped, Task) and (end := CONDITIONS[tap.condition].lasts_until):
-        living = [other for other in tapped.more.listeners if other.reached != ALL_MOMENTS]
-        for other in living:
-            if other.context.tap is tap and other.more.watch is not None:
-                end_monitor(central, other.more.watch, f"{tapped} is handled anew")
-        tapped.more.listeners = [*living, listener]
-        if not ends_by_itself(tap.listener, options) and not options.for_ever:
-            options = replace(options, until=Point(TaskId(tapped.id), Moment(end)))
-    if tap.listener.message_class.is_monitor:
-        become_monitor(central, listener, options)
-        enlist_monitor(central, listener)
+    is_bounded = ends_by_itself(message, options) or options.waited_for
+    if task is not None and rule.lasts_until:
+        _end_those_before(central, tap, task)
+    if task is not None and watches_it and ((rule.lasts_until and not is_bounded) or not is_alive):
+        options = replace(options, until=Point(TaskId(task.id), Moment(rule.lasts_until or END_ACHIEVING)))
+
+    def prepare(listener: Task) -> None:
+        if message.message_class.is_monitor:
+            become_monitor(central, listener, options)
+        listener.is_watcher = listener.is_watcher and not rule.is_child
+        if watches_it and parent is task:
+            listener.more.is_guest = not recurs_on_retry(tap.condition)
+
+    context = Listening(tap, tapped)
+    listener = make_task(central, message, body, parent, Role.LISTENER, about=tapped, context=context, prepare=prepare)
+    enlist_monitor(central, listener)
+    if task is not None and rule.lasts_until:
+        task.more.listeners.append(listener)
     return listener
+
+
+def _end_those_before(central: State, tap: Wiretap, tapped: Task) -> None:
+    """A task is handled anew: end the monitors that a wiretap has had watch it till now."""
+    living = [other for other in tapped.more.listeners if other.reached != ALL_MOMENTS]
+    tapped.more.listeners = living
+    for other in living:
+        if other.context.tap is tap and other.more.watch is not None:
+            end_monitor(central, other.more.watch, f"{tapped} is handled anew")

@@ -82,6 +82,7 @@ def become_monitor(central: State, task: Task, options: WatchOptions) -> None:
     """Make a new task the monitor that it is; ``check_options`` has passed."""
     parts = [central.registry.messages.get(part) for part in task.message.parts]
     task.more.watch = Watch(task, options, parts)
+    task.is_watcher = task.message.is_aside and not options.waited_for
 
 
 def enlist_monitor(central: State, task: Task) -> None:

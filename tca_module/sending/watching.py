@@ -34,8 +34,9 @@ class Watched(TypedDict, total=False):
     """It ends after so many seconds."""
     until: Point | None
     """It ends when this point is reached."""
-    for_ever: bool
-    """It does not end with the other tasks under its parent."""
+    waited_for: bool
+    """Its parent waits for its end, which somebody or something must bring about: for a goal that is over when the
+    monitor has acted."""
 
 
 class MonitorOptions(Watched, total=False):
@@ -55,7 +56,7 @@ _WATCHED = {
     "initial_wait": checks.FLAG,
     "duration": checks.DURATION_OR_NONE,
     "until": checks.POINT_OR_NONE,
-    "for_ever": checks.FLAG,
+    "waited_for": checks.FLAG,
 }
 _OPTIONS = _WATCHED | {"sequential": checks.FLAG, "constraints": checks.CONSTRAINTS, "suspended": checks.FLAG}
 
@@ -116,9 +117,9 @@ class WatchingServices(CentralServices):
         the listener is sent now, once (TCM: InvokeWhen). Central has the data of a task that has ended only if it was
         kept: else the listener must be declared without data.
 
-        Raises Refused for a monitor that would never end (only *while* conditions of a task end one), for a command or
-        monitor that is to hold a goal's planning, and for *at_once* with *before* conditions or those of success,
-        failure or reply.
+        A polling or demon monitor that listens *while* a task is in progress, or when it is sent, hangs under that and
+        ends with it. Raises Refused for any other that would never end, for a command or monitor that is to hold a
+        goal's planning, and for *at_once* with *before* conditions or those of success, failure or reply.
         """
         check("tap()", checks.CONDITION, condition=condition)
         check_message(listener)
@@ -146,8 +147,8 @@ class WatchingServices(CentralServices):
     @overload
     def monitor(self, monitor: Monitor[D], data: D, **options: Unpack[MonitorOptions]) -> MonitorRef[D]: ...
     def monitor(self, monitor: Monitor[Any], data: Any = None, **options: Unpack[MonitorOptions]) -> MonitorRef[Any]:
-        """Start a monitor under the task being handled. Without an end of its own (maximum, duration, until) it ends
-        when all else under its parent has ended.
+        """Start a monitor under the task being handled. A polling or demon monitor ends at the latest when that waits
+        for nothing but such monitors; one that is *waited_for* keeps it until its own end (maximum, duration, until).
         """
         check_class(monitor, Monitor, call="monitor")
         watch, body = _watch_options(monitor, options, _OPTIONS), monitor.encode_data(data)
@@ -183,5 +184,5 @@ def _watch_options(
     return WatchOptions(
         options.get("period", 0), options.get("maximum") or 0, options.get("fire_every", 1),
         options.get("initial_wait", False), options.get("duration") or 0, options.get("until"),
-        options.get("for_ever", False),
+        options.get("waited_for", False),
     )  # fmt: skip

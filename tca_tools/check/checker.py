@@ -198,6 +198,7 @@ FOLD: dict[type, Take] = {
     facts.Recovered: _of(_ITEM, "task", "recovered", failing.recovered),
     facts.TapAdded: taps.tap_added,
     facts.TapFired: taps.fired,
+    facts.WaitedFor: _of(taps.monitor, "monitor", "was sent to be waited for", taps.waited_for),
     facts.MonitorTested: _of(taps.monitor, "monitor", "was tested", taps.tested),
     facts.MonitorEnded: _of(taps.monitor, "monitor", "ended", taps.monitor_ended),
     facts.Claimed: presence.claimed,

@@ -5,7 +5,7 @@ from tca_tools.check.births import is_delayed, not_met, not_startable
 from tca_tools.check.failing import handler_ended
 from tca_tools.check.presence import claim_in_words
 from tca_tools.check.records import MessageRecord
-from tca_tools.check.taps import check_fired, forget_task
+from tca_tools.check.taps import check_fired, check_watchers, forget_task
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.points import (
@@ -116,6 +116,7 @@ def _end(world: JournalWorld, item: MessageRecord) -> None:
     """A task has ended."""
     if item.parent is not None:
         item.parent.children.pop(item.id, None)
+        item.parent.watchers -= item.is_watcher
         world.touched[item.parent] = None
     if item.role is Role.EXCEPTION and not item.is_void:
         handler_ended(world, item)
@@ -188,6 +189,7 @@ def check_settled(world: JournalWorld) -> None:
             if moment:
                 words = ", ".join(describe_moments(moment))
                 world.broken(rules.SETTLED, item.id, f"nothing keeps {item} from {words}, and it does not reach that")
+            check_watchers(world, item)
 
 
 def _killed_moment(item: MessageRecord) -> int:

@@ -85,6 +85,8 @@ class MessageRecord(MessageView):
     waiters: list[tuple[str, int, int]] = field(default_factory=list)
     """The waiters for its moments: module, origin, moment."""
     is_guest: bool = False  #: a monitor that others have put there
+    is_watcher: bool = False  #: a polling or demon monitor that its parent does not wait for
+    watchers: int = 0  #: how many of its children are such
     is_orphan: bool = False  #: its parent was sent before the journal begins
     is_stranger: bool = False  #: its constraints are not known, for the same reason
 

@@ -84,5 +84,6 @@ RECOVERED = Rule(
 )
 TAPPED = Rule("a wiretap sends its listener before the tapped task goes on", f"{MANUAL}, wiretaps")
 MONITOR = Rule("a monitor watches from its start to its end", f"{MANUAL}, monitors")
+KEPT = Rule("a monitor that is not waited for ends when its parent waits for nothing else", "decision 42")
 
 RULES = [rule for rule in globals().values() if isinstance(rule, Rule)]

@@ -1,7 +1,7 @@
 """Wiretaps and monitors: what they hold back, and when they send messages."""
 
 from tca_tools.check.records import Hold, MessageRecord
-from tca_tools.check.rules import MONITOR, NUMBERS, TAPPED
+from tca_tools.check.rules import KEPT, MONITOR, NUMBERS, TAPPED
 from tca_tools.check.world import JournalWorld
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
@@ -108,6 +108,22 @@ def monitor(world: JournalWorld, number: int, what: str) -> MessageRecord | None
         world.broken(MONITOR, item, f"{what}, and is no monitor")
         return None
     return item
+
+
+def waited_for(_: JournalWorld, item: MessageRecord, __: facts.WaitedFor) -> None:
+    """A monitor was sent to be waited for."""
+    if item.is_watcher and item.parent is not None:
+        item.is_watcher = False
+        item.parent.watchers -= 1
+
+
+def check_watchers(world: JournalWorld, item: MessageRecord) -> None:
+    """Check that a task is not kept by monitors that were not sent to be waited for."""
+    if not item.returned or not 0 < item.watchers == len(item.children):
+        return
+    for child in item.children.values():
+        if not (child.returned or child.is_killed):
+            world.broken(KEPT, child, f"still watches, and {item} waits for nothing else")
 
 
 def tested(world: JournalWorld, item: MessageRecord, fact: facts.MonitorTested) -> None:

@@ -97,6 +97,10 @@ class ReactionFold(RecordFold):
         if fact.refusal is Refusal.DEADLOCK:
             self.deadlocks[self.time, fact.sender] = Failure(fact.refusal, fact.text)
 
+    def _waited_for(self, fact: facts.WaitedFor) -> None:
+        if fact.monitor > 0:
+            self._task(fact.monitor).is_waited_for = True
+
     def _tested(self, fact: facts.MonitorTested) -> None:
         self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))
 

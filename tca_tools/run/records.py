@@ -376,6 +376,8 @@ class Task(Message):
     """The run of a handler that asked for the kill, perhaps long before."""
     killed_for: TaskId = ROOT
     """The task whose failure nobody handled, if it was killed for that."""
+    is_waited_for: bool = False
+    """Of a polling or demon monitor: its parent waits for its end, else it ends with all else there at the latest."""
     watched: str = ""
     """Of a monitor: why it watches no longer."""
     caught_by: list[TaskId] = field(default_factory=list)

@@ -460,6 +460,14 @@ class TapFired(_Fact, frozen=True, tag="tapped"):
     listener: int
 
 
+class WaitedFor(_Fact, frozen=True, tag="waited for"):
+    """A polling or demon monitor was sent to be waited for: else it would end at the latest when its parent waits for
+    nothing but such monitors.
+    """
+
+    monitor: TaskId
+
+
 class MonitorTested(_Fact, frozen=True, tag="tested"):
     """The condition of a monitor was asked; whether it holds."""
 
@@ -483,7 +491,7 @@ Fact = (
     | SuspendedOrResumed | Kept | Released
     | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
     | Failed | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried
-    | TapAdded | TapFired | MonitorTested | MonitorEnded
+    | TapAdded | TapFired | WaitedFor | MonitorTested | MonitorEnded
 )  # fmt: skip
 
 

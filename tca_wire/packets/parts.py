@@ -56,8 +56,8 @@ class WatchOptions(_Part, frozen=True):
     """After how long it ends (0: not because of time)."""
     until: Point | None = None
     """The point at which it ends."""
-    for_ever: bool = False
-    """It goes on when all else under its parent has ended."""
+    waited_for: bool = False
+    """Its parent waits for its end: it does not end at the latest when all else under its parent has."""
 
 
 class Involved(_Part, frozen=True):

@@ -199,6 +199,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.TapFired: lambda say, fact: (
         f"{{{fact.tap}}} for {say.name(fact.tapped)}: {say.name(fact.listener) if fact.listener else 'nobody'}"
     ),
+    facts.WaitedFor: lambda say, fact: say.name(fact.monitor),
     facts.MonitorTested: lambda say, fact: f"{say.name(fact.monitor)}: {'holds' if fact.holds else 'does not hold'}",
     facts.MonitorEnded: lambda say, fact: f"{say.name(fact.monitor)}: {fact.why}",
 }

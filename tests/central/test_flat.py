@@ -58,7 +58,7 @@ WORLDS: dict[str, tuple[str, str]] = {
     "in sequence": ("", "planner: command move under {at} from outside"),
     "watched": (
         "planner: command halt under {at} from outside",
-        "user: polling monitor watch under {at} every 1000000 from outside for ever",
+        "user: polling monitor watch under {at} every 1000000 from outside waited for",
     ),
     "waited for": ("", "other: wait end achieving {at}"),
     "kept": ("legs/1: reply", "planner: command halt under {at} from outside kept\nlegs/1: reply"),
@@ -84,12 +84,12 @@ ROUNDS = {
     ],
     "watched by a handler that is above": [
         "user: command move under {at} from outside",
-        "planner/1: polling monitor watch under {new} every 1000000 for ever here",
+        "planner/1: polling monitor watch under {new} every 1000000 waited for here",
         "user: end monitor {new}",
         "user: kill {new}",
     ],
     "watched by the way": [
-        "user: polling monitor watch under {at} every 1000000 for ever from outside",
+        "user: polling monitor watch under {at} every 1000000 waited for from outside",
         "user: end monitor {new}",
     ],
     "suspended": [

@@ -156,7 +156,7 @@ def test_a_monitor_that_its_parent_waits_for_is_told() -> None:
     robot.receive("user", headers.Register(robot.number("user"), monitors))
     walk = robot.task("user", "walk")
     robot.task("planner/1", "guard", under=walk, watch=WatchOptions(100.0))
-    until_low = robot.task("planner/1", "until low", under=walk, watch=WatchOptions(100.0, maximum=1))
+    until_low = robot.task("planner/1", "until low", under=walk, watch=WatchOptions(100.0, maximum=1, waited_for=True))
     robot.reply("map/1", value=False)
     robot.reply("map/1", value=False)
     robot.reply("planner/1")

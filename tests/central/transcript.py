@@ -4,7 +4,7 @@
     NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled]
                         [kept] [here]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
-                        [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
+                        [every N] [at first] [duration N] [fire every N] [until POINT] [waited for] (monitors)
     NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT [here] | give up | bye
     NAME: handle MESSAGE no more
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise FAILURE[<KIND...] on TASK

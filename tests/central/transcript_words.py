@@ -26,7 +26,7 @@ def read_watch(options: str) -> WatchOptions:
     until = re.search(r"until (\w+ \w+ \d+)", options)
     return WatchOptions(
         float(found.get("every", 0)), int(found.get("maximum", 0)), int(fire_every[1]) if fire_every else 1,
-        "at first" in options, float(found.get("duration", 0)), read_point(until[1]) if until else None, "for ever" in options,
+        "at first" in options, float(found.get("duration", 0)), read_point(until[1]) if until else None, "waited for" in options,
     )  # fmt: skip
 
 

@@ -140,7 +140,7 @@ def test_monitors_of_every_kind() -> None:
         elif kind == "ground":
             task.monitor(GROUND)
         else:
-            task.monitor(BATTERY, period=1.0, for_ever=True).end()
+            task.monitor(BATTERY, period=1.0, waited_for=True).end()
 
     def lift(task: tca.Task) -> None:
         with contextlib.suppress(Refused):

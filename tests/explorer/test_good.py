@@ -57,7 +57,7 @@ def polled(*properties: tca.Property, readers: int = 1) -> tca.Scenario:
     @scenario.module("user").does
     def story(me: tca.Script) -> None:
         for _ in range(readers):
-            me.monitor(GAUGE, period=1.0, for_ever=True)
+            me.monitor(GAUGE, period=1.0, waited_for=True)
 
     return scenario
 
@@ -237,7 +237,7 @@ def hangs(task: tca.Task) -> None:
 
 
 def is_watched_over(task: tca.Task) -> None:
-    task.monitor(GAUGE, period=1.0)
+    task.monitor(GAUGE, period=1.0, waited_for=True)
 
 
 @pytest.mark.parametrize("never_met", [eventually(achieved(WALK)), never_stuck()])
@@ -308,7 +308,7 @@ def test_no_slot_is_left_standing() -> None:
     legs = scenario.module("legs", capacity=2)
     legs.handles(IS_LOW)(lambda _: False)
     legs.handles(STEP)(lambda _: None)
-    scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, for_ever=True)])
+    scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
     scenario.module("walker").does(lambda me: [me.command(STEP)])
     good(scenario)
 

@@ -362,7 +362,7 @@ def test_what_never_comes_because_of_its_name_says_so() -> None:
 def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
     scenario = tca.Scenario("polled", at_most(1, fired(GAUGE)), never_stuck())
     scenario.module("battery").handles(IS_LOW)(lambda _: False)
-    scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, for_ever=True)])
+    scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
     good(scenario)
 
 

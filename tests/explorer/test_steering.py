@@ -202,7 +202,7 @@ def test_a_polling_monitor_acts_so_often_and_no_more(options: dict[str, Any], fi
 
 
 def test_what_comes_round_for_ever_comes_to_the_same_state_again() -> None:
-    result = good(scenarios.polling(GAUGE, for_ever=True), at_most(1, sent(GAUGE)))
+    result = good(scenarios.polling(GAUGE, waited_for=True), at_most(1, sent(GAUGE)))
     assert result.longest is None
     assert result.states < 10
 

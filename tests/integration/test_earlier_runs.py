@@ -81,7 +81,7 @@ def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(address
     def _attach_all(guard: Module) -> None:
         guard.on_failure(FELL, FIX, of=WALK)
         guard.on_failure(None, FIX)
-        guard.monitor(LOOK, period=9.0, for_ever=True)
+        guard.monitor(LOOK, period=9.0, waited_for=True)
 
     with first.running():
         pass

@@ -218,7 +218,7 @@ ATTACKED: dict[str, dict[str, Any]] = {
     "on_failure": {"failure": SLIPPED, "handler": SHRUG, "of": REST, "maximum": None},
     "tap": {"condition": Condition.WHEN_SENT, "tapped": SAY, "listener": HI},
     "monitor": {"monitor": POLL, "data": None, "period": 9.0, "maximum": None, "fire_every": 1, "initial_wait": True,
-                "duration": 9.0, "until": None, "for_ever": False, "constraints": []},
+                "duration": 9.0, "until": None, "waited_for": False, "constraints": []},
     "set_variable": {"variable": HEAT, "value": 1.0, "wait": True},
     "get_variable": {"variable": HEAT, "default": None},
     "swap_variable": {"variable": HEAT, "value": 1.0},

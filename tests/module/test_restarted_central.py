@@ -405,7 +405,7 @@ LOST = (
 
 def had_by(user: Client) -> Had:
     goal, task = user.goal(STRIDE), user.command(LABOUR)
-    monitor = user.monitor(CUPS, for_ever=True)
+    monitor = user.monitor(CUPS, waited_for=True)
     removal = task.on_failure(STUCK, FREE)
     return Had(user, goal, task, monitor, removal, lambda: user.command(LABOUR, sequential=False))
 

@@ -225,7 +225,7 @@ class Life:
 
     def monitor_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = [0, *self.central.tree.tasks]
-        options, name = self.watch_options(a, b, c, for_ever=d % 5 == 0), list(MONITORS)[a % 3]
+        options, name = self.watch_options(a, b, c, waited_for=d % 5 == 0), list(MONITORS)[a % 3]
         parent = tasks[c % len(tasks)]
         attended, origin = list(self.central.dispatcher.running.values()), 0
         if attended and d % 3 == 2:  # a handler, of whatever task or of what it is about
@@ -251,11 +251,11 @@ class Life:
         sending = self.central.dispatcher.running.get(handled.origin)
         return [sending.id] if sending is not None else []
 
-    def watch_options(self, a: int, b: int, c: int, *, for_ever: bool = False) -> WatchOptions:
+    def watch_options(self, a: int, b: int, c: int, *, waited_for: bool = False) -> WatchOptions:
         tasks = list(self.central.tree.tasks)
         until = point(tasks[-1 - a % 2 * (len(tasks) - 1)], list(Moment)[c % 6]) if b % 5 == 0 and tasks else None
         period, duration = self.seconds(1 + c % 5), self.seconds(5 * (a % 3 == 0))
-        return WatchOptions(period, c % 3, 1 + a % 2, b % 2 == 0, duration, until, for_ever)
+        return WatchOptions(period, c % 3, 1 + a % 2, b % 2 == 0, duration, until, waited_for)
 
     def watchers(self) -> list[Task]:
         return [task for task in self.central.tree.tasks.values() if task.message.message_class.is_monitor]

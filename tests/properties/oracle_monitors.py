@@ -36,9 +36,7 @@ class Watch:
 def born(node: Node, options: WatchOptions | None) -> None:
     """A new task is a monitor."""
     node.watch = Watch(options or WatchOptions())
-    is_bounded = any((node.watch.options.maximum, node.watch.options.duration, node.watch.options.until))
-    is_bounded |= node.watch.options.for_ever
-    node.watches_over = node.kind is not MessageClass.POINT_MONITOR and not is_bounded
+    node.watches_over = node.kind is not MessageClass.POINT_MONITOR and not node.watch.options.waited_for
 
 
 def is_guest(world: World, parent: Node, origin: int) -> bool:
@@ -223,12 +221,22 @@ def stop(world: World, node: Node) -> None:
 
 def end_what_is_to_end(world: World) -> bool:
     """Monitors at their end point, and those that have nothing left to watch over; whether there were any."""
+    to_kill: list[Node] = []
     to_end = [node for node in world.nodes.values() if node.watch and node.watch.is_on and _is_at_its_end(world, node)]
     for parent in world.nodes.values():
         children = world.children(parent)
-        is_theirs = not (parent.had_others or all(child.is_guest for child in children))
-        if parent.returned and not is_theirs and children and all(child.watches_over for child in children):
+        if parent.returned and all(child.watches_over for child in children):
             to_end += [child for child in children if not child.watch.is_over]
+            to_kill += [child for child in children if _would_wait(world, child)]
     for node in to_end:
-        end(world, node)
-    return bool(to_end)
+        if node not in to_kill:
+            end(world, node)
+    for node in to_kill:
+        oracle_failures.kill(world, node)
+    return bool(to_end or to_kill)
+
+
+def _would_wait(world: World, node: Node) -> bool:
+    """Whether a monitor has yet to begin and can't, for others."""
+    is_to_begin = not node.killed and (node.again or SH not in node.past)
+    return is_to_begin and (node.suspended or any(held == node.id for held, _ in oracle_rules.held_points(world)))

@@ -73,7 +73,6 @@ class Node(Job):
     watches_over: bool = False  # ends when there is nothing else left under its parent
     is_guest: bool = False  # a monitor that nothing which its parent's handler has sent put there
     asking: set["Node"] = field(default_factory=set)  # exception handlers that want it retried
-    had_others: bool = False  # has had children that could be watched over
 
     @property
     def is_goal(self) -> bool:

@@ -123,18 +123,21 @@ def add(world: World, node: Node, parent: Node) -> None:
         node.past = {SP, EP}
     node.suspended = parent.suspended and node.role not in (Role.TERMINATION, Role.CANCEL)
     world.nodes[node.id] = node
-    parent.had_others |= not (node.watches_over or node.role)
     if (parent.killed or (parent.again and not (node.role or node.is_guest))) and not node.survives:
         oracle_failures.kill(world, node)
 
 
-def make(world: World, message: str, role: Role, parent: Node, about: Job, tap: int = 0) -> Node:
+def make(
+    world: World, message: str, role: Role, parent: Node, about: Job, tap: int = 0, *,
+    prepare: Callable[[Node], None] = lambda _: None,
+) -> Node:  # fmt: skip
     """A task that central makes itself, for another message: it waits for nothing above it."""
     task = world.seen.take_made(message, role, parent.id, about.id, tap)
     node = Node(task, message, world.kinds[message], module=about.module, role=role, free=True)
     node.about = about
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
     node.sent_for_listener = parent.role is Role.LISTENER and role in (Role.SET_UP, Role.ACTION, Role.CANCEL)
+    prepare(node)
     add(world, node, parent)
     return node
 

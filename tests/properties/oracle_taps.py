@@ -34,6 +34,9 @@ CHILDREN = {*BEFORE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE}
 WHILE = {Condition.WHILE_HANDLING: EH, Condition.WHILE_PLANNING: EP, Condition.WHILE_ACHIEVING: EA}
 """Their listeners die with the tapped task; a monitor without an end of its own watches until this moment of it."""
 
+ALIVE = {*WHILE, Condition.WHEN_SENT}
+"""Polling and demon monitors that listen so hang under the tapped task, too, but do not hold it."""
+
 
 def taps_of(world: World, job: Job) -> list[Tap]:
     if job.role is Role.LISTENER or job.sent_for_listener:
@@ -126,21 +129,30 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         heard = Job(made, tap.listener, kind, module=job.module, role=Role.LISTENER, about=job, tap=tap)
         oracle_slots.send_statement(world, heard)
         return None
-    is_there = isinstance(job, Node) and job.id in world.nodes
-    parent = job if isinstance(job, Node) and is_there and tap.condition in CHILDREN else world.root
-    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, job, tap.id)
-    listener.tap = tap
+    is_alive = isinstance(job, Node) and job.id in world.nodes
+    is_beside = kind in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR) and tap.condition not in CHILDREN
+    watches_it = is_beside and tap.condition in ALIVE and isinstance(job, Node)
+    is_child = is_alive and (tap.condition in CHILDREN or watches_it)
     options = tap.watch or WatchOptions()
     if isinstance(job, Node) and tap.condition in WHILE:
         for other in job.listeners:
             if other.tap is tap and other.watch and other.id in world.nodes:
                 oracle_monitors.end(world, other)
+    is_bounded = options.maximum or options.duration or options.until or options.waited_for
+    if watches_it and (not is_alive or (tap.condition in WHILE and not is_bounded)):
+        options = replace(options, until=Point(TaskId(job.id), WHILE.get(tap.condition, EA)))
+
+    def prepare(listener: Node) -> None:
+        listener.tap = tap
+        if kind.is_monitor:
+            oracle_monitors.born(listener, options)
+        listener.watches_over = listener.watches_over and is_beside
+        listener.is_guest = is_child and is_beside and tap.condition not in oracle_monitors.OF_HANDLING
+
+    parent = job if is_child and isinstance(job, Node) else world.root
+    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, job, tap.id, prepare=prepare)
+    if isinstance(job, Node) and tap.condition in WHILE:
         job.listeners.append(listener)
-        is_bounded = options.maximum or options.duration or options.until or kind is MessageClass.POINT_MONITOR
-        if not (is_bounded or options.for_ever):
-            options = replace(options, until=Point(TaskId(job.id), WHILE[tap.condition]))
-    if kind.is_monitor:
-        oracle_monitors.born(listener, options)
     return listener
 
 

@@ -48,7 +48,7 @@ class CheckedLife(JudgedLife):
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
         condition, listener = BEFORE[a % len(BEFORE)], ("check", "check", "survey", "note", "watch")[b % 5]
-        watch = self.watch_options(d, b, c, for_ever=True) if listener == "watch" else None
+        watch = self.watch_options(d, b, c, waited_for=True) if listener == "watch" else None
         waiting = [task for task in self.central.tree.tasks.values() if task.queues is not None]
         if waiting and c % 3 == 0:
             self.request(headers.Tap, condition, listener, "", TaskId(waiting[d % len(waiting)].id), watch)

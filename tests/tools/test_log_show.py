@@ -59,7 +59,11 @@ def told_of_control(story: Story, task: TaskId) -> None:
     story.say(
         facts.TapAdded(23, Condition.BEFORE_HANDLING, "check", "walk", ROOT, "safety"), facts.TapFired(23, task, 0)
     )
-    story.say(facts.MonitorTested(task, holds=True), facts.MonitorEnded(task, "its end point is reached"))
+    story.say(
+        facts.WaitedFor(task),
+        facts.MonitorTested(task, holds=True),
+        facts.MonitorEnded(task, "its end point is reached"),
+    )
     story.say(facts.Claimed(24, "legs", "motors", True, "map", 0), facts.Granted(24), facts.ClaimEnded(24, "released"))
     story.say(facts.SuspendedOrResumed(task, is_suspended=True, by="panel"))
     story.say(facts.Kept(task, "script"), facts.Released(task, "script"), facts.Released(task, ""))
