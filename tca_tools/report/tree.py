@@ -6,7 +6,7 @@ from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.outline import Row, cut_off, outline
+from tca_tools.tasktree_viz.outline import Row, excerpt, outline
 from tca_wire.points import Interval
 
 SHOWN_AT_MOST = 800
@@ -54,7 +54,7 @@ class Tree:
 def tree(run: Run, shown_at_most: int = SHOWN_AT_MOST) -> Tree:
     """The rows: what failed, lives or was killed for a reason of its own, with all that it is under, then others."""
     at = RunAt(run)
-    rows = cut_off(outline(at, shown_at_most, min(_BESIDE_AT_MOST, shown_at_most)), 2 * shown_at_most)
+    rows = excerpt(at, outline(at, shown_at_most, min(_BESIDE_AT_MOST, shown_at_most)), 2 * shown_at_most)
     opened = set(at.tasks) if len(at.tasks) <= _ALL_OPEN else _with_trouble(at)
     nodes: list[TreeNode] = []
     level = 0

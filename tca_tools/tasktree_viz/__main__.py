@@ -12,14 +12,14 @@ from tca_tools.run.journals import open_log
 from tca_tools.run.selection import Forest, check_modules, one_message, part_of, tasks_called
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_tree
-from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, cut_off, outline, whole_outline
+from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, excerpt, outline, whole_outline
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.terminal import can_show, cut, line_width
 from tca_wire.text.printable import printable
 
-_DRAWN, _MOST_DRAWN = 120, 300
-"""A picture of a large tree shows so many tasks if that can be chosen, and never more rows than the second."""
+_DRAWN, _MOST_DRAWN, _MOST_IN_FIGURE = 120, 240, 60
+"""A picture of a large tree shows so many tasks if that can be chosen, and never more rows or boxes than the others."""
 
 
 @click.command()
@@ -50,7 +50,7 @@ def tree(
     else:
         at = RunAt.by_clock(history, asked.at, history.time)
         forest = _forest(at, asked)
-        rows = _chosen_rows(forest, everything, is_picture=output is not None and output.suffix != ".txt")
+        rows = _chosen_rows(forest, everything, output.suffix if output else ".txt", layout)
         what = f", task {printable(asked.task)}" if asked.task is not None else ""
         title = f"{printable(journal.name)}{what}: {words.summary(forest, is_live=history.is_live)}"
         guides = ASCII if as_ascii or (output is None and not can_show("├─└│…")) else UNICODE
@@ -83,11 +83,14 @@ def _forest(at: RunAt, asked: Asked) -> Forest:
     return part_of(at, roots=roots, modules=asked.modules, start=asked.start, end=asked.end)
 
 
-def _chosen_rows(forest: Forest, everything: bool, *, is_picture: bool) -> list[Row]:
-    """A text scrolls, so it is folded only when it is long; a picture also when it is wide."""
-    if everything or (len(forest.tasks) <= SHOWN_AT_MOST and not is_picture):
+def _chosen_rows(forest: Forest, everything: bool, kind: str, layout: str) -> list[Row]:
+    """A text scrolls, so it is folded only when it is long; a picture also when it is wide, a figure most of all."""
+    if everything or (len(forest.tasks) <= SHOWN_AT_MOST and kind == ".txt"):
         return whole_outline(forest)
-    return cut_off(outline(forest, budget=_DRAWN), _MOST_DRAWN) if is_picture else outline(forest)
+    if kind == ".txt":
+        return outline(forest)
+    is_figure = kind == ".dot" or layout == "figure"
+    return excerpt(forest, outline(forest, budget=_DRAWN), _MOST_IN_FIGURE if is_figure else _MOST_DRAWN)
 
 
 if __name__ == "__main__":

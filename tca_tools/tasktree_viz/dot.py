@@ -159,6 +159,8 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
         size = f'fixedsize="true" width="{_LEGEND_WIDTH}" height="{_LEGEND_LINE * len(meanings)}"'
         looks = f'border="0" cellborder="0" cellspacing="0" align="left" {size}'
         lines.append(f"<table {looks}>{''.join(starmap(_meaning, meanings))}</table>")
+    if any(row.folded for row in rows):
+        lines.append(f'<font point-size="10">dashed, with +: {escape(words.FOLDED_UP)}</font>')
     rows_of_table = "".join(f'<tr><td align="left">{line}</td></tr>' for line in lines)
     return f'<table border="0" cellborder="0" cellspacing="2" cellpadding="1">{rows_of_table}</table>'
 

@@ -3,13 +3,15 @@
 Nothing here recurses: a tree may be a million deep.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import groupby
 from sys import maxsize
 
 from tca_tools.run.at_time import TaskAt
+from tca_tools.run.fates import HANDLED
 from tca_tools.run.records import TaskState
 from tca_tools.run.selection import Forest
 from tca_wire.points import ROOT, TaskId
@@ -20,6 +22,9 @@ BESIDE_AT_MOST = 12
 """Of more tasks side by side, runs of tasks in the same state are folded."""
 _KEPT = 2
 """How many tasks of such a run stay at either end."""
+_FEWER = (16, 8, 4, 2, 1)
+"""So many of those side by side stay at either end, where there are too many rows."""
+_WORST_FIRST = (TaskState.FAILED, HANDLED, TaskState.KILLED, TaskState.ACHIEVED)
 
 
 @dataclass(slots=True)
@@ -32,16 +37,22 @@ class Row:
     depth: int
     folded: int = 0
     """How many tasks it stands for, if for no one task."""
-    killed: int = 0
-    """How many of those were killed."""
-    state: str = ""
-    """Their state, if all have one: killed, if some were killed and the others achieved."""
+    states: Counter[str] = field(default_factory=Counter)
+    """How many of those stand how."""
     is_rest: bool = False
     """Whether it stands for all that comes after it."""
     is_last: bool = False
     """Whether it is its parent's last."""
     number: int = -1
     """Its place among all rows."""
+
+    @property
+    def state(self) -> str:
+        """Of folded ones their state, if all have one; the worst of those that are over, if all are; else ""."""
+        worst = next((one for one in _WORST_FIRST if one in self.states), "")
+        return (
+            next(iter(self.states)) if len(self.states) == 1 else worst if self.states.keys() <= {*_WORST_FIRST} else ""
+        )
 
 
 def outline(
@@ -60,7 +71,7 @@ def outline(
             if is_shown:
                 rows += [_row(at, row, child) for child in some]
             else:
-                rows.append(_fold(at, Row(None, row.number, row.depth + 1, state=TaskState.ACHIEVED), list(some)))
+                rows.append(_fold(at, Row(None, row.number, row.depth + 1), list(some)))
         return _squeezed(at, rows, loud) if len(rows) > beside_at_most else rows
 
     return walked(below)
@@ -88,12 +99,62 @@ def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Ro
     return [*rows, Row(None, -1, 0, is_rest=True, is_last=True, number=len(rows))] if waiting else rows
 
 
-def cut_off(rows: list[Row], at_most: int) -> list[Row]:
+def excerpt(at: Forest, rows: list[Row], at_most: int) -> list[Row]:
+    """At most so many rows. Of too many side by side the first and last are kept of those that failed, go on or were
+    killed for a reason of their own, then of others. If there are too many even so, the last ones are folded.
+    """
+    if len(rows) <= at_most:
+        return rows
+    families: dict[int, list[Row]] = {}
+    for row in rows:
+        families.setdefault(row.parent, []).append(row)
+    loud, places = _loud(at), {id(row): row.number for row in rows}
+
+    def below(row: Row, beside: int) -> list[Row]:
+        family = families.get(places.get(id(row), -1), [])
+        for one in family:
+            one.parent, one.is_last = row.number, False
+        return _kept(at, family, loud, beside)
+
+    for beside in _FEWER:
+        rows = walked(partial(below, beside=beside))
+        if len(rows) <= at_most:
+            break
+    return _cut_off(rows, at_most)
+
+
+def _kept(at: Forest, family: list[Row], loud: set[int], beside: int) -> list[Row]:
+    """The rows of a family, or so many of them at either end, and others for those between."""
+    places = list(range(len(family)))
+    if len(family) > 2 * beside + 1:
+        first = [place for place in places if (task := family[place].task) and task.id in loud]
+        others = sorted({*places}.difference(first))
+        places = sorted([*_both_ends(first, beside), *_both_ends(others, max(beside - len(first) // 2, 0))])
+    rows: list[Row] = []
+    for before, place in zip([-1, *places], [*places, len(family)], strict=True):
+        if between := family[before + 1 : place]:
+            rows.append(_folded(at, between))
+        rows += family[place : place + 1]
+    return rows
+
+
+def _both_ends(some: list[int], count: int) -> list[int]:
+    return some if len(some) <= 2 * count else [*some[:count], *some[len(some) - count :]]
+
+
+def _cut_off(rows: list[Row], at_most: int) -> list[Row]:
     """The first rows and, in place of the others, one that says how many tasks they are."""
     if len(rows) <= at_most:
         return rows
     rest = sum(row.folded or 1 for row in rows[at_most:])
     return [*rows[:at_most], Row(None, -1, 0, folded=rest, is_rest=True, is_last=True, number=at_most)]
+
+
+def _folded(at: Forest, rows: list[Row]) -> Row:
+    """One row in place of some."""
+    states = sum((row.states for row in rows), Counter[str]())
+    one = Row(None, rows[0].parent, rows[0].depth, sum(row.folded for row in rows), states)
+    return _fold(at, one, [row.task.id for row in rows if row.task])
 
 
 def _row(at: Forest, parent: Row, task: TaskId) -> Row:
@@ -106,8 +167,7 @@ def _fold(at: Forest, into: Row, tasks: list[TaskId]) -> Row:
     for number in below:  # grows while it is walked
         below += at.children(number)
     into.folded += len(below)
-    into.killed += sum(at.tasks[number].state is TaskState.KILLED for number in below)
-    into.state = TaskState.KILLED if into.killed else into.state
+    into.states.update(at.tasks[number].standing for number in below)
     return into
 
 
@@ -163,9 +223,7 @@ def _squeezed(at: Forest, rows: list[Row], loud: set[int]) -> list[Row]:
         last = len(alike) - _KEPT if alike[-1].task else len(alike)
         middle = alike[_KEPT:last]
         if state is not None and len(middle) >= _KEPT:
-            folded, killed = (sum(getattr(row, count) for row in middle) for count in ("folded", "killed"))
-            one = Row(None, alike[0].parent, alike[0].depth, folded, killed, state)
-            alike[_KEPT:last] = [_fold(at, one, [row.task.id for row in middle if row.task])]
+            alike[_KEPT:last] = [_folded(at, middle)]
         squeezed += alike
     return squeezed
 

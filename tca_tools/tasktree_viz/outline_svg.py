@@ -29,9 +29,6 @@ _STYLE = """\
 .kind { font-size: 10.5px; fill: #0b4f8a; } .tip { fill: #0b4f8a; } .zebra { fill: #f7f8fa; }
 .planning { fill: #b9a6e8; } .outlined { stroke: #1f2933; }"""
 _JOINED = "; one that begins at several tasks: all of them before all that it leads to"
-_FOLDED = (
-    "so many tasks folded up; a part of the tree (--task, --module, --from, --to), or a .txt with --all, shows them"
-)
 
 
 def outline_svg(at: RunAt, rows: list[Row], title: str, *, with_data: bool = False) -> str:
@@ -168,7 +165,7 @@ def _head(rows: list[Row], title: str, laid: Plan, kinds: set[str], right: float
     joined = _JOINED if any(len(line.sources) > 1 for line in laid.lines) else ""
     after = " and ".join(["heavy lines"] * bool(laid.lines) + ['"after"'])
     meanings = [(after, MEANINGS[SEQ] + joined)] * (SEQ in kinds)
-    meanings += [("dashed, with +", _FOLDED)] * any(row.folded for row in rows)
+    meanings += [("dashed, with +", words.FOLDED_UP)] * any(row.folded for row in rows)
     meanings += [(kind, meaning) for kind, meaning in MEANINGS.items() if kind in kinds and kind != SEQ]
     for what, meaning in meanings:
         lines.append(f'<text class="kind" x="{_MARGIN:.0f}" y="{y:.1f}">{what}: {meaning}</text>')

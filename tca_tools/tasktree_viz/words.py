@@ -40,6 +40,12 @@ _UNITS = ("s", "ms", "µs", "min", "h")
 _STUCK = "\N{NO-BREAK SPACE}"
 
 
+FOLDED_UP = (
+    "so many tasks folded up; a part of the tree (--task, --module, --from, --to), or a .txt with --all, shows them"
+)
+"""What a row means that stands for several tasks, in pictures."""
+
+
 def lines_of(text: str, columns: int, most: int) -> list[str]:
     """A text of a picture in a few lines; a number stays with its unit."""
     words = text.split(" ")
@@ -201,15 +207,20 @@ def folded(row: Row) -> str:
     tasks = f"+ {counted(row.folded, 'task')}"
     if row.is_rest:
         return f"{tasks if row.folded else 'and more'} further down"
-    if 0 < row.killed < row.folded:
-        return f"{tasks}: {row.folded - row.killed} {TaskState.ACHIEVED}, {row.killed} {TaskState.KILLED}"
+    if len(row.states) > 1:
+        return f"{tasks}: {_counts(row.states)}"
     return f"{tasks} {row.state}".rstrip()
+
+
+def _counts(states: Counter[str]) -> str:
+    """``2 held, 1 achieving``."""
+    return ", ".join(f"{states[standing]:,} {standing}" for standing in STANDINGS if states[standing])
 
 
 def summary(at: Forest, *, is_live: bool = False) -> str:
     """``4.00 s, 8 tasks: 2 held, 1 achieving``; of a run that goes on, as of when."""
     counts = Counter(task.standing for task in at.tasks.values())
-    states = ", ".join(f"{counts[standing]} {standing}" for standing in STANDINGS if counts[standing])
+    states = _counts(counts)
     total = counted(len(at.tasks), "task")
     still = " (still running)" * is_live
     return f"{at.time:.2f} s{still}, {total}" + (f": {states}" if states else "")

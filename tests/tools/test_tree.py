@@ -16,7 +16,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import KINDS, arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.files import drawn
-from tca_tools.tasktree_viz.outline import Row, cut_off, outline, whole_outline
+from tca_tools.tasktree_viz.outline import Row, excerpt, outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.terminal import columns_of, cut_name
@@ -434,16 +434,39 @@ def test_who_was_killed_for_a_reason_of_his_own_is_shown() -> None:
     assert 20 in [row.task.id for row in rows if row.task]
 
 
-def test_rows_beyond_what_a_picture_has_are_counted() -> None:
-    rows = outline(RunAt(jobs(0, 10).fold()), budget=20)
-    assert cut_off(rows, 60) == rows
-    assert rows_told(cut_off(rows, 54)[-1:]) == ["+ 91 tasks further down"]
+def test_of_more_rows_than_a_picture_has_the_first_and_last_stay_whatever_became_of_them() -> None:
+    at = RunAt(jobs(0, 10).fold())
+    rows = outline(at, budget=20)
+    assert excerpt(at, rows, 60) == rows
+    told = rows_told(excerpt(at, rows, 54))
+    assert len(told) == 4 * 6 + 1 + 4 * 6
+    assert told[4 * 6] == "+ 182 tasks: 62 achieved, 2 failed, 118 killed"
+    last = excerpt(at, outline(at, budget=20), 2)
+    assert rows_told(last) == ["job killed", "+ 30 tasks achieved", "+ 879 tasks further down"]
 
 
-def test_a_picture_of_very_many_rows_ends_and_says_so(tca: Tca, tmp_path: Path) -> None:
+def test_an_excerpt_prefers_what_failed() -> None:
+    story = a_long_walk(achieved=100, held=0)
+    for task in (40, 60):
+        story.say(Failed(task, "slip", "on ice"))
+    at = RunAt(story.fold())
+    assert rows_told(excerpt(at, whole_outline(at), 8)) == [
+        "walk achieving",
+        "step achieved",
+        "+ 37 tasks achieved",
+        "step failed",
+        "+ 19 tasks achieved",
+        "step failed",
+        "+ 40 tasks achieved",
+        "step achieved",
+    ]
+
+
+def test_a_picture_of_very_many_rows_says_what_it_leaves_out(tca: Tca, tmp_path: Path) -> None:
     run = jobs(0, 100, parts=11).write(tmp_path / "run")
-    assert tca("tree", run, "-o", tmp_path / "tree.svg").exit_code == 0
-    picture = (tmp_path / "tree.svg").read_text()
-    assert picture.count('class="name"') < 320
-    assert "tasks further down<" in picture
-    assert "folded up; a part of the tree" in picture
+    for name in ("tree.svg", "tree.dot"):
+        assert tca("tree", run, "-o", tmp_path / name).exit_code == 0
+        picture = (tmp_path / name).read_text()
+        assert max(picture.count('class="name"'), picture.count(" [label=<")) < 250
+        assert re.search(r"\+ [23],\d+ tasks: [\d,]+ achieved, \d+ failed, [\d,]+ killed", picture)
+        assert "folded up; a part of the tree (--task, --module, --from, --to)" in picture

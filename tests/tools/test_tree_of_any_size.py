@@ -1,4 +1,4 @@
-"""Task trees on terminals of any width: whole lines, columns that stay, and room for reasons."""
+"""Task trees of any size and shape: on terminals of any width, with room for reasons, and in few rows."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tools.story import COMMAND, GOAL, Story, stumbling
 
 from tca_tools.run.at_time import RunAt
-from tca_tools.tasktree_viz.outline import outline, whole_outline
+from tca_tools.tasktree_viz.outline import excerpt, outline, whole_outline
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
 from tca_tools.terminal import columns_of
 from tca_wire.journal import facts
@@ -59,6 +59,23 @@ def test_no_tree_is_wider_than_its_terminal(tasks: list[Leaf], width: int, with_
         for guides in (UNICODE, ASCII):
             lines = tree_lines(at, rows, width=width, guides=guides, with_data=with_data)
             assert max(columns_of(unstyle(line)) for line in lines) <= width
+
+
+@settings(max_examples=30)
+@example(FLAT, 30)
+@example(DEEP, 80)
+@given(st.lists(TASKS, min_size=1, max_size=60), st.integers(2, 40))
+def test_an_excerpt_tells_of_every_task_in_so_many_rows(tasks: list[Leaf], at_most: int) -> None:
+    at = RunAt(grown(tasks).fold())
+    rows = excerpt(at, outline(at), at_most)
+    assert len(rows) <= at_most + 1
+    assert sum(row.folded or 1 for row in rows) == len(at.tasks)
+    assert [row.number for row in rows] == list(range(len(rows)))
+    for row in rows:
+        assert row.is_rest or (
+            row.parent < row.number and row.depth == (rows[row.parent].depth + 1 if row.parent >= 0 else 0)
+        )
+        assert row.is_rest or row.folded == sum(row.states.values())
 
 
 def test_headings_stand_over_their_columns_late_in_a_long_run(tca: Tca, tmp_path: Path) -> None:
