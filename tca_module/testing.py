@@ -14,6 +14,7 @@
 """
 
 import itertools
+import math
 import threading
 import time
 from collections import deque
@@ -48,14 +49,14 @@ class LocalCentral:
     """The core of central, used from any thread.
 
     With *stepped* its clock stands still but in ``advance``, and of all handlers one runs at a time, from one wait for
-    central to the next: so the same test has the same transcript. The times of central pass with that clock: delays,
-    deadlines, periods, durations, times for locks. ``timeout=`` of a wait, and callbacks, take real seconds.
+    central to the next: so the same test has the same transcript. With that clock pass delays, deadlines, periods,
+    durations, times that locks wait, ``every`` and ``after``; ``timeout=`` of other waits takes real seconds.
     """
 
     def __init__(self, epoch: str = "local", *, check: bool = False, stepped: bool = False) -> None:
         """With *check* central's own invariants are checked after every event, for small trees (AssertionError)."""
         self._is_checked = check
-        self._is_stepped = stepped
+        self.is_stepped = stepped
         self.address = f"local central '{epoch}'"
         self.entries: list[Entry] = []  #: the journal
         self.core = Central(epoch)
@@ -73,14 +74,15 @@ class LocalCentral:
 
     # --- time ------------------------------------------------------------------------------------------------------
 
-    def _now(self) -> float:
-        return self._stepped_to if self._is_stepped else time.monotonic() - self._began
+    def now(self) -> float:
+        """Seconds since central began."""
+        return self._stepped_to if self.is_stepped else time.monotonic() - self._began
 
     def _tick(self) -> None:
         """Let time pass: due timers fire."""
         with self._due:
             while not self._is_closed:
-                due, now = self.core.clock.next, self._now()
+                due, now = self.core.clock.next, self.now()
                 if due is not None and due <= now:
                     self._handle(Tick(now))
                 else:
@@ -92,19 +94,20 @@ class LocalCentral:
         """Let so many seconds pass on a stepped clock. Whatever is due meanwhile happens at its own time, and the next
         only when all is quiet again. Raises what ``until_quiet`` does.
         """
-        if not self._is_stepped:
+        if not self.is_stepped:
             raise MisuseError("advance() needs a clock that stands still: make it with LocalCentral(stepped=True)")
         checks.check("advance()", checks.SECONDS, seconds=seconds)
         until = self._stepped_to + seconds
         self.until_quiet(timeout=timeout, ignoring=ignoring)
-        while (due := self._next_due()) is not None and due <= until:
+        while (due := self._next_due()) <= until:
             self._step_to(due)
             self.until_quiet(timeout=timeout, ignoring=ignoring)
         self._step_to(until)
 
-    def _next_due(self) -> float | None:
+    def _next_due(self) -> float:
         with self._lock:
-            return self.core.clock.next
+            callbacks = min((one.due for one in self._connections.values()), default=math.inf)
+            return min(math.inf if self.core.clock.next is None else self.core.clock.next, callbacks)
 
     def _step_to(self, moment: float) -> None:
         with self._lock:
@@ -141,18 +144,18 @@ class LocalCentral:
             if slot.serves and not slot.is_idle and not ignored.intersection(names):
                 busy.append(f"the handler of '{names[-1]}'" if names else f"module '{slot.serves}'")
         due = self.core.clock.next
-        return busy + ["a timer"] * (due is not None and due <= self._now())
+        return busy + ["a timer"] * (due is not None and due <= self.now())
 
     def may_take(self, transport: "LocalTransport") -> bool:
         """Whether the thread of a connection may have what has come for it. The lock is held."""
-        return not (self._is_stepped and transport.serves) or transport.has_turn or transport.is_overtime
+        return not (self.is_stepped and transport.serves) or transport.has_turn or transport.is_overtime
 
     def look(self) -> None:
         """Something has come, or a thread pauses: whose turn is it? The lock is held."""
-        slots = [one for one in self._connections.values() if one.serves] if self._is_stepped else []
-        waiting = [one for one in slots if one.is_paused and one.packets]
+        slots = [one for one in self._connections.values() if one.serves] if self.is_stepped else []
+        waiting = [one for one in slots if one.is_paused and not one.is_idle]
         if waiting and not any(one.has_turn and not one.is_overtime for one in slots):
-            min(waiting, key=lambda one: one.packets[0][0]).call()
+            min(waiting, key=lambda one: one.packets[0][0] if one.packets else 0).call()
         self._quiet.notify_all()
 
     # --- what happened ---------------------------------------------------------------------------------------------
@@ -174,7 +177,7 @@ class LocalCentral:
             for fact in entry.facts:
                 words, data = wording.words(fact), data_text(getattr(fact, "body", b""))
                 if not isinstance(fact, _BEFORE_ALL):
-                    start = f"{entry.time:8.3f}  " if self._is_stepped else ""
+                    start = f"{entry.time:8.3f}  " if self.is_stepped else ""
                     lines.append(f"{start}{facts.kind_of(fact)}: {words}" + (f": {data}" if data else ""))
         return "\n".join([*lines, ""])
 
@@ -193,13 +196,14 @@ class LocalCentral:
             self.core = Central(epoch)
             for transport in self._connections.values():
                 transport.arrive(pack_item(Closing("restarted")))
+            self.look()
 
     def close(self) -> None:
         """End, with its thread; waiting programs notice. Twice does no harm."""
         with self._due:
             self._is_closed = True
             self._due.notify()
-        if not self._is_stepped:
+        if not self.is_stepped:
             self._clock.join()
 
     def __enter__(self) -> Self:
@@ -216,7 +220,7 @@ class LocalCentral:
             for header, body in unpack_to_central(packet):
                 if isinstance(header, Hello) and header.connection and (known := self._connections.get(connection)):
                     known.serves = header.module
-                self._handle(RequestReceived(self._now(), connection, header, body))
+                self._handle(RequestReceived(self.now(), connection, header, body))
             return True
 
     def cut(self, module: str) -> None:
@@ -224,19 +228,19 @@ class LocalCentral:
         with self._lock:
             known = list(self.core.registry.connections.values())
             for connection in [one.id for one in known if one.module.name == module]:
-                self._handle(ConnectionLost(self._now(), connection))
+                self._handle(ConnectionLost(self.now(), connection))
 
     def closed(self, connection: ConnectionId) -> None:
         """The far end of a connection is gone."""
         with self._lock:
             was_open = self._connections.pop(connection, None) is not None
             if was_open and not self._is_closed:
-                self._handle(ConnectionLost(self._now(), connection))
+                self._handle(ConnectionLost(self.now(), connection))
             self.look()
 
     def _handle(self, event: Event) -> None:
         self._let_happen(event)
-        while self._is_stepped and (due := self.core.clock.next) is not None and due <= self._stepped_to:
+        while self.is_stepped and (due := self.core.clock.next) is not None and due <= self._stepped_to:
             self._let_happen(Tick(self._stepped_to))
         self._due.notify()  # something may be due sooner than before
         self.look()
@@ -265,6 +269,7 @@ class LocalTransport:
         self.has_turn = False  #: its thread was called, and has not paused since
         self._since = time.monotonic()  #: its thread runs
         self.packets: deque[tuple[int, bytes]] = deque()  #: what has come, numbered in the order of all that comes
+        self.due = math.inf  #: its thread has a callback to call then; of stepped clocks only
         self._central = central
         self._waker: Waker | None = None
         self._lock = lock
@@ -277,8 +282,8 @@ class LocalTransport:
 
     @property
     def is_idle(self) -> bool:
-        """Whether its thread waits and nothing has come for it."""
-        return self.is_paused and not self.packets
+        """Whether its thread waits and has nothing to do."""
+        return self.is_paused and not self.packets and self.due > self._central.now()
 
     @property
     def is_overtime(self) -> bool:
@@ -298,7 +303,7 @@ class LocalTransport:
     def call(self) -> None:
         """Let its thread go on. The lock is held."""
         self._run()
-        self.has_turn = True
+        self.has_turn, self.due = True, math.inf
         self._called.notify()
         if self._waker is not None:
             self._waker.set()
@@ -307,6 +312,7 @@ class LocalTransport:
         """The next packet; None if there is none in time, or ``wake`` was called."""
         with self._lock:
             if timeout_seconds > 0 and not self._has_some():
+                self.due = math.inf
                 self._pause()
                 self._called.wait_for(self._has_some, timeout_seconds)
                 self._run()
@@ -326,6 +332,19 @@ class LocalTransport:
     def _run(self) -> None:
         if self.is_paused:
             self.is_paused, self._since = False, time.monotonic()
+
+    def time(self) -> float:
+        """The seconds of the clock on which callbacks are due."""
+        return self._central.now()
+
+    def seconds_until(self, moment: float) -> float:
+        """The real seconds to wait for a moment of that clock: for ever, if the test steps it."""
+        seconds = moment - self._central.now()
+        if not self._central.is_stepped or seconds <= 0:
+            return seconds
+        with self._lock:
+            self.due = moment
+        return math.inf
 
     @contextmanager
     def pausing(self) -> Iterator[None]:

@@ -3,7 +3,6 @@
 import logging
 import math
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Generic, Protocol, TypeVar
@@ -13,6 +12,7 @@ from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import ORDINARY
 from tca_module.sending.sender import Sender
+from tca_module.sockets.transport import Transport
 
 T = TypeVar("T")
 
@@ -114,9 +114,8 @@ class Callback(Sender):
 class Callbacks:
     """The callbacks of one thread, called in the order they came due. The next thread starts their times anew."""
 
-    def __init__(self, module: str, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, module: str) -> None:
         self.connection: Connection | None = None  #: of the thread that calls them
-        self._clock = clock
         self._lock = threading.RLock()
         self._starts: dict[Callback, Callable[[float], None]] = {}  #: by callback: lets it be due, from now on
         self._files: dict[int, Callback] = {}
@@ -156,7 +155,7 @@ class Callbacks:
         with self._lock:
             self._starts[callback] = start
             if self.connection is not None:
-                start(self._clock())
+                start(self.connection.transport.time())
                 self.connection.transport.wake()
         return callback
 
@@ -172,7 +171,7 @@ class Callbacks:
         with self._lock:
             self.connection = connection
             for start in self._starts.values():
-                start(self._clock())
+                start(connection.transport.time())
 
     def end(self) -> None:
         """Nobody calls them any more."""
@@ -181,10 +180,16 @@ class Callbacks:
             self._timers = Timers()
             self._due.clear()
 
+    @property
+    def _transport(self) -> Transport:
+        """What the thread waits for, with the clock that the times of callbacks are of."""
+        assert self.connection is not None
+        return self.connection.transport
+
     def patience(self, seconds: float) -> float:
         """The seconds that the thread may wait, at most so many: until something is due."""
         with self._lock:
-            return min(seconds, self._timers.next() - self._clock())
+            return min(seconds, self._transport.seconds_until(self._timers.next()))
 
     @property
     def files(self) -> Collection[int]:
@@ -194,7 +199,7 @@ class Callbacks:
     def found(self, ready: Mapping[int, bool]) -> None:
         """The wait is over: these files can be read, or (False) are closed."""
         with self._lock:
-            self._due.extend(self._timers.take_due(self._clock()))
+            self._due.extend(self._timers.take_due(self._transport.time()))
             for file, is_open in ready.items():
                 callback = self._files.get(file)
                 if callback is not None and is_open:
@@ -213,7 +218,7 @@ class Callbacks:
                 self.remove(callback)
             self._call(callback)
             with self._lock:
-                self._timers.was_done(callback, self._clock())
+                self._timers.was_done(callback, self._transport.time())
         return True
 
     def _call(self, callback: Callback) -> None:

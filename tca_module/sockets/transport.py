@@ -8,6 +8,7 @@ import select
 import selectors
 import socket as sockets
 import threading
+import time
 from collections.abc import Collection
 from typing import Any, Protocol
 
@@ -60,6 +61,12 @@ class Transport(Beside, Protocol):
 
     def wake(self) -> None:
         """Let ``receive`` return soon; may be called from any thread."""
+
+    def time(self) -> float:
+        """The seconds of the clock on which callbacks are due; it never jumps."""
+
+    def seconds_until(self, moment: float) -> float:
+        """The seconds to wait for a moment of that clock; the thread pauses until then."""
 
     def pausing(self) -> contextlib.AbstractContextManager[Any]:
         """The block in which its thread waits for files, of which this is one; ``receive`` has no need of it."""
@@ -247,6 +254,14 @@ class DealerTransport:
         is_woken = self._waker is not None and self._waker.clear()
         arrived = [beside.has_arrived() for beside in self._beside]  # all must be asked
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
+
+    def time(self) -> float:
+        """The seconds of the clock on which callbacks are due; it never jumps."""
+        return time.monotonic()
+
+    def seconds_until(self, moment: float) -> float:
+        """The seconds to wait for a moment of that clock."""
+        return moment - time.monotonic()
 
     def pausing(self) -> contextlib.AbstractContextManager[Any]:
         """Nobody asks."""

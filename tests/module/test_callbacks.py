@@ -28,27 +28,36 @@ def line() -> Iterator[tuple[socket.socket, socket.socket]]:
 class Clock:
     """A thread's callbacks on a clock of the test's own."""
 
-    def __init__(self, central: LocalCentral) -> None:
+    def __init__(self) -> None:
         self.now = 100.0
-        self._central = central
-        self.callbacks = Callbacks("legs", lambda: self.now)
+        self.callbacks = Callbacks("legs")
+
+    def time(self) -> float:
+        return self.now
+
+    def seconds_until(self, moment: float) -> float:
+        return moment - self.now
+
+    def wake(self) -> None:
+        """Nobody waits."""
 
     def begin(self) -> None:
         connection = Connection.__new__(Connection)
-        connection.transport = self._central.transport()
+        connection.transport = self  # type: ignore[assignment]
         self.callbacks.begin(connection)
 
     def pass_by(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
         """Wait as a slot does, and call what is due."""
         self.now += seconds
-        self.callbacks.found(ready or {})
+        if self.callbacks.connection is not None:
+            self.callbacks.found(ready or {})
         while self.callbacks.call_one():
             pass
 
 
 @pytest.fixture
-def clock(central: LocalCentral) -> Clock:
-    return Clock(central)
+def clock() -> Clock:
+    return Clock()
 
 
 def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:

@@ -81,6 +81,12 @@ class ScriptedCentral:
         self.now += timeout_seconds
         return None
 
+    def time(self) -> float:
+        return self.now
+
+    def seconds_until(self, moment: float) -> float:
+        return moment - self.now
+
     def pausing(self) -> contextlib.AbstractContextManager[None]:
         return contextlib.nullcontext()
 

@@ -224,10 +224,36 @@ def test_a_module_with_callbacks_is_quiet_between_them(user: Client, legs: Modul
     legs.handles(SAY)(lambda *_: None)
     legs.after(0.01, call, resource="legs")
     with legs.running():
-        assert called.wait(SOON)
+        central.advance(0.01)
+        assert called.is_set()
         user.inform(SAY, "asked")
         central.until_quiet()
         assert central.transcript().count("returned: say") == 2
+
+
+@pytest.mark.parametrize("is_async", [False, True])
+def test_callbacks_are_called_when_the_clock_is_stepped(
+    user: Client, legs: Module, central: LocalCentral, *, is_async: bool
+) -> None:
+    called: list[float] = []
+
+    async def walk(_: Task, steps: int) -> None:
+        await asyncio.sleep(0)
+
+    legs.handles(WALK)(walk if is_async else lambda *_: None)
+    legs.every(10, resource="legs")(lambda: called.append(central.now()))
+    legs.after(12, lambda: called.append(central.now()))
+    with legs.running():
+        user.goal(WALK, 1)
+        central.advance(9)
+        assert called == []
+        central.advance(25)
+        assert called == [10, 12, 20, 30]
+        legs.after(1, lambda: called.append(central.now()))
+        central.advance(0.5)
+        user.goal(WALK, 1)
+        central.advance(0.5)
+        assert called[4:] == [35]
 
 
 def test_a_real_clock_has_quiet_and_a_transcript_too() -> None:
