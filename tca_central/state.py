@@ -146,6 +146,12 @@ def dropped_fact(delivery: Delivery, why: str, where: str = "", dropping: Droppi
     return facts.Dropped(delivery.id, delivery.message.name, why, delivery.copy_of, where, dropping)
 
 
+def lose(central: "State", delivery: Delivery, why: str, dropping: Dropping = Dropping.OTHER) -> None:
+    """Drop a message, or a copy of it, that a handler should have had."""
+    delivery.message.dropped += 1
+    central.facts.append(dropped_fact(delivery, why, dropping=dropping))
+
+
 def deliver_header(delivery: Delivery) -> headers.Deliver:
     """The header by which a handler gets a delivery."""
     given_as, name = delivery.given_as, delivery.message.name

@@ -18,7 +18,7 @@ from tca_module.sending.replies import QUERY_TIMEOUT
 from tca_module.sending.task_ref import SentTask
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import ExceptionHandler
-from tca_wire.messages.declarations import Broadcast, Command, Goal, Message, MultiQuery, Query, Variable
+from tca_wire.messages.declarations import Broadcast, Command, Goal, Inform, Message, MultiQuery, Query, Variable
 from tca_wire.text.plain_data import Bare
 from tca_wire.text.printable import printable
 
@@ -58,11 +58,13 @@ def send(
         value = _read(message, data)
         message.encode_data(value)
         _say_if_unhandled(client, message)
-        made: Any = client.execute(message, value)
-        if isinstance(made, SentTask):
-            _follow(made, timeout, wait=wait or timeout is not None, in_json=in_json)
+        if isinstance(message, Inform):
+            client.inform(message, value, wait=0)
+        elif isinstance(message, Broadcast):
+            client.broadcast(message, value, wait=0)
         else:
-            client.modules()  # when central answers this it has had the message, too
+            made: SentTask[Any] = client.execute(message, value)
+            _follow(made, timeout, wait=wait or timeout is not None, in_json=in_json)
 
 
 @click.command(epilog=_HOW)

@@ -15,7 +15,7 @@ from tca_live.shared import as_json, central_option, json_option, plain, talking
 from tca_module.client import Client
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import decode_untyped
-from tca_wire.text.measures import counted, numbered
+from tca_wire.text.measures import counted, listed, numbered
 from tca_wire.text.printable import printable
 from tca_wire.text.waits_in_words import in_words, several_in_words, waiter_in_words
 from tca_wire.waits import CommonEnd, Waiter, WaitKind
@@ -57,6 +57,10 @@ def status(client: Client) -> tuple[Any, str]:
         if what not in ("epoch", "newest id")
     ]
     parts = [f"central at {client.address}, run {overview['epoch']}", *textwrap.wrap(", ".join(shown), 100)]
+    lost = sorted((one for one in load["messages"] if one["dropped"]), key=lambda one: -int(one["dropped"]))
+    if lost:
+        dropped = listed([f"{one['dropped']:,} of {one['message']}" for one in lost])
+        parts.append(f"dropped: {printable(dropped)}")
     if waiting:
         parts += ["", _table(["who waits", "for what"], [[one["what"], one["for"]] for one in waiting[:_SHOWN]])]
         told = Counter(one["state"] for one in waiting)

@@ -42,6 +42,7 @@ class MessageLine(NamedTuple):
     rate: float
     delivered: int
     failed: int
+    dropped: int
     waiting: int
     """How many wait because nobody handles it."""
 
@@ -143,7 +144,8 @@ def _resource(module: str, now: dict[str, Any], before: dict[str, Any], span: fl
 
 def _message(now: dict[str, Any], before: int, span: float) -> MessageLine:
     rate = max(now["delivered"] - before, 0) / span
-    return MessageLine(now["message"], now["class"], rate, now["delivered"], now["failed"], now["waiting"])
+    counts = now["delivered"], now["failed"], now["dropped"], now["waiting"]
+    return MessageLine(now["message"], now["class"], rate, *counts)
 
 
 def plain_frame(shown: Frame) -> dict[str, Any]:

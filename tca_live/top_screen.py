@@ -106,7 +106,7 @@ _RESOURCES: Sequence[Column] = (
 )  # fmt: skip
 _MESSAGES: Sequence[Column] = (
     ("message", {**_ONE_LINE, "ratio": 2}), ("class", {**_ONE_LINE, "ratio": 1}), ("msg/s", _NUMBER),
-    ("runs", _NUMBER), ("failed runs", _NUMBER), ("no handler", _NUMBER),
+    ("runs", _NUMBER), ("failed runs", _NUMBER), ("dropped", _NUMBER), ("no handler", _NUMBER),
 )  # fmt: skip
 _WAITS: Sequence[Column] = (
     ("waits", _NUMBER),
@@ -173,8 +173,9 @@ def _resource_cells(line: ResourceLine, is_wide: bool) -> list[Text | str]:
 
 
 def _message_cells(line: MessageLine, _: bool) -> list[Text | str]:
-    failed, waiting = Text(str(line.failed or ""), style="red"), Text(str(line.waiting or ""), style="yellow")
-    return [printable(line.message), line.message_class, _rate(line.rate), str(line.delivered), failed, waiting]
+    bad = [Text(str(number or ""), style="red") for number in (line.failed, line.dropped)]
+    waiting = Text(str(line.waiting or ""), style="yellow")
+    return [printable(line.message), line.message_class, _rate(line.rate), str(line.delivered), *bad, waiting]
 
 
 def _wait_cells(line: WaitLine, _: bool) -> list[Text | str]:

@@ -92,6 +92,7 @@ TEXT = ArgumentKind("a text that can be sent", _is_text)
 NAME = ArgumentKind(_NAME, _is_name)
 NAME_OR_NONE = ArgumentKind(f"{_NAME}, or None", lambda value: value is None or _is_name(value))
 SECONDS = ArgumentKind("0 or more seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME))
+SECONDS_OR_NONE = ArgumentKind(f"{SECONDS.words}, or None", lambda value: value is None or SECONDS.fits(value))
 DURATION = ArgumentKind(
     "more than 0 seconds, at most ten years", lambda value: _is_from(value, 0, LONGEST_TIME) and value > 0
 )

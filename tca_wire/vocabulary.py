@@ -124,6 +124,8 @@ class Dropping(StrEnum):
     OTHER = ""
     GIVEN_UP = "given up"  # its sender waits no longer
     DEADLOCK = "deadlock"  # its sender would have waited for ever
+    OVERLOAD = "overload"  # too much waited for its handler
+    DISPLACED = "displaced"  # a newer one took its place, as its handler has it (``pending=``)
 
 
 class Condition(StrEnum):

@@ -134,6 +134,7 @@ class MessageType:
         self.serving = 0  #: number of handlers that have a slot to be called in
         self.delivered = 0  #: how often a handler got it
         self.failed = 0  #: how often one failed
+        self.dropped = 0  #: how many came to nothing, or were not brought to a receiver
         self.awaited_by: dict[Any, None] = {}  #: waits until it is handled
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
         self.attached: list[AttachedHandler] = []  #: exception handlers of each of its tasks, newest last

@@ -6,7 +6,7 @@ from typing import Any
 from tca_central.model.deliveries import Delivery, MessageType, ModuleResource
 from tca_central.model.task_tree import Task
 from tca_central.needs.texts import why_full
-from tca_central.state import State, dropped_fact
+from tca_central.state import State, dropped_fact, lose
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
@@ -14,7 +14,7 @@ from tca_wire.messages.formats import NIL, NO_DATA
 from tca_wire.messages.notices import Notice
 from tca_wire.packets.headers import Suspended
 from tca_wire.points import ROOT, TaskId
-from tca_wire.vocabulary import CENTRAL, Role
+from tca_wire.vocabulary import CENTRAL, Dropping, Role
 
 
 def copy_of(central: State, original: Delivery) -> Delivery:
@@ -38,11 +38,22 @@ def route_statement(central: State, original: Delivery) -> None:
     for delivery, target in for_each:
         targets = () if target is None else (target,)
         if central.dispatcher.is_full(message, *targets):
-            central.facts.append(dropped_fact(delivery, why_full(central, message, *targets)))
+            lose(central, delivery, why_full(central, message, *targets), Dropping.OVERLOAD)
         else:
             central.dispatcher.route(delivery, *targets)
     if not for_each:
         central.facts.append(dropped_fact(original, "nobody listens"))
+
+
+def why_nobody_has_room(central: State, message: MessageType) -> str:
+    """The reason why an inform, or a broadcast at all who handle it, would be dropped; "" if somebody has room."""
+    is_full = central.dispatcher.is_full
+    if not message.fans_out:
+        return why_full(central, message) if is_full(message) else ""
+    targets = [handler.resource for handler in message.handlers if handler.resource.capacity]
+    if not targets or not all(is_full(message, target) for target in targets):
+        return ""
+    return why_full(central, message, targets[0])
 
 
 def make_task(

@@ -151,7 +151,10 @@ def on_noted(central: State, connection: Connection, header: Noted, _: bytes) ->
         )  # fmt: skip
         central.facts.append(fact)
         _count(central, connection.resource, note)
-    central.facts.extend(facts.LostDirectly(module, loss.message, loss.number) for loss in header.losses)
+    for loss in header.losses:
+        central.facts.append(facts.LostDirectly(module, loss.message, loss.number))
+        if (message := central.registry.messages.get(loss.message)) is not None:
+            message.dropped += loss.number
 
 
 def _count(central: State, resource: ModuleResource | None, note: Note) -> None:

@@ -12,7 +12,7 @@ from tca_central.outgoing.central_messages import broadcast_notice
 from tca_central.requests.replying import fail_delivery
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
 from tca_central.requests.waiting import give_up
-from tca_central.state import RaisedFailure, State, cancelled_header, deliver_header, dropped_fact
+from tca_central.state import RaisedFailure, State, cancelled_header, deliver_header, lose
 from tca_central.watching.taps import fire_after, listeners_come
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
@@ -169,7 +169,7 @@ def _announce(central: State, module: Module, notice: Notice[D], data: D) -> Non
 def _fail_or_drop(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
     """End a delivery that only that handler could have finished."""
     if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
-        central.facts.append(dropped_fact(delivery, f"module '{module.name}' left before it began with it"))
+        lose(central, delivery, f"module '{module.name}' left before it began with it")
         return
     if isinstance(delivery, Task) and delivery.given_as != delivery.id:
         central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
@@ -255,7 +255,7 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
         if delivery.message.message_class.has_reply:
             fail_delivery(central, delivery, RaisedFailure(MODULE_LOST, why))
         else:
-            central.facts.append(dropped_fact(delivery, why))
+            lose(central, delivery, why)
     direct_routes.review(central, [handler.message for handler in handlers])
 
 

@@ -8,14 +8,14 @@ from tca_central.locks.claims import end_claims_of, pop_losses, suspect_kept_cla
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.task_tree import Task, Verdict
 from tca_central.needs.texts import end_of_multi_query
-from tca_central.state import Collector, RaisedFailure, State, dropped_fact
+from tca_central.state import Collector, RaisedFailure, State, lose
 from tca_central.watching.taps import fire_after
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
 from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
-from tca_wire.vocabulary import Outcome, Refusal, Role
+from tca_wire.vocabulary import Dropping, Outcome, Refusal, Role
 
 _LONGEST = 200
 """Characters that are told of the text of each failure of a multi-query."""
@@ -106,7 +106,7 @@ def tell_displaced(central: State, delivery: Delivery, why: str) -> None:
     elif delivery.message.message_class.has_reply:
         fail_delivery(central, delivery, RaisedFailure(OVERLOAD, why))
     else:
-        central.facts.append(dropped_fact(delivery, why))
+        lose(central, delivery, why, Dropping.DISPLACED)
 
 
 def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()) -> None:

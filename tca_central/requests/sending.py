@@ -10,7 +10,7 @@ from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection, Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.needs.texts import why_full
-from tca_central.outgoing.central_messages import at_birth, copies, route_statement, suspend
+from tca_central.outgoing.central_messages import at_birth, copies, route_statement, suspend, why_nobody_has_room
 from tca_central.outgoing.direct_routes import tell_sender
 from tca_central.requests.replying import end_if_complete, fail_delivery
 from tca_central.state import Collector, RaisedFailure, State
@@ -71,6 +71,8 @@ def _make(central: State, connection: Connection, header: Send, message: Message
 
 
 def _route_statement(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
+    if header.number and (why := why_nobody_has_room(central, message)):
+        raise RequestError(Refusal.OVERLOAD, f"{why}: try later")
     delivery = _make(central, connection, header, message, body)
     route_statement(central, delivery)
     if header.number:

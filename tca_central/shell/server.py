@@ -32,6 +32,7 @@ from tca_central.events import (
 )
 from tca_central.shell.door import Door
 from tca_central.shell.journal_writer import JournalWriter
+from tca_central.shell.loss_log import LOSSES, LossLog, loss_in
 from tca_central.shell.pulses import Pulses
 from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
@@ -93,6 +94,7 @@ class Server:
         self._outboxes: dict[ConnectionId, Outbox] = {}
         self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
         self._too_slow: dict[ConnectionId, str] = {}
+        self._losses = LossLog(log)
         self._unseen: set[str] = set()  #: conditions that nobody handles, and of which the log has warned
         self._next_beat = self._next_pulse = BEAT_PERIOD
         self._lost_after = lost_after
@@ -174,7 +176,9 @@ class Server:
     def _log_what_people_should_know(self, record: Record) -> None:
         """Failures, refusals, comings and goings, monitors that see nothing, a line each."""
         for fact in record.entry.facts:
-            if type(fact) in _TOLD:
+            if type(fact) in LOSSES and (loss := loss_in(fact)) is not None:
+                self._losses.note(*loss, self.now())
+            elif type(fact) in _TOLD:
                 level, words = _TOLD[type(fact)]
                 log.log(level, words(fact))
             elif isinstance(fact, facts.Failed):
@@ -242,6 +246,7 @@ class Server:
         """Beat to every connection; the socket knows which are gone (the door tells only that some are)."""
         self._has_lost = False
         self._next_beat = self.now() + BEAT_PERIOD
+        self._losses.tell(self.now())
         for connection, why in self._too_slow.items():
             yield ConnectionLost(self.now(), connection, why)
         self._too_slow.clear()
@@ -347,6 +352,7 @@ class Server:
 
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
+        self._losses.tell()
         for connection in self.central.registry.connections:
             self._put(connection, Closing(self.stopping), b"")
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported

@@ -69,6 +69,7 @@ def _message(message: MessageType) -> dict[str, Any]:
         "class": str(message.message_class),
         "delivered": message.delivered,
         "failed": message.failed,
+        "dropped": message.dropped,
         "waiting": len(message.waiting),
     }
 

@@ -56,7 +56,7 @@ IGNORED = {
     },
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
-        "delivered", "failed",  # only counted, for people
+        "delivered", "failed", "dropped",  # only counted, for people
     },
     "ModuleResource": {"delivered", "busy"},  # likewise
     "Module": {"process"},

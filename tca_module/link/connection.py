@@ -349,6 +349,12 @@ class Connection:
                 raise MisuseError("a callback waits for another one: they are called one after the other")
             return is_over() or self._wait_for(is_over, timeout, "a callback")
 
+    def pause(self, seconds: float, what: str) -> None:
+        """Let so many seconds pass, for *what*. Raises what ``wait`` does."""
+        self.check_thread()
+        with self._lock:
+            self._wait_for(lambda: False, seconds, what)
+
     def call_soon(self, function: Callable[[], None]) -> None:
         """Have the thread of this connection call a function in its present or next wait; from any thread."""
         self.session.news.append(function)

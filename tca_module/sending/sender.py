@@ -6,7 +6,7 @@ from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
 from tca_module.checks import EXECUTED, check, check_class, check_function, check_options, is_brief, name_of
-from tca_module.errors import Timeout
+from tca_module.errors import Refused, Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.sibling_order import SiblingOrder
@@ -27,6 +27,9 @@ from tca_wire.messages.declarations import (
 )  # fmt: skip
 from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
+from tca_wire.vocabulary import Refusal
+
+_SHORTEST_PAUSE, _LONGEST_PAUSE = 0.01, 0.1  # seconds between two tries to send where there was no room
 
 _TASK = checks.ArgumentKind(
     "a task that was sent or found, such as tasks(WALK)[0]", lambda task: isinstance(task, TaskRef)
@@ -309,26 +312,48 @@ class Sender(WatchingServices):
     # --- statements ------------------------------------------------------------------------------------------------
 
     @overload
-    def inform(self, message: Inform[None], data: None = None) -> None: ...
+    def inform(self, message: Inform[None], data: None = None, *, wait: float | None = ...) -> None: ...
     @overload
-    def inform(self, message: Inform[D], data: D) -> None: ...
-    def inform(self, message: Inform[Any], data: Any = None) -> None:
-        """Tell the one module that handles the message: at most once, in order, without waiting."""
-        self._tell(message, Inform, data)
+    def inform(self, message: Inform[D], data: D, *, wait: float | None = ...) -> None: ...
+    def inform(self, message: Inform[Any], data: Any = None, *, wait: float | None = None) -> None:
+        """Tell the one module that handles the message: at most once, in order, without waiting.
+
+        With *wait*, returns when central has taken it, and waits at most so many seconds for room where too much waits
+        for the handler. Then raises Refused ("overload"); without *wait* it would be dropped.
+        """
+        self._tell(message, Inform, data, wait)
 
     @overload
-    def broadcast(self, message: Broadcast[None], data: None = None) -> None: ...
+    def broadcast(self, message: Broadcast[None], data: None = None, *, wait: float | None = ...) -> None: ...
     @overload
-    def broadcast(self, message: Broadcast[D], data: D) -> None: ...
-    def broadcast(self, message: Broadcast[Any], data: Any = None) -> None:
-        """Tell every module that handles the message: at most once, in order, without waiting."""
-        self._tell(message, Broadcast, data)
+    def broadcast(self, message: Broadcast[D], data: D, *, wait: float | None = ...) -> None: ...
+    def broadcast(self, message: Broadcast[Any], data: Any = None, *, wait: float | None = None) -> None:
+        """Tell every module that handles the message: at most once, in order, without waiting. *wait* as for
+        ``inform``, until one of them has room.
+        """
+        self._tell(message, Broadcast, data, wait)
 
-    def _tell(self, message: Message[D, None], kind: type[Message[Any, Any]], data: D) -> None:
+    def _tell(self, message: Message[D, None], kind: type[Message[Any, Any]], data: D, wait: float | None) -> None:
         check_class(message, kind)
+        check(name_of(message), checks.SECONDS_OR_NONE, wait=wait)
         body = message.encode_data(data)
         connection = self._declare(message)
-        connection.post(Send(0, message.name, origin=self._origin, flags=Flags.NONE), body)
+        header = Send(0, message.name, origin=self._origin, flags=Flags.NONE)
+        if wait is None:
+            connection.post(header, body)
+            return
+        until, pause = connection.now() + wait, _SHORTEST_PAUSE
+        while True:
+            try:
+                connection.call(header, name_of(message), body)
+            except Refused as error:
+                left = until - connection.now()
+                if error.refusal is not Refusal.OVERLOAD or left <= 0:
+                    raise
+            else:
+                return
+            connection.pause(min(pause, left), name_of(message))
+            pause = min(2 * pause, _LONGEST_PAUSE)
 
     # --- whatever the class ----------------------------------------------------------------------------------------
 

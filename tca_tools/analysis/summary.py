@@ -44,6 +44,8 @@ class Summary:
     """How many failures were raised on tasks and other messages."""
     reasons: list[tuple[str, int]]
     """Why top-level tasks were not achieved: the first of those with a like reason, in words, and how many they are."""
+    dropped: list[tuple[str, int]]
+    """How many messages of each name were lost on the way to a handler, most first."""
     is_good: bool
     """Whether every top-level task was achieved."""
     outcome: str
@@ -72,9 +74,17 @@ def summary(run: Run) -> Summary:
         len(top),
         failures,
         _reasons(run, top),
+        _dropped(run),
         bool(top) and all(task.state is TaskState.ACHIEVED for task in top),
         _outcome(run, top, failures),
     )
+
+
+def _dropped(run: Run) -> list[tuple[str, int]]:
+    lost: Counter[str] = Counter()
+    for drop in run.drops:
+        lost[drop.name] += drop.number * (drop.is_loss and bool(drop.name))
+    return [(name, number) for name, number in lost.most_common() if number]
 
 
 def _working(run: Run) -> set[str]:

@@ -129,6 +129,14 @@ def _place(wait: Wait) -> tuple[str | None, str | None, int | None]:
     return record if isinstance(record, str) else None, None, None
 
 
+def _drops(run: Run) -> Iterator[TableRow]:
+    for one in run.drops:
+        yield (
+            one.time, one.message_id or None, one.name or None, one.is_copy, one.number, str(one.dropping) or None,
+            one.why, one.sender or None,
+        )  # fmt: skip
+
+
 def _claims(run: Run) -> Iterator[TableRow]:
     for claim in run.claims.values():
         yield (
@@ -165,6 +173,7 @@ TABLES = (
         _handlings,
     ),
     Table("failures", "message:int name time:s failure text raised_by raised_from:int fate handled:flag", _failures),
+    Table("drops", "time:s message:int name copy:flag number:int reason why direct_from", _drops),
     Table("queueings", "message:int name module resource priority:int start:s end:s", _queueings),
     Table("waits", "message:int module resource delivery:int kind on:int name moment start:s end:s", _waits),
     Table(

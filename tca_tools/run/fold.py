@@ -11,7 +11,19 @@ from typing import Any, get_type_hints
 
 from tca_tools.run.fold_reactions import ReactionFold
 from tca_tools.run.journals import Log
-from tca_tools.run.records import Claim, Failure, HandlerWait, Handling, Hold, Message, Offer, Queueing, Raised, Task
+from tca_tools.run.records import (
+    Claim,
+    Drop,
+    Failure,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    Offer,
+    Queueing,
+    Raised,
+    Task,
+)
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
@@ -316,10 +328,16 @@ class History(ReactionFold):
         if fact.id not in self.messages:  # a copy, for a listener that left; who gave up a message may still handle it
             self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
+        number, is_copy = fact.copy_of or fact.id, fact.copy_of > 0
+        self.drops.append(Drop(self.time, fact.message, 1, fact.why, number, is_copy, fact.dropping))
         if message := self.messages.get(fact.id):
             circle = self.deadlocks.get((self.time, message.sender), "") if fact.dropping is Dropping.DEADLOCK else ""
             self._change(message, "dropped", circle or fact.why)
             message.dropping = fact.dropping
+
+    def _lose_directly(self, fact: facts.LostDirectly) -> None:
+        why = "its handler was too slow, or could not be reached"
+        self.drops.append(Drop(self.time, fact.message, fact.number, why, sender=fact.module))
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))

@@ -101,6 +101,29 @@ class Queueing(Span):
     priority: int = 0
 
 
+class Drop(NamedTuple):
+    """A loss: a message that came to nothing, what one receiver of it was to get, or direct messages."""
+
+    time: float
+    name: str
+    """Of the message; "" for notes of direct messages."""
+    number: int
+    """How many at once."""
+    why: str
+    message_id: int = 0
+    """The message (0: direct ones), or what it is a copy of."""
+    is_copy: bool = False
+    """Only one receiver did not get it."""
+    dropping: Dropping = Dropping.OTHER
+    sender: str = ""
+    """The module that lost direct messages on the way."""
+
+    @property
+    def is_loss(self) -> bool:
+        """Whether a handler should have had it."""
+        return self.is_copy or not self.message_id or self.dropping in (Dropping.OVERLOAD, Dropping.DISPLACED)
+
+
 @dataclass(slots=True)
 class Handling(Span):
     """One run of a handler."""

@@ -9,6 +9,7 @@ from typing import Any
 from tca_tools.run.records import (
     NO_FAILURE,
     Claim,
+    Drop,
     EventAhead,
     Exhausted,
     Failure,
@@ -90,6 +91,7 @@ class Run(Reactions):
         self.queueings: list[Queueing] = []
         self.copies: dict[int, list[Queueing]] = {}
         """For each message that goes to many the waits of its copies in queues."""
+        self.drops: list[Drop] = []
         self.modules: dict[str, ModuleRecord] = {}
         self.claims: dict[int, Claim] = {}
         """Locks and reservations."""

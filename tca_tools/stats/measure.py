@@ -6,7 +6,7 @@ from math import ceil
 
 from tca_tools.analysis.resources import Key, Use, uses
 from tca_tools.analysis.summary import span_of
-from tca_tools.run.records import OVER, Handling, Message, Queueing, Task, TaskState
+from tca_tools.run.records import OVER, Drop, Handling, Message, Queueing, Task, TaskState
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import Span, levels
 from tca_tools.why.waits import waits_of
@@ -55,6 +55,7 @@ class MessageStats:
     killed: int = 0
     """How many tasks are in the state "killed"."""
     dropped: int = 0
+    """How many came to nothing; of what goes to many how often one receiver did not get it, too."""
     open: int = 0
     """How many were neither answered, achieved nor given up at the end."""
     to_start: Times = field(default_factory=Times)
@@ -118,6 +119,9 @@ def measure(run: Run, start: float | None = None) -> Stats:
         if handling.start >= first:
             _count_handling(_of(run, messages, handling.name), handling)
             resources[handling.module, handling.resource].handled += 1
+    for drop in run.drops:
+        if drop.time >= first and drop.name and (drop.is_copy or not drop.message_id):
+            _count_drop(_of(run, messages, drop.name), drop)
     _add_queues(run, messages, resources, first)
     for stats in messages.values():
         for times in (stats.to_start, stats.handling, stats.to_end, stats.queued):
@@ -151,6 +155,14 @@ def _count(run: Run, stats: MessageStats, message: Message) -> None:
         stats.open += end is None and not message.dropped and _goes_on(run, message)
     if end is not None:
         stats.to_end.seconds.append(end - message.received)
+
+
+def _count_drop(stats: MessageStats, drop: Drop) -> None:
+    """What one receiver did not get of a message, or direct messages, which have no record of their own."""
+    stats.dropped += drop.number
+    if not drop.message_id:
+        stats.sent += drop.number
+        stats.direct += drop.number
 
 
 def _goes_on(run: Run, message: Message) -> bool:

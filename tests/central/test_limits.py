@@ -14,14 +14,16 @@ from tca_central.invariants import check_invariants
 from tca_central.locks import claims
 from tca_central.model import registry
 from tca_central.order import dispatcher
+from tca_central.status.topics import overview
 from tca_central.watching import taps
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Killed
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
+from tca_wire.packets.routes import Loss, Noted
 from tca_wire.points import Moment, TaskId
 from tca_wire.text.waits_in_words import in_words
-from tca_wire.vocabulary import Condition, Limit, MessageClass, Refusal, Scope
+from tca_wire.vocabulary import Condition, Dropping, Limit, MessageClass, Refusal, Scope
 from tca_wire.waits import WaitFor, WaitKind
 
 
@@ -57,8 +59,40 @@ def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest
     answers = [player.send("user", "where") for _ in range(3)]
     assert answers[2][0].refusal is Refusal.OVERLOAD
     for _ in range(3):
-        player.send("user", "note")
+        tell(player, "note")
     assert len(player.facts_of("dropped")) == 1
+
+
+def test_who_wants_to_know_is_refused_what_would_be_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
+    player = Player.of("map: inform note, broadcast pose", "user")
+    answers = [player.send("user", "note")[-1] for _ in range(4)]
+    assert [type(answer) for answer in answers] == [headers.Accepted] * 3 + [headers.Refused]
+    assert answers[3].refusal is Refusal.OVERLOAD
+    (refused,) = player.send("user", "note", if_handled=True)
+    assert refused.refusal is Refusal.OVERLOAD
+    (refused,) = player.send("user", "pose")
+    assert refused.refusal is Refusal.OVERLOAD
+    player.module("logger", "broadcast pose")
+    accepted = player.send("user", "pose")[-1]  # it has room
+    assert isinstance(accepted, headers.Accepted)
+    assert [fact.copy_of for fact in player.facts_of("dropped")] == [accepted.id]
+
+
+def test_what_is_dropped_is_counted_and_the_fact_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 1)
+    player = Player.of("map: inform note", "user")
+    for _ in range(5):
+        tell(player, "note")
+    assert [fact.dropping for fact in player.facts_of("dropped")] == [Dropping.OVERLOAD] * 3
+    player.receive("user", Noted([], [Loss("note", 4)]))
+    assert player.central.registry.messages["note"].dropped == 7
+    assert overview(player.central)["dropped"] == 7
+
+
+def tell(player: Player, message: str) -> None:
+    """An inform that nobody wants to know about."""
+    player.receive("user", headers.Send(0, message))
 
 
 def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,7 +104,7 @@ def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.Mon
     full = f"3 messages wait {in_words(busy)}, survey {{{second}}} first in line; from 2 on only tasks are let in"
     (refused,) = player.send("user", "where")
     assert (refused.refusal, refused.text) == (Refusal.OVERLOAD, f"{full}: try later")
-    player.send("user", "note")
+    tell(player, "note")
     assert [dropped.why for dropped in player.facts_of("dropped")] == [full]
     player.send("user", "all")
     assert [failed.text for failed in player.facts_of("failed")] == [full]

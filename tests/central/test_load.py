@@ -41,7 +41,7 @@ def test_messages_are_counted_and_their_time_added_up() -> None:
             robot.reply("legs/1", value=1)
     told = load(robot.central)
     assert message(told, "step") | {"class": ""} == {
-        "message": "step", "class": "", "delivered": 2, "failed": 1, "waiting": 0,
+        "message": "step", "class": "", "delivered": 2, "failed": 1, "dropped": 0, "waiting": 0,
     }  # fmt: skip
     assert (resource(told, "legs")["delivered"], resource(told, "legs")["busy"]) == (2, 10.0)  # 4 s, and 1 s to say so
     assert told["time"] == robot.time

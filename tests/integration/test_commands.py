@@ -5,8 +5,9 @@ import re
 import threading
 
 import pytest
-from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SILENT, SOON, TICK, WALK, WHERE, Pose, tca
+from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SAY, SILENT, SOON, TICK, WALK, WHERE, Pose, tca
 
+from tca_central.order import dispatcher
 from tca_live.messages import get_variable, query, send, set_variable
 from tca_live.questions import modules, status
 from tca_live.tasks import kill, raise_failure, resume, suspend, unlock
@@ -49,6 +50,23 @@ def test_a_task_that_fails_or_is_killed_is_a_no(robot: list[str], user: Client) 
     waiting.join(SOON)
     assert killed[0][0] == 1
     assert killed[0][2].endswith(f"later {{{found[0].id}}} was killed: enough (by user)\n")
+
+
+def test_what_would_be_dropped_is_refused_and_what_was_is_told(user: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
+    user.inform(SAY, "one", wait=0)
+    user.inform(SAY, "two", wait=0)
+    code, _, error = tca(send, "say", "three")
+    assert (code, error.splitlines()[-1].partition(",")[0]) == (
+        1,
+        "inform 'say' was refused: 2 messages wait for a module that handles say",
+    )
+    assert error.endswith("first in line; from 2 on no more are let in: try later\n")
+    for _ in range(3):
+        user.inform(SAY, "lost")
+    user.modules()
+    _, shown, _ = tca(status)
+    assert "dropped: 3 of say" in shown
 
 
 def test_nobody_waits_longer_than_he_says(robot: list[str], user: Client) -> None:

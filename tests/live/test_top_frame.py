@@ -29,7 +29,15 @@ def resource(name: str = "legs", delivered: int = 10, busy: float = 4.0, **more:
 
 
 def message(name: str, delivered: int, **more: Any) -> dict[str, Any]:
-    return {"message": name, "class": "command", "delivered": delivered, "failed": 0, "waiting": 0, **more}
+    return {
+        "message": name,
+        "class": "command",
+        "delivered": delivered,
+        "failed": 0,
+        "dropped": 0,
+        "waiting": 0,
+        **more,
+    }
 
 
 def answer(time: float, *resources: dict[str, Any], epoch: str = "one", **more: Any) -> dict[str, Any]:

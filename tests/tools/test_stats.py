@@ -14,12 +14,14 @@ from hypothesis import strategies as st
 from tools.runs import OPENED
 from tools.story import QUERY, Story, silent_for, walking
 
+from tca_tools.analysis.summary import summary
+from tca_tools.export.tables import TABLES
 from tca_tools.run.fold import History
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import Dropping, MessageClass, Outcome
 
 
 def shown(*arguments: object, **environment: str) -> Result:
@@ -92,6 +94,29 @@ def test_a_query_that_nobody_handles_is_open_until_it_is_dropped() -> None:
     assert of(measure(story.fold()), "where").open == 1
     story.at(2.0).say(facts.Dropped(lost, "any", "its sender left"))
     assert [(one.open, one.dropped) for one in measure(story.fold()).messages] == [(0, 1)]
+
+
+def test_what_single_receivers_did_not_get_and_direct_ones_that_were_lost_are_dropped() -> None:
+    story = Story().module("map", "pose").at(1.0)
+    pose, alone = (story.received("pose", MessageClass.BROADCAST, "user") for _ in range(2))
+    full = Dropping.OVERLOAD
+    story.say(facts.Dropped(9, "pose", "10 wait", pose, dropping=full), facts.Dropped(8, "pose", "10 wait", pose))
+    story.say(facts.Dropped(alone, "pose", "nobody listens"))
+    story.at(2.0).say(facts.LostDirectly("user", "level", 519), facts.LostDirectly("user", "", 3))
+    run = story.fold()
+    assert {one.message: (one.sent, one.direct, one.dropped) for one in measure(run).messages} == {
+        "pose": (2, 0, 3),
+        "level": (519, 519, 519),
+    }
+    assert summary(run).dropped == [("level", 519), ("pose", 2)]
+    drops = next(table for table in TABLES if table.name == "drops")
+    assert [row[1:6] for row in drops.rows(run)] == [
+        (pose, "pose", True, 1, "overload"),
+        (pose, "pose", True, 1, None),
+        (alone, "pose", False, 1, None),
+        (None, "level", False, 519, None),
+        (None, None, False, 3, None),
+    ]
 
 
 def test_a_message_for_many_is_open_while_a_copy_of_it_waits_or_is_handled() -> None:

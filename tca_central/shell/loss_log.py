@@ -1,0 +1,59 @@
+"""Warnings of losses, which may come in floods: one line a second for each thing that is lost, with how many."""
+
+import logging
+from math import inf
+from typing import Any
+
+from tca_wire.journal import facts
+from tca_wire.vocabulary import Dropping, Refusal
+
+PERIOD = 1.0
+"""Seconds between two lines about one thing."""
+
+
+LOSSES = facts.Dropped, facts.LostDirectly, facts.RequestRefused
+"""Facts that may be losses."""
+
+
+def loss_in(fact: Any) -> tuple[str, str, int] | None:
+    """What a fact says was lost, why, and how many; None if that is no loss to warn of."""
+    match fact:
+        case facts.Dropped(dropping=Dropping.OVERLOAD):
+            return f"dropped '{fact.message}'", fact.why, 1
+        case facts.LostDirectly():
+            what = f"direct '{fact.message}'" if fact.message else "notes of direct messages"
+            return f"module '{fact.module}' lost {what}", "its handler is too slow, or left", fact.number
+        case facts.RequestRefused(refusal=Refusal.OVERLOAD):
+            return f"refused module '{fact.sender}'", fact.text, 1
+    return None
+
+
+class LossLog:
+    """Knows no clock; ``tell`` is to be called about once in a period."""
+
+    def __init__(self, log: logging.Logger) -> None:
+        self._log = log
+        self._lines: dict[
+            str, tuple[float, int, str]
+        ] = {}  #: what is lost -> when it was last told, how many since, why
+
+    def note(self, what: str, why: str, number: int, now: float) -> None:
+        """So many are lost."""
+        told, before, _ = self._lines.get(what, (-inf, 0, ""))
+        self._lines[what] = told, before + number, why
+        if now - told >= PERIOD:
+            self._tell(what, now)
+
+    def tell(self, now: float = inf) -> None:
+        """Tell of those for which it is time, and forget those of which there was nothing to tell."""
+        for what, (told, number, _) in list(self._lines.items()):
+            if now - told >= PERIOD:
+                if number:
+                    self._tell(what, now)
+                else:
+                    del self._lines[what]
+
+    def _tell(self, what: str, now: float) -> None:
+        _, number, why = self._lines[what]
+        self._log.warning("%s%s: %s", what, f" {number:,} times" if number > 1 else "", why)
+        self._lines[what] = now, 0, why
