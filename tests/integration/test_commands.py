@@ -10,7 +10,7 @@ from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SAY, SILEN
 from tca_central.order import dispatcher
 from tca_live.messages import get_variable, query, send, set_variable
 from tca_live.questions import modules, status
-from tca_live.tasks import kill, raise_failure, resume, suspend, unlock
+from tca_live.tasks import kill, raise_failure, resume, retry, suspend, unlock
 from tca_module import Client, Failure, Module, MultiQuery, Outcome, Task, connect
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
@@ -199,6 +199,17 @@ def test_a_task_is_suspended_and_resumed(robot: list[str], user: Client) -> None
         assert tca(command, "walk") == (0, f"walk {{{walk.id}}}: {state}\n", "")
 
 
+def test_a_task_is_handled_again(robot: list[str], user: Client) -> None:
+    walk = user.goal(WALK, 1)
+    while not (before := walk.children()):
+        user.modules()
+    code, text, error = tca(retry, "walk")
+    assert (code, text.startswith(f"walk {{{walk.id}}}: to be handled again"), error) == (0, True, "")
+    while not (after := walk.children()) or after[0].id == before[0].id:
+        user.modules()
+    assert len(after) == 1
+
+
 def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
     walk.wait_for(walk.handling.end, SOON)
@@ -265,7 +276,7 @@ def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
     ],
 )
 def test_tasks_that_are_none(address: str, task: str, code: int, error: str) -> None:
-    for command, words in ((kill, ()), (suspend, ()), (resume, ()), (raise_failure, ("fell",))):
+    for command, words in ((kill, ()), (suspend, ()), (resume, ()), (retry, ()), (raise_failure, ("fell",))):
         assert tca(command, task, *words) == (code, "", error.replace("ADDRESS", address) + "\n")
 
 

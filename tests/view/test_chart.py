@@ -39,6 +39,9 @@ def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Pat
     page.locator("#chart-bar").evaluate("(bar) => { bar.scrollTop = 100000; }")
     expect(below).to_be_hidden()
     assert page.evaluate(labels)[-3:] == ["module 39", "(suspended)", "(no handler)"]
+    page.evaluate("tca.chart.scroll = 0; tca.chart.draw()")
+    page.locator(".row[data-task='3']").click()  # the chart goes to the bar of a task that is chosen
+    assert "module 39" in page.evaluate(labels)
     page.set_viewport_size({"width": 1400, "height": 3000})
     expect(page.locator("#chart-bar")).to_be_hidden()
     assert page.evaluate(labels)[0] == "module 0"

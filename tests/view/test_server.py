@@ -129,12 +129,13 @@ def test_an_empty_journal_is_said_to_be_empty(tmp_path: Path, is_folder: bool) -
     if is_folder:
         log.mkdir()
     (log / "00000001.tcaj" if is_folder else log).touch()
-    command = [sys.executable, "-m", "tca_tools.view", str(log), "--no-browser"]
+    command = [sys.executable, "-m", "tca_tools.view", str(log), "--no-browser", *["--read-only"] * is_folder]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             found = re.fullmatch(r"new: (http://\S+)  .*\n", process.stdout.readline())
             assert found
+            assert ("?key=" in found[1]) != is_folder
             get(found[1])  # it serves: what it has to say it has said
         finally:
             process.terminate()

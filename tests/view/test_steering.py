@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from click.testing import CliRunner
 from integration.programs import Central, central
-from playwright.sync_api import expect
+from playwright.sync_api import Locator, Page, expect
 from tools.story import walking
 
-from tca_live.tasks import retry
 from tca_module import Client, Command, Goal, Module, Task, connect
 from tca_tools.view.steering import Steering
 from tca_wire.vocabulary import Outcome
@@ -62,58 +60,68 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 Serve = Callable[..., str]
 
 
-def test_a_task_is_suspended_resumed_retried_and_killed(look: Look, serve: Serve, robot: Robot) -> None:
+def told(page: Page) -> Locator:
+    """What became of what was asked last."""
+    return page.locator("#steering [role=status]")
+
+
+def ask(page: Page, what: str, task: int, rows: int) -> None:
+    """Ask for something to be done to a task, when so many are seen and one of them is handled."""
+    expect(page.locator(".row")).to_have_count(rows)
+    expect(page.locator("#counts [data-state=handling]")).to_be_visible()
+    page.locator(f".row[data-task='{task}']").click()
+    page.locator(f"[data-steer={what}]").click()
+    expect(page.locator("#steer h2")).to_have_text(f"{what} patrol {{{task}}}?")
+
+
+def say_yes(page: Page) -> None:
+    page.locator("#steer button[type=submit]").click()
+
+
+def test_a_task_is_suspended_resumed_and_retried(look: Look, serve: Serve, robot: Robot) -> None:
     task, steering = robot.user.goal(PATROL, 3), Steering(robot.daemon.address)
     address = serve(robot.daemon.journal, steering)
-    page = look(address, f"?key={steering.key}#task={task.id}")
+    page = look(address, f"?key={steering.key}#t=0&task={task.id}")
     assert steering.key not in page.url
+    page.locator("#steering button", has_text="go to the end").click()  # nobody steers the past
     expect(page.locator("#steering button")).to_have_text(["kill", "suspend", "retry"])
     for what, then, said in (
         ("suspend", ["kill", "resume", "retry"], "patrol {1}: suspended"),
         ("resume", ["kill", "suspend", "retry"], "patrol {1}: resumed"),
+        ("retry", ["kill", "suspend", "retry"], "patrol {1}: to be handled again"),
     ):
-        page.locator(f"[data-steer={what}]").click()
-        expect(page.locator("#steer h2")).to_have_text(f"{what} patrol {{1}}?")
+        ask(page, what, task.id, rows=4)
         expect(page.locator("#steer p").first).to_contain_text("Under it: 3 living tasks.")
-        page.locator("#steer button[type=submit]").click()
-        expect(page.locator("#steering [role=status]")).to_have_text(said)
+        say_yes(page)
+        expect(told(page)).to_have_text(said)
         expect(page.locator("#steering button")).to_have_text(then)
-    page.locator("[data-steer=retry]").click()
-    page.locator("#steer button[type=submit]").click()
-    expect(page.locator("#steering [role=status]")).to_have_text("patrol {1}: to be handled again")
     robot.go_on.set()
     expect(page.locator("#counts")).to_contain_text("4 achieved")
     assert robot.begun == [3, 3]
-    robot.go_on.clear()
-    again = robot.user.goal(PATROL, 2)
-    page.locator(f".row[data-task='{again.id}']").click()
-    page.locator("[data-steer=kill]").click()
+
+
+def test_a_task_is_killed_by_who_says_so_and_has_the_key(look: Look, serve: Serve, robot: Robot) -> None:
+    task, steering = robot.user.goal(PATROL, 2), Steering(robot.daemon.address)
+    page = look(serve(robot.daemon.journal, steering), f"?key={steering.key}")
+    ask(page, "kill", task.id, rows=3)
     page.locator("#steer-not").click()
-    assert again.info() is not None
-    page.locator("[data-steer=kill]").click()
+    assert task.info() is not None
+    ask(page, "kill", task.id, rows=3)
     page.locator("#steer input").fill("the battery is low")
     page.locator("#steer input").press("Enter")
-    expect(page.locator("#steering [role=status]")).to_contain_text("told to end")
+    expect(told(page)).to_contain_text("told to end")
     robot.go_on.set()
-    assert again.wait(30) is Outcome.KILLED
+    assert task.wait(30) is Outcome.KILLED
     expect(page.locator("#task .lead").last).to_contain_text("killed: the battery is low (by the command 'tca view')")
     expect(page.locator("#steering button")).to_have_count(0)
-
-
-def test_who_looks_at_the_past_or_has_no_key_steers_nothing(look: Look, serve: Serve, robot: Robot) -> None:
-    task, steering = robot.user.goal(PATROL, 1), Steering(robot.daemon.address)
-    address = serve(robot.daemon.journal, steering)
-    page = look(address, f"?key={steering.key}#t=0&task={task.id}")
-    page.locator("#steering button", has_text="go to the end").click()
-    expect(page.locator("[data-steer=kill]")).to_be_visible()
-    page.locator("[data-steer=kill]").click()
+    robot.go_on.clear()
+    other = robot.user.goal(PATROL, 1)
+    ask(page, "kill", other.id, rows=5)
     page.evaluate("sessionStorage.setItem('key', 'of another viewer')")
-    with page.expect_event("console") as line:  # the browser notes what was refused
-        page.locator("#steer button[type=submit]").click()
-    assert "403" in line.value.text
-    expect(page.locator("#steering [role=status]")).to_contain_text("to steer, open the address that 'tca view'")
+    say_yes(page)
+    expect(told(page)).to_contain_text("to steer, open the address that 'tca view' printed")
     expect(page.locator("[data-steer]")).to_have_count(0)
-    assert task.info() is not None
+    assert other.info() is not None
 
 
 def read(address: str, what: str) -> bytes:
@@ -171,15 +179,3 @@ def test_nobody_else_is_obeyed(serve: Serve, robot: Robot, tmp_path: Path) -> No
         read(address, "frame")
         status, why = post(address, wish, X_TCA_Key=other.key)
         assert (status, "runs another run than the one shown" in why) == (400, True)
-
-
-def test_the_command_retries_too(robot: Robot) -> None:
-    robot.user.goal(PATROL, 0).wait(30)
-    task = robot.user.goal(PATROL, 1)
-    while not task.children():
-        pass
-    told = CliRunner().invoke(retry, ["patrol", "--central", robot.daemon.address])
-    assert (told.exit_code, told.output) == (0, f"patrol {{{task.id}}}: to be handled again\n")
-    robot.go_on.set()
-    assert task.wait(30) is Outcome.DONE
-    assert robot.begun == [0, 1, 1]
