@@ -12,7 +12,8 @@ from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import columns_of, cut
 from tca_wire.points import ROOT
 
-_DEEPEST = 12
+_DEEPEST, _NARROW = 12, 40
+"""Levels that are indented, where there are more columns than the second."""
 _SHORTEST_STATE, _SHORTEST_NAME = 12, 8
 """Columns that are kept."""
 _FAR = 100
@@ -21,7 +22,7 @@ _FAR = 100
 
 def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
     """The lines from a time on: ``+`` for what is sent, then what becomes of it and why it waits."""
-    run = recording.run
+    run, deepest = recording.run, _DEEPEST if width is None else min(max(width - _NARROW, 0) // 2, _DEEPEST)
     depths = {int(ROOT): -1}
     for number in sorted(run.tasks):  # parents have smaller numbers
         depths[number] = depths[run.tasks[number].parent] + 1
@@ -35,12 +36,12 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         at = RunAt(run, time)
         task = at.tasks[number]
         state = standing(run, run.tasks[number], run.tasks[number].states[order][1], time)
-        indent = "  " * depths[number] if depths[number] <= _DEEPEST else f"{'  ' * _DEEPEST}[{depths[number]}] "
+        indent = "  " * depths[number] if depths[number] <= deepest else f"{'  ' * deepest}[{depths[number]}] "
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"
         room = None if width is None else max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME)
-        line = f"{start_of_line}{cut(words.called(task), room)}: "
+        line = cut(f"{start_of_line}{cut(words.called(task), room)}: ", width)
         note = words.note_of(at, task, within=_FAR)
         told = note.within(None, at.time)
         said = told if note.says_state else ", ".join(filter(None, (state, told)))
-        rest = cut(said, None if width is None else max(width - columns_of(line), _SHORTEST_STATE - 2))
+        rest = cut(said, None if width is None else width - columns_of(line))
         yield line + click.style(rest[: len(state)], fg=COLOURS[state]) + rest[len(state) :]

@@ -10,9 +10,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tools.story import COMMAND, GOAL, Story, stumbling
 
+from tca_tools.replay.growth import growth_lines
+from tca_tools.replay.recording import Recording
 from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.outline import excerpt, outline, whole_outline
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
+from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.terminal import columns_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
@@ -54,11 +57,15 @@ DEEP = [(0 if place % 20 else 19, "take steps", 5 if place > 390 else 0) for pla
 @example(DEEP, 80, False)
 @given(st.lists(TASKS, min_size=1, max_size=60), st.integers(20, 200), st.booleans())
 def test_no_tree_is_wider_than_its_terminal(tasks: list[Leaf], width: int, with_data: bool) -> None:
-    at = RunAt(grown(tasks).fold())
+    told = grown(tasks)
+    at = RunAt(told.fold())
     for rows in (outline(at), outline(at, 5, 3), whole_outline(at)):
         for guides in (UNICODE, ASCII):
             lines = tree_lines(at, rows, width=width, guides=guides, with_data=with_data)
             assert max(columns_of(unstyle(line)) for line in lines) <= width
+    if len(tasks) < len(FLAT):
+        others = [*growth_lines(Recording(told.entries), 0.0, width), *story_lines(at.run, len(tasks), width)]
+        assert max(columns_of(unstyle(line)) for line in others) <= width
 
 
 @settings(max_examples=30)
