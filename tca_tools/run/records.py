@@ -412,7 +412,7 @@ class Task(Message):
     is_dealt_with: bool = False
     """Its failure was dealt with."""
     is_unhandled: bool = False
-    """Nobody dealt with its failure. If it was not killed, as it is retried or outlives what is above it, it goes on."""
+    """Nobody dealt with its failure. Unless killed (it is retried, or survives what is above it) it goes on."""
     suspensions: list[Suspension] = field(default_factory=list)
     retries: list[Retry] = field(default_factory=list)
     states: list[tuple[float, TaskState]] = field(default_factory=list)

@@ -69,7 +69,7 @@ def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read
         daemon = Central(tmp_path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    with connect("user", daemon.address, patience=2) as user, pytest.raises(TcaError):
+    with pytest.raises(TcaError), connect("user", daemon.address, patience=2) as user:
         flood(user)
     assert daemon.process.wait(timeout=10) == 1
     said = daemon.stop()
