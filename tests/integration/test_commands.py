@@ -52,7 +52,9 @@ def test_a_task_that_fails_or_is_killed_is_a_no(robot: list[str], user: Client) 
     assert killed[0][2].endswith(f"later {{{found[0].id}}} was killed: enough (by user)\n")
 
 
-def test_what_would_be_dropped_is_refused_and_what_was_is_told(user: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_would_be_dropped_is_refused_and_what_was_is_told(
+    user: Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     user.inform(SAY, "one", wait=0)
     user.inform(SAY, "two", wait=0)
@@ -67,6 +69,7 @@ def test_what_would_be_dropped_is_refused_and_what_was_is_told(user: Client, mon
     user.modules()
     _, shown, _ = tca(status)
     assert "dropped: 3 of say" in shown
+    assert any(line.startswith("dropped 'say': 2 messages wait") for line in caplog.messages)
 
 
 def test_nobody_waits_longer_than_he_says(robot: list[str], user: Client) -> None:

@@ -114,6 +114,17 @@ def test_a_run_that_is_not_over(reported: Reported) -> None:
     assert "The top-level task was not over when the journal ended." in shown.text
 
 
+def test_what_was_dropped_went_wrong(reported: Reported) -> None:
+    story = stepping()
+    for number, name in enumerate(("pose", "level", "heat", "view", "sound"), 1):
+        story.say(facts.LostDirectly("user", name, 10_000 // number))
+    shown = reported(story)
+    assert "10,000 of pose dropped: its handler was too slow, or left" in shown.text
+    assert "5,000 of level dropped" in shown.text
+    assert "2 more messages had drops: tca stats" in shown.text
+    assert "Nothing: no failure was raised" not in shown.text
+
+
 def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
     out, run = tmp_path / "run.html", walking().write(tmp_path / "run")
     with silent_for(run, 60.0):
