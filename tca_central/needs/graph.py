@@ -184,7 +184,7 @@ def _of_point(central: State, place: Place, each: Each) -> Groups:
     if task.reached & moment or (task.suspended and moment & STARTS):
         return
     if task.killed:
-        yield from _of_killed(task, moment, each)
+        yield from _of_killed(central, task, moment, each)
         return
     if task.queues and is_only_queued(task):
         is_plain = all(resource.held_by is None and not resource.claims for resource in task.queues)
@@ -241,16 +241,43 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
     for one in together:
         for before in predecessors(central.tree, Place(task, one), each):
             is_the_same = before.task is task and before.moment in together
-            yield None if is_the_same or before.task.reached & before.moment else [before]
+            if before.moment == END_ACHIEVING and before.task.parent is task and only_watches(central, before.task):
+                yield from _of_actions(central, before.task)
+            else:
+                yield None if is_the_same or before.task.reached & before.moment else [before]
 
 
-def _of_killed(task: Task, moment: int, each: Each) -> Groups:
+def only_watches(central: State, child: Task) -> bool:
+    """Whether a monitor ends with all else under its parent, which waits for what it has sent, but not for itself."""
+    if not child.is_watcher or child.parent is None or child.parent.id == ROOT:
+        return False
+    ends = ((leader_id, its) for at, leader_id, its in child.leaders or () if at in (END_HANDLING, END_ACHIEVING))
+    leaders = ((central.tree.tasks.get(leader_id), its) for leader_id, its in ends if leader_id != child.id)
+    return all(leader is None or leader.reached & its for leader, its in leaders)
+
+
+def _of_actions(central: State, monitor: Task) -> Groups:
+    """What a monitor has sent."""
+    monitors = [monitor]
+    for one in monitors:  # grows while it is walked
+        for child in list((one.children or {}).values()):
+            if only_watches(central, child):
+                monitors.append(child)
+            else:
+                yield [Place(child, END_ACHIEVING)]
+        yield None
+
+
+def _of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:
     """Only what runs, or outlives the kill, holds up the end of a killed task."""
     if task.slot is not None:
         yield [Returning(task)]
     if moment in (END_PLANNING, END_ACHIEVING):
         for child in each((task.children or {}).values()):
-            yield None if child.reached & moment else [Place(child, moment)]
+            if moment == END_ACHIEVING and only_watches(central, child):
+                yield from _of_actions(central, child)
+            else:
+                yield None if child.reached & moment else [Place(child, moment)]
 
 
 _OF: dict[type, Callable[[State, Any, Each], Groups]] = {

@@ -101,7 +101,7 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
             wait = wait_for_group(central, own, group)
             children += wait.kind is WaitKind.SUBTASK
             if children == NAMED:  # the others need not be looked at
-                all_of_them = task.unplanned if own.moment == END_PLANNING else len(task.children or ())
+                all_of_them = task.unplanned if own.moment == END_PLANNING else len(task.children or ()) - task.watchers
                 yield replace(wait, more=max(all_of_them - NAMED, 0))
                 break
             yield wait
@@ -166,7 +166,7 @@ def _kind(node: Place | Releasing, other: Task, moment: int) -> WaitKind:
         return WaitKind.RECOVERY
     if other.role is Role.LISTENER:
         return WaitKind.LISTENER
-    if other.parent is task:
+    if other.parent is task or (other.parent is not None and other.parent.is_watcher and other.above(task.id)):
         return WaitKind.SUBTASK
     return WaitKind.PARENT if other is task.parent and moment == node.moment else WaitKind.CONSTRAINT
 

@@ -9,8 +9,9 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Message, Queueing, Task
 from tca_tools.run.whole_run import UNKNOWN, Run
 from tca_tools.why.ends import Ends
+from tca_tools.why.wait import Wait
 from tca_tools.why.wait_words import last_of, told, wait_for
-from tca_tools.why.waits import Wait, waits_now, waits_of
+from tca_tools.why.waits import waits_now, waits_of
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place
 from tca_wire.text.measures import duration, run_time
 from tca_wire.text.waits_in_words import in_words, several_in_words

@@ -16,7 +16,8 @@ from tca_tools.run.failures import all_failures
 from tca_tools.run.fates import fate, has_coped, went_on
 from tca_tools.run.records import HandlerWait, Handling, Queueing
 from tca_tools.run.whole_run import Run
-from tca_tools.why.waits import Wait, of_handler_wait, waits_of
+from tca_tools.why.wait import Wait
+from tca_tools.why.waits import of_handler_wait, waits_of
 from tca_wire.points import MOMENTS, describe_moments
 from tca_wire.text.bodies import plain_data
 from tca_wire.vocabulary import Outcome

@@ -7,8 +7,9 @@ from tca_tools.run.fates import failing, told_to
 from tca_tools.run.records import Claim, Failure, HandlerWait, Handling, Queueing, Raised, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
+from tca_tools.why.wait import Wait
 from tca_tools.why.wait_words import told
-from tca_tools.why.waits import Wait, of_handler_wait
+from tca_tools.why.waits import of_handler_wait
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, place, raised_by
 from tca_wire.text.measures import duration, from_to, run_time

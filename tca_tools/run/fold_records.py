@@ -67,17 +67,25 @@ class RecordFold(Run):
         task.holds.append(hold)
         self.news.append(task)
         self._turned[task.id] = task
+        self._turn_above(task)
         self._followers.setdefault(hold.constraint.before.task, []).append(task)
 
     def _turn_others(self, task: Task, moments: int) -> None:
         """Those that may have waited for moments of a task: its followers, its parent, what is under it."""
         for one in self._followers.get(task.id, ()):
             self._turned[one.id] = one
-        if moments & _ENDS and (parent := self.tasks.get(task.parent)):
-            self._turned[parent.id] = parent
+        if moments & _ENDS:
+            self._turn_above(task)
         if moments & _STARTS:
             for child in task.children:
                 self._turned[child] = self.tasks[child]
+
+    def _turn_above(self, task: Task) -> None:
+        """What is above a task: of a monitor its parent, too, which waits for what it has sent."""
+        above = self.tasks.get(task.parent)
+        while above is not None:
+            self._turned[above.id] = above
+            above = self.tasks.get(above.parent) if above.message_class.is_aside else None
 
     def _begin_anew(self, message: Message) -> None:
         """It is about to be handled. A task that goes on, since its failure was dealt with or, where nobody handled it,
@@ -110,6 +118,7 @@ class RecordFold(Run):
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)
             parent.children.append(TaskId(task.id))
+            self._turn_above(task)
             task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import OVER
-from tca_tools.why.waits import Node, next_node, steps
+from tca_tools.why.wait import Node
+from tca_tools.why.waits import next_node, steps
 from tca_wire.waits import WaitKind
 
 MOST = 100

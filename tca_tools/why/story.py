@@ -14,8 +14,9 @@ from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
 from tca_tools.why.deciding import decisions, exhausted, retried
 from tca_tools.why.keepers import WaitPart, parts_in_queue, parts_of_claim
+from tca_tools.why.wait import Wait
 from tca_tools.why.wait_words import of_ahead, of_claim, of_query, of_queueing, told, wait_for
-from tca_tools.why.waits import NAMED, NO_TIME, Wait, of_handler_wait, told_waits
+from tca_tools.why.waits import NAMED, NO_TIME, of_handler_wait, told_waits
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
 from tca_wire.text.measures import counted, listed

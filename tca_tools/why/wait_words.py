@@ -13,7 +13,8 @@ from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, Claim, EventAhead, Hold, Message, Queueing, TaskState
 from tca_tools.why.ends import MOST, End, Ends
 from tca_tools.why.keepers import Keepers, kept_out
-from tca_tools.why.waits import NAMED, Wait, keepers_of, next_node, steps, waits_now
+from tca_tools.why.wait import Wait
+from tca_tools.why.waits import NAMED, keepers_of, next_node, steps, waits_now
 from tca_wire.points import ROOT, describe_moments
 from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import counted, duration, listed, run_time

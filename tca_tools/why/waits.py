@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf
 from operator import attrgetter, itemgetter
-from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import watches, watching
@@ -39,6 +38,7 @@ from tca_tools.run.records import (
 )
 from tca_tools.run.whole_run import Run
 from tca_tools.why.keepers import Keepers, ahead_of_claim, kept_out, kept_since
+from tca_tools.why.wait import Node, Wait
 from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
@@ -46,8 +46,10 @@ from tca_wire.points import (
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
+    TaskId,
 )
 from tca_wire.rules import rules_of
+from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitKind
 
 NO_TIME = 1e-6
@@ -80,41 +82,6 @@ _OF_POINTS = (
 _LEAVES = (WaitKind.HANDLER, WaitKind.DELAY, WaitKind.CONDITION, WaitKind.RUNNING)
 
 _START, _SINCE = attrgetter("start"), itemgetter(0)
-
-
-class Node(NamedTuple):
-    """Something that has to come about."""
-
-    number: int
-    """The task, message or claim."""
-    moment: int = 0
-    """The moment that the task is to reach. 0: it is to be resumed, answered, or its claim granted or released."""
-    delivery: int = 0
-    """Of what was sent to many: the one of them that is to be handled (0: all)."""
-
-
-class Wait(NamedTuple):
-    """One thing that something waits for, and from when until when."""
-
-    start: float
-    end: float
-    """inf: it goes on."""
-    kind: WaitKind
-    on: Node
-    """The node that has to come first; of a leaf the thing itself."""
-    holds: int
-    """The moments of the waiting task that it keeps from being reached, as bits."""
-    record: Hold | Queueing | Handling | HandlerWait | Suspension | None = None
-    """The record of the wait, if that is more than a point of a task."""
-    since: float = 0.0
-    """Since when it has waited in all without a break, whatever for; no later than *start*."""
-    others: Sequence[float] = ()
-    """The ends of further subtasks that it stands for."""
-
-    @property
-    def seconds(self) -> float:
-        """How long it took; infinite, if it goes on."""
-        return self.end - self.start
 
 
 # --- all waits of one record -----------------------------------------------------------------------------------------
@@ -168,7 +135,7 @@ def _subtasks(
     """
     last, number, begun = min(task.time_of(moment), over), 0, -inf
     others: list[float] = []
-    for child in map(run.tasks.__getitem__, task.children):
+    for child in _under(run, task, moment, None):
         start, end = max(child.received, since), min(child.time_of(moment), last)
         if start >= end or (together and end - start < NO_TIME):
             continue
@@ -178,6 +145,30 @@ def _subtasks(
             continue
         others = []
         yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, moment), moment, others=others if together else ())
+
+
+def _under(run: Run, task: Task, moment: int, time: float | None) -> list[Task]:
+    """The tasks under a task that keep it from being planned or achieved, at a *time* or ever. Of a monitor that ends
+    with all else there it is what that has sent, unless a constraint keeps it.
+    """
+    found: list[Task] = []
+    rest = [task]
+    for one in rest:  # grows while it is walked
+        for number in one.children:
+            child = run.tasks[number]
+            is_watcher = moment == END_ACHIEVING and child.message_class.is_aside and not child.is_waited_for
+            if is_watcher:
+                rest.append(child)
+            if not is_watcher or _is_kept(run, child, time):
+                found.append(child)
+    return found
+
+
+def _is_kept(run: Run, monitor: Task, time: float | None) -> bool:
+    """Whether a constraint keeps a monitor from its end."""
+    waits = (wait for hold in monitor.holds for wait in _of_constraint(run, monitor, hold, inf))
+    kept = (wait for wait in waits if wait.holds & _ENDS and wait.kind is not WaitKind.DELAY)
+    return any(time is None or wait.start <= time < wait.end for wait in kept)
 
 
 def _of_task(run: Run, task: Task) -> Iterator[Wait]:
@@ -228,6 +219,10 @@ def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wai
     if task.time_of(START_HANDLING) < retry.time:
         begun = task.handlings[retry.runs].start if retry.runs < len(task.handlings) else task.time_of(END_ACHIEVING)
         begun = next((one.start for one in task.queueings if retry.time <= one.start < begun), begun)
+        asker = run.tasks.get(TaskId(retry.asker.message_id)) if retry.asker else None
+        if asker is not None and asker.role is Role.EXCEPTION:
+            end = min(asker.time_of(END_ACHIEVING), begun, killed)
+            yield Wait(retry.time, end, WaitKind.RECOVERY, Node(asker.id, END_ACHIEVING), _ENDS)
         awaited = task.children[: retry.sent] if task.message_class.is_monitor else task.children
         for child in map(run.tasks.__getitem__, awaited):
             if not _is_guest(child):
@@ -386,7 +381,7 @@ def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float
         return [one for one in waits if one.kind is WaitKind.RESUME], []
     wanted = _moments(message, node.moment, time)
     last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
-    under = [run.tasks[number] for number in message.children] if last else []
+    under = _under(run, message, last, time) if last else []
     found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
     return found, [Node(one.id, last) for one in under if one.received <= time < one.time_of(last)]
 

@@ -20,7 +20,7 @@ from tca_central.model.resources import Claim as Wanted
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.why.ends import MOST, End, Ends
-from tca_tools.why.waits import Node
+from tca_tools.why.wait import Node
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment

@@ -23,8 +23,9 @@ from tca_central.order.cycles import Place
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.why.ends import Ends
+from tca_tools.why.wait import Node
 from tca_tools.why.wait_words import reasons
-from tca_tools.why.waits import Node, keeping, next_node, steps, waits_of
+from tca_tools.why.waits import keeping, next_node, steps, waits_of
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions

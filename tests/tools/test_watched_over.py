@@ -1,0 +1,93 @@
+"""A monitor that ends with what it watches over is never what that, or what is above it, waits for."""
+
+from math import inf
+
+from properties.folded import FoldedPlayer
+
+from tca_central.needs.waits import Ends as CentralEnds
+from tca_central.needs.waits import next_of, waits_of
+from tca_central.status.load import load
+from tca_tools.analysis.backwards import Causes
+from tca_tools.analysis.critical_path import critical_path, last_task
+from tca_tools.run.at_time import RunAt
+from tca_tools.why.ends import causes
+from tca_tools.why.wait_words import in_the_end, reasons
+from tca_wire.packets import headers
+from tca_wire.packets.parts import MessageFormat, WatchOptions
+from tca_wire.points import END_ACHIEVING, TaskId
+from tca_wire.vocabulary import MessageClass
+from tca_wire.waits import CommonEnd, WaitFor, WaitKind
+
+WALK, MOVE, GUARD = TaskId(1), TaskId(2), TaskId(3)
+
+
+def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
+    """A walk {1} makes a move {2}, which a guard {3} watches over; eleven moves wait for the walk. The guard may have
+    been fired, and have sent a lift {4} that nobody handles.
+    """
+    player = FoldedPlayer()
+    player.module("planner", "goal walk")
+    player.module("legs", "command move")
+    player.module("user")
+    player.declare("user", "goal walk", "command move", "command lift", "inform note")
+    guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, "{}", "", ["", "lift", ""])
+    player.receive("user", headers.Register(player.number("user"), [guard]))
+    assert player.task("user", "walk") == WALK
+    assert player.task("planner/1", "move", under=WALK) == MOVE
+    assert player.task("user", "guard", under=MOVE, watch=WatchOptions(waited_for=waited_for)) == GUARD
+    if fired:
+        player.receive("legs/1", headers.Fire(player.number("legs/1"), GUARD), b"\x07")
+    player.reply("planner/1")
+    for _ in range(11):
+        player.task("user", "move")
+    return player
+
+
+def test_what_is_above_waits_in_the_end_for_the_command_alone() -> None:
+    player = guarded()
+    at = RunAt(player.history)
+    assert [reasons(at, at.tasks[one]) for one in (WALK, MOVE)] == [["until move {2} is achieved"], []]
+    assert str(in_the_end(at, at.tasks[TaskId(4)])) == "for move {2}, which legs handles"
+    waiting, things, found = causes(at)
+    assert (waiting, things, [cause.tasks for cause in found]) == (12, 1, [12])  # each once
+
+
+def test_central_says_so_too() -> None:
+    player = guarded()
+    walk = player.central.tree.tasks[WALK]
+    assert waits_of(player.central, next_of(walk)) == [WaitFor(WaitKind.SUBTASK, MOVE, "move", END_ACHIEVING)]
+    running = WaitFor(WaitKind.RUNNING, MOVE, "move", module="legs", resource="legs")
+    assert CentralEnds(player.central, 1000).end_of(next_of(walk)) == running
+    told = load(player.central)
+    assert told["ends"] == [CommonEnd(11, running)]
+    assert [one.number for one in told["held"]] == [*range(4, 15)]
+
+
+def test_what_the_monitor_has_sent_is_waited_for() -> None:
+    player = guarded(fired=True)
+    player.reply("legs/1")
+    assert GUARD not in [one.number for one in load(player.central)["held"]]
+    at = RunAt(player.history)
+    assert reasons(at, at.tasks[MOVE]) == ["until lift {4} is achieved"]
+    walk = player.central.tree.tasks[WALK]
+    move = player.central.tree.tasks[MOVE]
+    assert waits_of(player.central, next_of(move)) == [WaitFor(WaitKind.SUBTASK, TaskId(4), "lift", END_ACHIEVING)]
+    assert CentralEnds(player.central, 1000).end_of(next_of(walk)) == WaitFor(WaitKind.HANDLER, name="lift")
+    assert str(in_the_end(at, at.tasks[WALK])) == "for lift {4}, which no module handles"
+
+
+def test_a_monitor_that_is_waited_for_is_what_holds_everything() -> None:
+    player = guarded(waited_for=True)
+    player.reply("legs/1")
+    at = RunAt(player.history)
+    assert reasons(at, at.tasks[MOVE]) == ["until guard {3} is achieved"]
+    told = load(player.central)
+    assert (told["held"][0].number, told["ends"][0].tasks) == (GUARD, 12)
+
+
+def test_a_critical_path_goes_by_the_command() -> None:
+    run = guarded().history
+    task = last_task(run)
+    assert task is not None
+    (*_, last) = critical_path(run, Causes(run), task).steps
+    assert (last.message_id, last.end < inf) == (MOVE, True)
