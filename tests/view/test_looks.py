@@ -47,18 +47,6 @@ def test_a_run_that_has_ended_is_shown_from_its_first_task_on(look: Look, tmp_pa
     expect(page.locator(seen.format(54))).to_be_in_viewport()
 
 
-def test_columns_of_messages_stand_still(look: Look, tmp_path: Path) -> None:
-    page = look(long_run().write(tmp_path / "moves"), "#t=10.5")
-    page.locator("#tab-messages").click()
-    places = (
-        "[...document.querySelectorAll('#messages .kind')].map((one) => Math.round(one.getBoundingClientRect().left))"
-    )
-    until(page, f"{places}.length > 50")
-    told = page.locator("#messages .time").all_inner_texts()
-    assert {len(one.strip()) for one in told} == {7, 8}  # 9.000 s, 10.000 s
-    assert len(set(page.evaluate(places))) == 1
-
-
 def test_the_name_of_what_is_to_come_is_dark_on_its_pale_bar(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk", "turn").at(1.0)
     for name in ("walk", "turn"):
@@ -126,7 +114,9 @@ def test_a_failure_is_told_once_and_with_its_data_if_it_has_no_text(look: Look, 
     expect(page.locator("#clock")).to_have_text("3.000 s")
 
 
-def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task(look: Look, tmp_path: Path) -> None:
+def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task_and_columns_stand_still(
+    look: Look, tmp_path: Path
+) -> None:
     page = look(long_run().say(facts.Closed("done")).write(tmp_path / "moves"), "#t=38")
     window = "tca.chart.window.map((time) => Math.round(time))"
     page.locator("#tree").focus()
@@ -149,6 +139,15 @@ def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task(look: Look
     until(page, f"String({window}) === '2,7'")
     page.keyboard.press("f")
     until(page, f"String({window}) === '1,41'")
+    page.evaluate("tca.slider.setTime(10.5)")
+    page.locator("#tab-messages").click()
+    places = (
+        "[...document.querySelectorAll('#messages .kind')].map((one) => Math.round(one.getBoundingClientRect().left))"
+    )
+    until(page, f"{places}.length > 50")
+    told = page.locator("#messages .time").all_inner_texts()
+    assert {len(one.strip()) for one in told} == {7, 8}  # 9.000 s, 10.000 s
+    assert len(set(page.evaluate(places))) == 1  # columns stand still
 
 
 def test_who_talks_to_whom(look: Look, tmp_path: Path) -> None:

@@ -176,9 +176,6 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     expect(first).to_have_text(["mixed#1", re.compile("2023"), "4 s", "not closed", "1 achieving8 tasks in all", ""])
     first.get_by_role("button").click()
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
-    page.go_back()
-    page.locator("#runs").select_option(index=1)
-    expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
 
 
 def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(

@@ -149,7 +149,8 @@ export class Chart {
     const { context, width, height } = prepared(this.canvas);
     Object.assign(this, { context, width, height, looks: { lift: css("--lift"), weak: Number(css("--weak")) } });
     if (!this.store.head || width < 50) return;
-    this.stretch.value = this.last ?? (this.from === null && this.to === null ? "" : "part");
+    const seen = String(this.last ?? (this.from === null && this.to === null ? "" : "part"));
+    if (this.stretch.value !== seen) this.stretch.value = seen;
     context.font = "12px system-ui, Helvetica, Arial, sans-serif";
     context.textBaseline = "middle";
     this.#lay();
