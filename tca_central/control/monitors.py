@@ -1,10 +1,11 @@
 """Monitors: tasks that central carries out itself (TCA 8.5 manual, monitors).
 
 A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every period. A *demon
-monitor* has something set up, and is fired by a module. A condition that holds, or a fire, sends the action under the
-monitor: with the condition's reply as its data, or the monitor's own where the reply is only true. What is declared
-without data gets none. A polling or demon monitor ends after so many actions, so many seconds, at a point, and at the
-latest when its parent waits for nothing else: only one that is sent to be waited for keeps it.
+monitor* has something set up. A module may fire any: a demon monitor acts then, others test once more. A condition
+that holds, or a fire, sends the action under the monitor: with the condition's reply as its data, or the monitor's
+own where the reply is only true. What is declared without data gets none. A polling or demon monitor ends after so
+many actions, so many seconds, at a point, and at the latest when its parent waits for nothing else: only one that is
+sent to be waited for keeps it.
 """
 
 from tca_central.errors import RequestError
@@ -17,7 +18,7 @@ from tca_central.state import RaisedFailure, State
 from tca_central.watching.watches import Watch, end_monitor, enlist_monitor, stop_watching
 from tca_wire.journal import facts
 from tca_wire.messages.failures import OVERLOAD
-from tca_wire.messages.formats import NIL
+from tca_wire.messages.formats import NIL, NO_DATA
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
 from tca_wire.packets.parts import MessageFormat
@@ -66,12 +67,12 @@ def start(central: State, task: Task) -> None:
     if watch.is_over:  # it is retried
         watch = task.more.watch = Watch(task, watch.options, watch.parts)
         enlist_monitor(central, task)
-    watch.began = central.clock.now
+    watch.began = watch.since = central.clock.now
     central.agenda.mark_started(task)
     central.agenda.tap_events.append((task, DELIVERED))
     options, message_class = watch.options, task.message.message_class
     if options.duration:
-        watch.timers.append(central.clock.after(options.duration, Due.WATCHED, watch))
+        watch.timers[Due.WATCHED] = central.clock.after(options.duration, Due.WATCHED, watch)
     if options.until is not None and not _wait_until(central, watch, options.until):
         return
     if not message_class.has_condition:
@@ -102,23 +103,34 @@ def _wait_until(central: State, watch: Watch, until: Point) -> bool:
 
 def _test_later(central: State, watch: Watch) -> None:
     """Test again at the next multiple of the period: tests that take too long are not made up for."""
-    assert watch.began is not None
     period = watch.options.period
-    wait = period - (central.clock.now - watch.began) % period
+    wait = period - (central.clock.now - watch.since) % period
     if wait < period / 1000:  # this is that multiple, but for the rounding of floats: a wait of 0 would be one for ever
         wait += period
-    watch.timers = [timer for timer in watch.timers if not timer.is_cancelled]
-    watch.timers.append(central.clock.after(wait, Due.TEST, watch))
+    central.clock.cancel(watch.timers.get(Due.TEST))
+    watch.timers[Due.TEST] = central.clock.after(wait, Due.TEST, watch)
 
 
 def on_test(central: State, watch: Watch) -> None:
     """A polling monitor's period is over. While it is suspended it does not test."""
     if not watch.is_on:
         return
-    if watch.condition is None and not watch.task.suspended:
-        _test(central, watch)
-    else:
+    if watch.condition is not None or watch.task.suspended:
         _test_later(central, watch)
+    elif not _test_as_fired(central, watch):
+        _test(central, watch)
+
+
+def _test_as_fired(central: State, watch: Watch) -> bool:
+    """Test because somebody has fired the monitor, if that is to be done; its period starts anew. One that polls waits
+    with it while it is suspended, or its condition can't be asked.
+    """
+    if not watch.activations or (watch.task.message.is_aside and watch.task.suspended):
+        return False
+    watch.since = central.clock.now
+    _test(central, watch)
+    watch.activations -= watch.condition is not None
+    return True
 
 
 def _test(central: State, watch: Watch) -> None:
@@ -152,12 +164,12 @@ def on_condition_answered(central: State, watch: Watch, answer: Answer, body: by
             fail_task(central, task, failure)
         else:
             raise_failure(central, task, failure)
-        return
-    watch.holds = holds = body not in (NIL, FALSE)
-    central.facts.append(facts.MonitorTested(TaskId(task.id), holds))
-    if holds:
-        _fire(central, watch, task.body if body == TRUE else body)
-    if is_point:
+    else:
+        watch.holds = holds = body not in (NIL, FALSE)
+        central.facts.append(facts.MonitorTested(TaskId(task.id), holds))
+        if holds:
+            _fire(central, watch, task.body if body == TRUE else body)
+    if watch.is_on and not _test_as_fired(central, watch) and is_point:
         end_monitor(central, watch, "it has been tested")
 
 
@@ -175,23 +187,50 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
 
 
 def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
-    """A module fires a demon monitor. One that does not watch is not fired (TCM: a warning, no effect)."""
-    watch = _of_request(central, header.monitor)
-    if watch is not None:
-        _check_fire(watch, header.action)
-    if watch is None or not watch.is_on:
-        state = "does not watch yet" if watch is not None and not watch.is_over else "has ended"
-        central.ignore(connection, header.number, f"monitor {header.monitor} {state}: it can't be fired")
+    """A module fires a monitor, or all of a message. What does not watch is not fired (TCM: a warning, no effect)."""
+    if header.message:
+        watches = _watches_of(central, header.message)
+    else:
+        watch = _of_request(central, header.monitor)
+        watches = [watch] if watch is not None else []
+    for watch in watches:
+        _check_fire(watch, header.action, body)
+    watching = [watch for watch in watches if watch.is_on]
+    if not watching:
+        state = "does not watch yet" if watches and not watches[0].is_over else "has ended"
+        text = f"no monitor '{header.message}' watches" if header.message else f"monitor {header.monitor} {state}"
+        central.ignore(connection, header.number, f"{text}: it can't be fired")
         return
-    _fire(central, watch, body)
-    central.accept(connection, header.number, header.monitor)
+    for watch in watching:
+        if not watch.task.message.message_class.has_condition:
+            _fire(central, watch, body)
+        elif watch.is_on:  # the failure of one may have ended others
+            watch.activations += 1
+            if watch.condition is None:
+                _test_as_fired(central, watch)
+    central.accept(connection, header.number, watching[0].task.id)
 
 
-def _check_fire(watch: Watch, wanted: str) -> None:
-    """Raises RequestError if a monitor can't be fired from outside, or has another action than who fires it thinks."""
+def _watches_of(central: State, name: str) -> list[Watch]:
+    """The living monitors of a message. Raises RequestError if it is no monitor."""
+    message = central.registry.messages.get(name)
+    if message is None or not message.message_class.is_monitor:
+        text = f"'{name}' is {f'a {message.message_class}' if message else 'not declared'}: only monitors are fired"
+        raise RequestError(Refusal.UNKNOWN if message is None else Refusal.PROTOCOL, text)
+    return [watch for watch in central.watches.values() if watch.task.message is message]
+
+
+def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
+    """Raises RequestError if a monitor has another action than its sender thinks, or can't be fired with such data."""
     task, action = watch.task, watch.parts[_ACTION]
     if task.message.message_class.has_condition:
-        raise RequestError(Refusal.PROTOCOL, f"{task} is not a demon monitor: only those can be fired")
+        if not wanted:
+            return
+        text = f"{task} can't be fired with '{wanted}': it tests its condition then, fire it without a message"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if not (wanted or body) and action is not None and action.format.data != NO_DATA:
+        text = f"{task} can't be fired without data: its action is '{action.name}'"
+        raise RequestError(Refusal.PROTOCOL, text)
     if wanted and (action is None or wanted != action.name):
         has = f"its action is '{action.name}'" if action is not None else "it has no action: fire it without"
         raise RequestError(Refusal.PROTOCOL, f"{task} can't be fired with '{wanted}': {has}")

@@ -10,7 +10,7 @@ from tca_wire.journal import facts
 from tca_wire.packets.parts import Watching, WatchOptions
 from tca_wire.points import TaskId
 from tca_wire.rules import RETURNED, recurs_on_retry
-from tca_wire.vocabulary import Refusal, Role
+from tca_wire.vocabulary import Due, Refusal, Role
 
 SHORTEST_PERIOD = 0.001
 """Seconds between two tests of a condition."""
@@ -22,19 +22,21 @@ _CANCEL = 2  # of a demon monitor
 class Watch:
     """A monitor from its birth to its end."""
 
-    __slots__ = ("began", "condition", "count", "fires", "holds", "is_over", "options", "parts", "task",
-                 "timers", "waits_for")  # fmt: skip
+    __slots__ = ("activations", "began", "condition", "count", "fires", "holds", "is_over", "options", "parts",
+                 "since", "task", "timers", "waits_for")  # fmt: skip
 
     def __init__(self, task: Task, options: WatchOptions, parts: list[MessageType | None]) -> None:
         self.task = task
         self.options = options
         self.parts = parts  #: condition and action; of a demon: set-up, action and cancel
         self.began: float | None = None  #: when it began to watch
+        self.since = 0.0  #: from when its periods are counted
+        self.activations = 0  #: how often it is to test because it was fired
         self.condition: Delivery | None = None  #: the test under way
         self.holds: bool | None = None  #: how the last test came out
         self.count = 0  #: how often its condition held, or it was fired
         self.fires = 0  #: how many actions it has sent
-        self.timers: list[Timer] = []
+        self.timers: dict[Due, Timer] = {}
         self.waits_for: Task | None = None  #: whose point is its end
         self.is_over = False
 
@@ -45,8 +47,8 @@ class Watch:
 
     @property
     def header(self) -> Watching:
-        """The context of its messages: the monitor and its action."""
-        action = self.parts[_ACTION]
+        """The context of its messages: the monitor, and what it is fired with."""
+        action = None if self.task.message.message_class.has_condition else self.parts[_ACTION]
         return Watching(involved(self.task), action.name if action is not None else "")
 
     def on_reached(self, central: State, _: Task) -> None:
@@ -124,7 +126,7 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
         return
     watch.is_over = True
     central.watches.pop(watch.task.id, None)
-    for timer in watch.timers:
+    for timer in watch.timers.values():
         central.clock.cancel(timer)
     if watch.waits_for is not None:
         central.agenda.stop_waiting(watch.waits_for, watch)

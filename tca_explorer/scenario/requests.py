@@ -139,7 +139,7 @@ _SAY: dict[type, Callable[[Any, Name], str]] = {
     headers.Deadline: lambda header, name: f"wants {point_in_words(header.point, name)} within {header.seconds:g} s",
     headers.Inspect: lambda header, name: f"looks at the {header.relation} of {name(header.task)}",
     headers.Keep: lambda header, name: f"{'lets go of' if header.release else 'keeps'} {name(header.task)}",
-    headers.Fire: lambda header, name: f"fires {name(header.monitor)} with",
+    headers.Fire: lambda header, name: f"fires {header.message or name(header.monitor)} with",
     headers.EndMonitor: lambda header, name: f"ends {name(header.monitor)}",
     headers.GetVariable: lambda header, _: f"gets {header.variable}",
     headers.SetVariable: lambda header, _: f"sets {header.variable} to",

@@ -228,11 +228,11 @@ class _Walk:
                 self.add(timer)
         self._out.append(_END)
 
-    def add_beginning(self, watch: Any, began: float | None) -> None:
-        """Of a monitor's beginning only how much of its period is over matters."""
+    def add_phase(self, watch: Any, since: float) -> None:
+        """Add how much of a monitor's period is over."""
         period = watch.options.period
-        passed = round((self._now - began) % period, _DIGITS) if began is not None and period else 0.0
-        self.add([began is None, 0.0 if passed == round(period, _DIGITS) else passed])
+        passed = round((self._now - since) % period, _DIGITS) if watch.began is not None and period else 0.0
+        self.add(0.0 if passed == round(period, _DIGITS) else passed)
 
     def add_attachment(self, _: object, attached: Any) -> None:
         """An attachment that may have been removed since: its place among the others is by its age."""
@@ -288,8 +288,11 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Rare", "listeners"): lambda walk, _, tasks: walk.add([one for one in tasks if one.reached != ALL_MOMENTS]),
     ("FailureContext", "attached"): _Walk.add_attachment,
     ("PendingKill", "verdict"): lambda walk, _, verdict: walk.add([verdict.why, verdict.by]),
-    ("Watch", "timers"): lambda walk, _, timers: walk.add([timer for timer in timers if not timer.is_cancelled]),
-    ("Watch", "began"): _Walk.add_beginning,
+    ("Watch", "timers"): lambda walk, _, timers: walk.add(
+        [timer for timer in timers.values() if not timer.is_cancelled]
+    ),
+    ("Watch", "began"): lambda walk, _, began: walk.add(began is None),
+    ("Watch", "since"): _Walk.add_phase,
     ("Watch", "count"): lambda walk, watch, count: walk.write(count % watch.options.fire_every),
     ("Watch", "fires"): lambda walk, watch, fires: walk.write(fires if watch.options.maximum else 0),
     ("Timer", "time"): _Walk.add_time,

@@ -49,7 +49,7 @@ class TapEvent:
 
 
 class MonitorRef(TaskRef, Generic[D]):
-    """A monitor; *action* is the name of the message that it sends, "" if none."""
+    """A monitor; *action* is the name of the message that a demon monitor is fired with, "" for any other."""
 
     def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int, action: str) -> None:
         super().__init__(connection, message, task_id, origin)
@@ -60,12 +60,13 @@ class MonitorRef(TaskRef, Generic[D]):
     @overload
     def fire(self, action: Message[A, Any], data: A) -> bool: ...
     def fire(self, action: Message[Any, Any] | None = None, data: Any = None) -> bool:
-        """Send the *action* of a demon monitor, with these data: the event that it watches for has happened.
+        """Send the *action* of a demon monitor, with these data: the event that it watches for has happened. Any other
+        is fired without: it tests its condition now, and its period starts anew.
 
         Returns False if the monitor has ended or does not watch yet (TCM: a warning). Raises MisuseError for another
         message than its action.
         """
-        self._check_action(action)
+        check_action(str(self), self.action, action)
         name, body = "", b""
         if action is not None:
             name, body = action.name, action.encode_data(data)
@@ -76,14 +77,15 @@ class MonitorRef(TaskRef, Generic[D]):
         """End the monitor; the tasks it has sent go on. Returns False if it had ended."""
         return self._steer(EndMonitor(0, self.id, self._origin), f"ending {self}")
 
-    def _check_action(self, action: Any) -> None:
-        if action is None and not self.action:
-            return
-        if not isinstance(action, Message) or action.name != self.action:
-            without = "it has no action, fire() it without a message"
-            wanted = f"its action is '{self.action}'" if self.action else without
-            given = name_of(action) if isinstance(action, Message) else repr(action)
-            raise MisuseError(f"{self} can't be fired with {given:.60}: {wanted}")
+
+def check_action(what: str, wanted: str, action: Any) -> None:
+    """Raises MisuseError if a monitor is not fired with *action*, but with the message called *wanted*, or none."""
+    if action is None and not wanted:
+        return
+    if not isinstance(action, Message) or action.name != wanted:
+        says = f"its action is '{wanted}'" if wanted else "it needs none, fire() it without a message"
+        given = name_of(action) if isinstance(action, Message) else repr(action)
+        raise MisuseError(f"{what} can't be fired with {given:.60}: {says}")
 
 
 def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | TapEvent | MonitorRef[Any] | None":

@@ -7,13 +7,13 @@ from tca_module import checks
 from tca_module.checks import check, check_class, check_message, check_options, name_of
 from tca_module.errors import MisuseError
 from tca_module.sending.central_services import CentralServices
-from tca_module.sending.delivery_context import MonitorRef
+from tca_module.sending.delivery_context import A, MonitorRef, check_action
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.sending.task_ref import AttachmentRef, Recovery, TaskRef
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.messages.controls import ExceptionHandler, Monitor, PointMonitor, PollingMonitor
+from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, Monitor, PointMonitor, PollingMonitor
 from tca_wire.messages.declarations import D, Failure, Message
-from tca_wire.packets.headers import Attach, Send, Tap
+from tca_wire.packets.headers import Attach, Fire, Send, Tap
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import Condition
@@ -166,8 +166,41 @@ class WatchingServices(CentralServices):
         task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
         if is_task:
             self._ordering.add(task_id, sequential=sequential)
-        action = monitor.parts[1]
-        return MonitorRef(connection, monitor.name, task_id, self._origin, action.name if action is not None else "")
+        return MonitorRef(connection, monitor.name, task_id, self._origin, fired_with(monitor))
+
+    @overload
+    def fire(
+        self, monitor: Monitor[Any] | TaskRef, action: Message[None, Any] | None = None, data: None = None
+    ) -> bool: ...
+    @overload
+    def fire(self, monitor: Monitor[Any] | TaskRef, action: Message[A, Any], data: A) -> bool: ...
+    def fire(self, monitor: Monitor[Any] | TaskRef, action: Message[Any, Any] | None = None, data: Any = None) -> bool:
+        """Fire one monitor, or all that watch of a message (TCM: Activate; TCA 8.5: FireDemon); whether any did.
+
+        A demon monitor sends its *action*, with these data. Any other is fired without: it tests its condition now, and
+        the period of a polling monitor starts anew. Fired again during a test, it tests again after that.
+        """
+        if isinstance(monitor, MonitorRef):
+            return monitor.fire(action, data)
+        which, message = (monitor.id, "") if isinstance(monitor, TaskRef) else (ROOT, name_of_monitor(monitor, action))
+        if action is not None:
+            check_message(action)
+        name, body = (action.name, action.encode_data(data)) if action is not None else ("", b"")
+        connection = self._declare(*(one for one in (monitor, action) if isinstance(one, Message)))
+        return bool(connection.call(Fire(0, which, name, self._origin, message), f"firing {monitor}", body))
+
+
+def name_of_monitor(monitor: Monitor[Any], action: Any) -> str:
+    """The name of a monitor that is fired. Raises MisuseError if it is none, or can't be fired with that action."""
+    check_class(monitor, Monitor, call="fire")
+    check_action(name_of(monitor), fired_with(monitor), action)
+    return monitor.name
+
+
+def fired_with(monitor: Monitor[Any]) -> str:
+    """The message that a monitor is fired with; "" if it tests a condition, or has no action."""
+    action = monitor.parts[1] if isinstance(monitor, DemonMonitor) else None
+    return action.name if action is not None else ""
 
 
 def _watch_options(

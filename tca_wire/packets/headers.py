@@ -303,9 +303,10 @@ class Tap(_Header, frozen=True, tag=64):
 
 
 class Fire(_Header, frozen=True, tag=65):
-    """Fire a demon monitor: its event has happened; the body is the data of its action.
+    """Fire a monitor, or all that watch of *message* (TCM: Activate). A demon monitor sends its action, the body is the
+    data of that; any other tests its condition now.
 
-    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done.
+    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done; of a message the oldest that did.
     """
 
     number: int
@@ -313,6 +314,8 @@ class Fire(_Header, frozen=True, tag=65):
     action: str = ""
     """The message that the data are for; refused if that is not the monitor's action ("": it is not asked)."""
     origin: int = 0
+    message: str = ""
+    """All that watch of this message, instead of one *monitor*."""
 
 
 class EndMonitor(_Header, frozen=True, tag=66):

@@ -94,4 +94,4 @@ class Watching(_Part, frozen=True, tag="watching"):
 
     monitor: Involved
     action: str = ""
-    """The message that it sends when it fires; "" if it sends none."""
+    """The message that a demon monitor is fired with; "" if it sends none, or tests a condition."""

@@ -11,7 +11,7 @@
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
-    NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK [with ACTION] | end monitor TASK
+    NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK or MESSAGE [with ACTION] | end monitor TASK
     NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
     NAME: await the last N (what the coroutine that it handles asked last; 0: it goes on)
@@ -42,7 +42,7 @@ from tca_central.order.holds import held_counts
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat
-from tca_wire.points import TaskId, describe_moments
+from tca_wire.points import ROOT, TaskId, describe_moments
 from tca_wire.vocabulary import Condition, MessageClass, Scope
 
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
@@ -123,7 +123,8 @@ class Transcript:
         return self.player.receive(name, headers.Tap(self.player.number(name), Condition(condition), listener, **where))
 
     def fire(self, name: str, task: str, action: str) -> list[Any]:
-        header = headers.Fire(self.player.number(name), TaskId(int(task)), action or "")
+        which: dict[str, Any] = {"monitor": TaskId(int(task))} if task.isdigit() else {"monitor": ROOT, "message": task}
+        header = headers.Fire(self.player.number(name), action=action or "", **which)
         return self.player.receive(name, header, b"\x05")
 
     def end_monitor(self, name: str, task: str) -> list[Any]:
@@ -265,7 +266,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?(?: with (?P<value>\w+))?", Transcript.reply),
     (rf"{NAME}: declare (?P<message_class>[\w ]+) (?P<message>\w+) of (?P<parts>.*)", Transcript.declare),
     (rf"{NAME}: tap (?P<condition>[\w ]+) of (?P<place>\w+) with (?P<listener>\w+)(?P<options>.*)", Transcript.tap),
-    (rf"{NAME}: fire (?P<task>\d+)(?: with (?P<action>\w+))?", Transcript.fire),
+    (rf"{NAME}: fire (?P<task>\w+)(?: with (?P<action>\w+))?", Transcript.fire),
     (rf"{NAME}: end monitor (?P<task>\d+)", Transcript.end_monitor),
     (rf"{NAME}: fail (?P<failure>\D+?)(?: (?P<delivery>\d+))?", Transcript.fail),
     (rf"{NAME}: reissue(?: (?P<delivery>\d+))?", Transcript.reissue),

@@ -112,3 +112,19 @@ def suspends(task: Task) -> None:
 def test_neither_does_one_that_is_suspended() -> None:
     scenario = stepping(suspends)
     good(scenario, eventually(achieved(STEP)), never_stuck())
+
+
+def test_one_that_is_fired_tests_now_each_time() -> None:
+    scenario = tca.Scenario("fired")
+    scenario.module("body").handles(IS_LOW)(lambda _: True)
+    scenario.module("dock", capacity=2).handles(RECHARGE)(nothing)
+
+    @scenario.module("user").does
+    def fires(me: tca.Script) -> None:
+        battery = me.monitor(BATTERY, period=1000.0, initial_wait=True, maximum=2)
+        assert me.fire(battery)
+        assert me.fire(BATTERY), "it is asked for the first"
+        battery.wait()
+
+    good(scenario, at_most_in_all(2, sent(IS_LOW)), at_most_in_all(2, sent(RECHARGE)), eventually(achieved(BATTERY)))
+    found(scenario, at_most_in_all(1, sent(RECHARGE)))

@@ -364,11 +364,38 @@ def test_a_monitor_is_fired_with_its_action_and_nothing_else(legs: Module, eyes:
     assert fetched == ["blue"]
 
 
+def test_a_handler_fires_any_monitor_by_its_task_or_by_name(legs: Module, eyes: Module, user: Client) -> None:
+    asked, fired = queue.Queue[str](), list[bool]()
+    watch = PollingMonitor("watch the dark", condition=IS_DARK)
+
+    @eyes.handles(IS_DARK)
+    def is_dark(_: Task) -> bool:
+        asked.put("asked")
+        return False
+
+    @legs.handles(STOP)
+    def stop(task: Task) -> None:
+        (one, _) = task.tasks(watch)
+        fired.extend([task.fire(watch), task.fire(one), task.fire(NUDGES)])
+
+    with legs.running(), eyes.running():
+        both = [user.monitor(watch, period=1e6, initial_wait=True) for _ in range(2)]
+        assert user.command(STOP).wait(SOON) is Outcome.DONE
+        assert both[0].fire()
+        assert [asked.get(timeout=SOON) for _ in range(4)] == ["asked"] * 4
+        assert both[0].end()
+        with pytest.raises(MisuseError, match="fire"):
+            both[1].fire(SAY, "it is dark")
+        with pytest.raises(Refused, match="tests its condition"):
+            user.fire(user.tasks(watch)[0], SAY, "it is dark")
+    assert fired == [True, True, False]
+
+
 def test_a_monitor_without_an_action_is_fired_without_one(eyes: Module, central: LocalCentral, user: Client) -> None:
     eyes.handles(WATCH)(lambda _: None)
     with eyes.running():
         bumps = user.monitor(BUMPS, maximum=2)
-        with pytest.raises(MisuseError, match=r"it has no action, fire\(\) it without a message"):
+        with pytest.raises(MisuseError, match=r"it needs none, fire\(\) it without a message"):
             bumps.fire(FETCH, "blue")
         assert [bumps.fire() for _ in range(3)] == [True, True, False]
     assert [fact.why for fact in central.facts if isinstance(fact, MonitorEnded)] == ["it has sent 2 actions"]

@@ -216,6 +216,7 @@ ATTACKED: dict[str, dict[str, Any]] = {
     "task": {"task_id": 1},
     "tasks": {"message": REST},
     "on_failure": {"failure": SLIPPED, "handler": SHRUG, "of": REST, "maximum": None},
+    "fire": {"monitor": ROCKS, "action": REST, "data": None},
     "tap": {"condition": Condition.WHEN_SENT, "tapped": SAY, "listener": HI},
     "monitor": {"monitor": POLL, "data": None, "period": 9.0, "maximum": None, "fire_every": 1, "initial_wait": True,
                 "duration": 9.0, "until": None, "waited_for": False, "constraints": []},

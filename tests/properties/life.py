@@ -262,7 +262,9 @@ class Life:
 
     def fire_(self, a: int, b: int, *_: int) -> None:
         if watchers := self.watchers():
-            self.request(headers.Fire, TaskId(watchers[a % len(watchers)].id), ("", "step", "lift")[b % 7 % 3])
+            one, action = watchers[a % len(watchers)], ("", "step", "lift")[b % 7 % 3]
+            named = {"monitor": TaskId(0), "message": one.message.name} if b % 5 == 0 else {"monitor": TaskId(one.id)}
+            self.request(headers.Fire, action=action, **named)
 
     def end_monitor_(self, a: int, *_: int) -> None:
         if watchers := self.watchers():

@@ -338,9 +338,11 @@ class Oracle:
             oracle_rules.set_alarm(self.world, header.seconds, node, moment=moment)
 
     def fire(self, _: str, header: headers.Fire, _body: bytes) -> None:
-        node = self.world.nodes.get(header.monitor)
-        if node is not None and node.watch.is_on:
-            oracle_monitors.fire(self.world, node)
+        named = [node for node in self.world.nodes.values() if node.watch and node.message == header.message]
+        one = self.world.nodes.get(header.monitor)
+        for node in named if header.message else [one] if one is not None else []:
+            if node.watch.is_on:
+                oracle_monitors.activate(self.world, node)
 
     def end_monitor(self, _: str, header: headers.EndMonitor, _body: bytes) -> None:
         if (node := self.world.nodes.get(header.monitor)) is not None:

@@ -24,6 +24,8 @@ class Watch:
     options: WatchOptions
     began: float | None = None
     condition: Job | None = None  # that is being asked
+    since: float = 0  # from when its periods are counted
+    activations: int = 0  # how often it was fired and is still to test for that
     count: int = 0  # how often it held
     fires: int = 0
     is_over: bool = False
@@ -91,7 +93,7 @@ def _start(world: World, node: Node) -> None:
         return
     watch = node.watch = Watch(node.watch.options) if node.watch.is_over else node.watch
     options: WatchOptions = watch.options
-    watch.began = world.time
+    watch.began = watch.since = world.time
     oracle_taps.happened(world, node, {Condition.WHILE_HANDLING})
     if options.duration:
         oracle_rules.set_alarm(world, options.duration, node, watch=watch)
@@ -131,7 +133,7 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
 def _test_later(world: World, node: Node) -> None:
     """At the next multiple of the period."""
     period = node.watch.options.period
-    wait = period - (world.time - node.watch.began) % period
+    wait = period - (world.time - node.watch.since) % period
     if wait < period / 1000:  # floats are rounded: this is such a multiple
         wait += period
     oracle_rules.set_alarm(world, wait, node, watch=node.watch, is_test=True)
@@ -144,14 +146,34 @@ def rings(world: World, alarm: Alarm) -> None:
         return
     if not alarm.is_test:
         end(world, node)
-    elif watch.condition is None and not node.suspended:
-        _test(world, node)
-    else:
+    elif watch.condition is not None or node.suspended:
         _test_later(world, node)
+    elif not _test_as_fired(world, node):
+        _test(world, node)
+
+
+def activate(world: World, node: Node) -> None:
+    """Somebody fires a monitor: a demon acts, others test, one after the other."""
+    if node.kind is MessageClass.DEMON_MONITOR:
+        fire(world, node)
+        return
+    node.watch.activations += 1
+    if node.watch.condition is None:
+        _test_as_fired(world, node)
+
+
+def _test_as_fired(world: World, node: Node) -> bool:
+    if not node.watch.activations or (node.kind is MessageClass.POLLING_MONITOR and node.suspended):
+        return False
+    node.watch.activations -= 1
+    node.watch.since = world.time
+    _test(world, node)
+    return True
 
 
 def _test(world: World, node: Node) -> None:
     if node.kind is MessageClass.POLLING_MONITOR:
+        world.alarms = [alarm for alarm in world.alarms if alarm.watch is not node.watch or not alarm.is_test]
         _test_later(world, node)
     query = world.parts[node.message][0]
     made = world.seen.take_made(query, Role.CONDITION, 0, node.id)
@@ -174,11 +196,10 @@ def answered(world: World, job: Job, body: bytes | None, names: tuple[str, ...] 
             oracle_failures.returned_with_failure(world, node, names)
         elif body is None:
             oracle_failures.raise_beside(world, node, names)
-        else:
-            if body not in NO:
-                fire(world, node)
-            if is_point:
-                end(world, node)
+        elif body not in NO:
+            fire(world, node)
+        if node.watch.is_on and not _test_as_fired(world, node) and is_point:
+            end(world, node)
 
 
 def fire(world: World, node: Node) -> None:
