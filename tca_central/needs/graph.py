@@ -241,7 +241,8 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
     for one in together:
         for before in predecessors(central.tree, Place(task, one), each):
             is_the_same = before.task is task and before.moment in together
-            if before.moment == END_ACHIEVING and before.task.parent is task and only_watches(central, before.task):
+            is_child = before.task.parent is task and moment == before.moment == END_ACHIEVING
+            if is_child and only_watches(central, before.task):
                 yield from _of_actions(central, before.task)
             else:
                 yield None if is_the_same or before.task.reached & before.moment else [before]

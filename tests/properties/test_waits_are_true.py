@@ -234,6 +234,16 @@ def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(player: C
     assert len(player.central.tree.tasks) == 2
 
 
+def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(player: ComparedPlayer) -> None:
+    player.module("arm", "command grip")
+    careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["grip", "note", ""])
+    player.receive("user", headers.Register(player.number("user"), [careful]))
+    move = player.task("user", "move")
+    player.task("legs/1", "careful", under=move, watch=WatchOptions())
+    retry(player, move)
+    assert len(player.central.tree.tasks) == 3
+
+
 def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk")
     player.task("user", "step", under=walk)
