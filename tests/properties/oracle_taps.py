@@ -129,7 +129,7 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         heard = Job(made, tap.listener, kind, module=job.module, role=Role.LISTENER, about=job, tap=tap)
         oracle_slots.send_statement(world, heard)
         return None
-    is_alive = isinstance(job, Node) and job.id in world.nodes
+    is_alive = isinstance(job, Node) and job.id in world.nodes and not _ends_first(world, tap, job)
     is_beside = kind in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR) and tap.condition not in CHILDREN
     watches_it = is_beside and tap.condition in ALIVE and isinstance(job, Node)
     is_child = is_alive and (tap.condition in CHILDREN or watches_it)
@@ -154,6 +154,16 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     if isinstance(job, Node) and tap.condition in WHILE:
         job.listeners.append(listener)
     return listener
+
+
+def _ends_first(world: World, tap: Tap, node: Node) -> bool:
+    """Whether a task passes its end with the points before: then it is over when a wiretap at one of those is fired."""
+    for fact in world.seen.facts:
+        if isinstance(fact, facts.TapFired) and (fact.tap, fact.tapped) == (tap.id, node.id):
+            return False
+        if isinstance(fact, facts.Reached) and fact.task == node.id and fact.moments & EA:
+            return True
+    return False
 
 
 def tap(world: World, module: str, header: headers.Tap) -> None:
