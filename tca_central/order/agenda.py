@@ -103,6 +103,10 @@ class Agenda:
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
             self._look_at.append(task)
+        self._look_above(task)
+
+    def _look_above(self, task: Task) -> None:
+        """A monitor is to watch, perhaps under a task that waits for nothing else."""
         if task.is_watcher and task.parent is not None:
             self._look_at.append(task.parent)
 
@@ -119,6 +123,7 @@ class Agenda:
             done = {tap.id for tap in taps_of(task) if not tap.before & to_come}
             task.rare.fired = {tap: heard for tap, heard in task.rare.fired.items() if tap in done}
         self.requeue(task)
+        self._look_above(task)
 
     def end_retry_asker(self, task: Task, handler: Task) -> None:
         """An exception handler that has asked for a retry has ended."""
