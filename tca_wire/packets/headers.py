@@ -306,7 +306,8 @@ class Fire(_Header, frozen=True, tag=65):
     """Fire a monitor, or all that watch of *message* (TCM: Activate). A demon monitor sends its action, the body is the
     data of that; any other tests its condition now.
 
-    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done; of a message the oldest that did.
+    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done; of a message the oldest that
+    did.
     """
 
     number: int
