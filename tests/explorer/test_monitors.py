@@ -87,7 +87,7 @@ def test_one_that_listens_itself_hangs_under_the_tapped_task(condition: Conditio
 
 
 def test_what_it_has_sent_is_waited_for() -> None:
-    scenario = stepping(watches(BATTERY, period=1.0), is_low=True)
+    scenario = stepping(watches(BATTERY, period=1.0, maximum=1), is_low=True)
     scenario.module("dock").handles(RECHARGE)(nothing)
     good(scenario, eventually(achieved(STEP)), never_stuck())
     found(scenario, never(sent(RECHARGE)))
@@ -122,8 +122,8 @@ def test_one_that_is_fired_tests_now_each_time() -> None:
     @scenario.module("user").does
     def fires(me: tca.Script) -> None:
         battery = me.monitor(BATTERY, period=1000.0, initial_wait=True, maximum=2)
-        assert me.fire(battery)
-        assert me.fire(BATTERY), "it is asked for the first"
+        me.fire(battery)  # False where its periods were over meanwhile, and it has ended
+        me.fire(BATTERY)
         battery.wait()
 
     good(scenario, at_most_in_all(2, sent(IS_LOW)), at_most_in_all(2, sent(RECHARGE)), eventually(achieved(BATTERY)))
