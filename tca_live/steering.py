@@ -69,7 +69,7 @@ def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") 
     Raises ClickException if it can't be done.
     """
     if (steers := _STEERS.get(what)) is None:
-        raise click.ClickException(f"'{what}' can't be done to a task: {listed(list(_STEERS))} can")
+        raise click.ClickException(f"'{what}' can't be done to a task: {listed(list(_STEERS), named=len(_STEERS))} can")
     with talking("view", central) as client:
         if client.status()["epoch"] != epoch:
             msg = f"central at {client.address} runs another run than the one shown: give its address as --central"

@@ -54,8 +54,11 @@ class Folder:
         return self._in_order()
 
     def number_of(self, epoch: str) -> int:
-        """Which of the runs there it is, from 1 on: the oldest is the first."""
-        return 1 + [one.epoch for one in self.epochs()].index(epoch)
+        """Which of the runs there it is, from 1 on: the oldest is the first. Raises UnusableLog if it is not there."""
+        epochs = [one.epoch for one in self.epochs()]
+        if epoch not in epochs:
+            raise UnusableLog(f"{self.path}: run {epoch} does not lie there any more")
+        return 1 + epochs.index(epoch)
 
     def _in_order(self) -> list[Opened]:
         first: dict[str, Opened] = {}

@@ -73,7 +73,8 @@ class Runs:
         """Whether the newest one is shown, whichever that is."""
         self._own = log.path.resolve()
         self._shown: OrderedDict[str, tuple[Shown, float]] = OrderedDict()
-        self._folders: dict[Path, Folder] = {}
+        self._folders: dict[Path, tuple[tuple[int, int], Folder]] = {}
+        """What is known of folders, as long as no file comes to them or goes."""
         self._places = {self._own: None}
         """Where runs lie that are to be found though no link leads there (any more)."""
         self._lock = threading.RLock()
@@ -203,13 +204,21 @@ class Runs:
         last_first = dict.fromkeys([*reversed(beside), *reversed(self._places)])
         return list(reversed(last_first))
 
+    def _folder(self, place: Path) -> Folder:
+        """One that knows nothing yet if files came, went or were replaced."""
+        stat = place.stat()
+        now = stat.st_ino, stat.st_mtime_ns
+        if place not in self._folders or self._folders[place][0] != now:
+            self._folders[place] = now, Folder(place)
+        return self._folders[place][1]
+
     def _in(self, place: Path, name: str) -> Iterator[ListedRun]:
         if place.is_file():
             yield ListedRun(_address(place, None), name, place, None, None)
             return
         try:
-            epochs = self._folders.setdefault(place, Folder(place)).epochs()
-        except UnusableLog:
+            epochs = self._folder(place).epochs()
+        except (UnusableLog, OSError):
             return
         if not epochs:
             yield ListedRun(_address(place, None), name, place, None, None)

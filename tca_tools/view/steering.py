@@ -6,6 +6,7 @@ another site, nor another user of this machine, who may read the run, can steer 
 
 from hmac import compare_digest
 from secrets import token_urlsafe
+from typing import Annotated
 from urllib.parse import urlsplit
 
 import click
@@ -22,7 +23,7 @@ class SteeringRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The address of the run that it shows."""
     task: int
     what: str
-    why: str = ""
+    why: Annotated[str, msgspec.Meta(max_length=1000)] = ""
 
 
 class NotAllowed(ToolError):

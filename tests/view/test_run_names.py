@@ -1,5 +1,6 @@
 """What runs are called, and by which address they are asked for: it stays, whatever comes to lie beside them."""
 
+import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ import pytest
 from module.real_central import SOON, until
 from tools.story import stumbling, walking
 
+from tca_tools.errors import UnusableLog
 from tca_tools.run.journals import open_log
 from tca_tools.view.runs import Runs
 from tca_wire.endpoint import default_journals
@@ -115,3 +117,18 @@ def test_folders_of_one_name_are_told_apart_by_those_in_which_they_lie(journals:
     with runs_of(None) as runs:
         names = [run.name for run in runs.all()]
     assert names == ["a/robot/journal", "b/robot/journal", "arm/journal", f"{journals.name}/walk", "a/walk"]
+
+
+def test_a_run_whose_folder_was_replaced_is_there_no_more(journals: Path) -> None:
+    folder = walking().write(journals / "walk")
+    with runs_of(folder) as runs:
+        (before,) = runs.all()
+        shutil.rmtree(folder)
+        story = stumbling()
+        story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "another", 1, 1_700_000_100.0, "0.1.0")
+        story.write(folder)
+        (after,) = runs.all()
+        assert runs.show(after.address) is not None
+    assert after.epoch == "another"
+    with pytest.raises(UnusableLog, match="there any more"):
+        open_log(folder, before.epoch)
