@@ -21,7 +21,7 @@ COMMANDS = "tca.commands"
 _GROUPS = {
     "Run": ("central", "status", "top", "modules", "messages", "variables", "attached"),
     "Send and steer": (
-        "send", "query", "get", "set", "kill", "suspend", "resume", "raise", "unlock", "detach",
+        "send", "query", "get", "set", "kill", "suspend", "resume", "retry", "raise", "unlock", "detach",
     ),
     "See a run, live or afterwards": ("view", "tree", "gantt", "report", "replay", "log", "stats", "check", "export"),
     "Try a robot before it moves": ("explore",),

@@ -33,9 +33,8 @@ class LossLog:
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
-        self._lines: dict[
-            str, tuple[float, int, str]
-        ] = {}  #: what is lost -> when it was last told, how many since, why
+        #: what is lost -> when it was last told, how many since, why
+        self._lines: dict[str, tuple[float, int, str]] = {}
 
     def note(self, what: str, why: str, number: int, now: float) -> None:
         """So many are lost."""

@@ -120,9 +120,8 @@ class Server:
         self._wake_up()
 
     def _wake_up(self) -> None:
-        with contextlib.suppress(
-            OSError
-        ):  # the loop may have seen it already, and be over; or has yet to hear the last
+        # the loop may have seen it already, and be over; or has yet to hear the last
+        with contextlib.suppress(OSError):
             self._wake.send(b".")
 
     # --- the loop --------------------------------------------------------------------------------------------------

@@ -133,13 +133,14 @@ def test_tools_run_as_modules_too(
     assert capsys.readouterr().out.startswith("run: ")
 
 
-def test_each_command_that_is_installed_is_called_so() -> None:
+def test_each_command_that_is_installed_is_called_so_and_stands_in_a_group() -> None:
     config = ConfigParser()
     config.read(Path(__file__).parents[2] / "setup.cfg")
     lines = config["options.entry_points"]["tca.commands"].strip().splitlines()
     for name, target in (line.split(" = ") for line in lines):
         module, _, attribute = target.partition(":")
         assert getattr(import_module(module), attribute).name == name
+        assert any(name in group for group in command_line._GROUPS.values()), f"'{name}' is listed under 'More'"
 
 
 @pytest.mark.parametrize(
