@@ -47,6 +47,7 @@ START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACH
 
 MOMENTS = tuple(Moment)
 ALL_MOMENTS = 63
+STARTS = START_HANDLING | START_PLANNING | START_ACHIEVING
 
 _WORDS = {int(moment): str(moment.name).lower().replace("_", " ") for moment in MOMENTS}
 
@@ -54,6 +55,11 @@ _WORDS = {int(moment): str(moment.name).lower().replace("_", " ") for moment in 
 def moment_of(interval: Interval, edge: Edge) -> Moment:
     """The moment at which *interval* starts or ends."""
     return Moment[f"{edge.name}_{interval.name}"]
+
+
+def start_of(moment: int) -> int:
+    """The start of the interval whose start or end a moment is."""
+    return moment if moment & STARTS else moment >> 1
 
 
 def describe_moments(moments: int) -> list[str]:

@@ -5,7 +5,6 @@ from tca_wire.points import MOMENTS, START_ACHIEVING, START_HANDLING, START_PLAN
 from tca_wire.rules import rules_of
 from tca_wire.vocabulary import Refusal
 
-STARTS = START_HANDLING | START_PLANNING | START_ACHIEVING
 SINGLE_MOMENTS = tuple(int(moment) for moment in MOMENTS)
 
 

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.guards import Guard, Guards
-from tca_central.model.intervals import STARTS
-from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
+from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, STARTS, TaskId
 from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from tca_central.model.deliveries import Connection, Delivery, ModuleResource
-from tca_central.model.intervals import STARTS, delivered_at
+from tca_central.model.intervals import delivered_at
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.order.cycles import Each, Place, predecessors
@@ -25,6 +25,7 @@ from tca_wire.points import (
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
+    STARTS,
 )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Delivery, Wiretap
-from tca_central.model.intervals import STARTS, delivered_at
+from tca_central.model.intervals import delivered_at
 from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, sender_name, taps_of, to_be_fired
 from tca_central.order.holds import Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
@@ -25,6 +25,7 @@ from tca_wire.points import (
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
+    STARTS,
     TaskId,
 )
 from tca_wire.rules import KILLED

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock, checked_seconds
-from tca_central.model.intervals import STARTS, checked_moment, unified
+from tca_central.model.intervals import checked_moment, unified
 from tca_central.model.task_tree import Task, TaskTree
 from tca_central.order.cycles import Place, find_path
 from tca_wire.constraints import (
@@ -20,17 +20,19 @@ from tca_wire.constraints import (
     sequential_achievement,
     sequential_planning,
 )
-from tca_wire.journal.facts import Constrained
+from tca_wire.journal.facts import Constrained, TimedOut
 from tca_wire.points import (
     ALL_MOMENTS,
     END_HANDLING,
     ROOT,
     START_ACHIEVING,
     START_PLANNING,
+    STARTS,
     THIS,
     Moment,
     Point,
     TaskId,
+    start_of,
 )
 from tca_wire.vocabulary import Due, Refusal
 
@@ -73,8 +75,7 @@ class Holds:
 
         Raises RequestError if it can never be met (looked for where *check*), or comes too late.
         """
-        if constraint.delay:
-            checked_seconds(constraint.delay, f"constraint {constraint} with a delay")
+        constraint = self._without_void_delay(constraint)
         before, after = self.before(constraint), self.place(constraint.after)
         if not constraint.delay and (before is None or before.task.reached & before.moment):
             return []
@@ -184,12 +185,7 @@ class Holds:
         assert task.followers is not None
         freed = []
         for at, follower, its_moment, delay in task.followers:
-            if not at & moments:
-                continue
-            if delay:
-                if follower.reached != ALL_MOMENTS:
-                    constraint = _constraint(task, at, follower, its_moment, delay)
-                    self._release_later(follower, its_moment, constraint, delay)
+            if not at & moments or (delay and self._has_delay_left(task, at, follower, its_moment, delay)):
                 continue
             follower.held -= 1 << _SHIFT[its_moment]
             if not follower.held:
@@ -197,6 +193,18 @@ class Holds:
             freed.append(follower)
         task.followers = [follower for follower in task.followers if not follower[0] & moments] or None
         return freed
+
+    def _has_delay_left(self, task: Task, at: int, follower: Task, its_moment: int, delay: float) -> bool:
+        """Whether a follower is held for the delay, too; after a point that never came it is void."""
+        if follower.reached == ALL_MOMENTS:
+            return True
+        constraint = _constraint(task, at, follower, its_moment, delay)
+        if not self._never_comes(constraint.before):
+            self._release_later(follower, its_moment, constraint, delay)
+            return True
+        if not follower.killed:
+            self._facts.append(TimedOut(constraint))
+        return False
 
     @staticmethod
     def release(release: PendingDelay) -> None:
@@ -275,19 +283,27 @@ class Holds:
             return None
         raise RequestError(Refusal.CYCLE, "a constraint waits for the end of the root, which never ends")
 
+    def _without_void_delay(self, constraint: Constraint) -> Constraint:
+        """The constraint; without its delay if that would count from a point that never comes."""
+        if not constraint.delay:
+            return constraint
+        checked_seconds(constraint.delay, f"constraint {constraint} with a delay")
+        return Constraint(constraint.before, constraint.after) if self._never_comes(constraint.before) else constraint
+
     def _to_come(self, constraint: Constraint, after: Place | None) -> Place | None:
         """The point that a constraint holds back; None if its interval never begins, as its task was killed before.
 
         Raises RequestError if it is past.
         """
-        if after is None or after.task.killed:
-            moment = constraint.after.moment
-            start = moment if moment & STARTS else moment >> 1
-            if self.tree.never_began.get(constraint.after.task, 0) & start:
-                return None
+        if self._never_comes(constraint.after):
+            return None
         if after is None or after.task.reached & after.moment:
             raise RequestError(Refusal.TOO_LATE, f"constraint {constraint} comes too late: {constraint.after} is past")
         return after
+
+    def _never_comes(self, point: Point) -> bool:
+        """Whether a point is of an interval that never begins, as its task was killed before."""
+        return bool(self.tree.never_began.get(point.task, 0) & start_of(point.moment))
 
     def place(self, point: Point) -> Place | None:
         """The live task and moment of a point; None if the task has ended."""

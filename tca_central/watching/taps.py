@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
-from tca_central.model.intervals import STARTS, delivered_at
+from tca_central.model.intervals import delivered_at
 from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
 from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import data_for, make_statement, make_task
@@ -22,7 +22,17 @@ from tca_wire.journal import facts
 from tca_wire.messages.formats import NO_DATA, first_difference
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Tapped, WatchOptions
-from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, ROOT, START_HANDLING, Moment, Point, TaskId
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    ROOT,
+    START_HANDLING,
+    STARTS,
+    Moment,
+    Point,
+    TaskId,
+)
 from tca_wire.rules import CONDITIONS, DELIVERED, FAILURE, LISTENERS, REPLIED, SUCCESS, recurs_on_retry
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Role
 

@@ -13,7 +13,7 @@ from tca_explorer.observed import promises
 from tca_explorer.observed.messages import Situation, TrackedMessage
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
+from tca_wire.points import ALL_MOMENTS, ROOT, STARTS, Moment, Point, TaskId, start_of
 from tca_wire.rules import CONDITIONS
 from tca_wire.vocabulary import Condition, Role
 
@@ -160,6 +160,10 @@ class Fold(Situation):
     def _left(self, fact: facts.ModuleLeft) -> None:
         self.modules = tuple(name for name in self.modules if name != fact.module)
 
+    def _killed(self, task: TaskId) -> None:
+        never_began = STARTS & ~self.seen[task].reached
+        self._change(task, is_killed=True, is_suspended=False, never_began=never_began)
+
     def _reached(self, fact: facts.Reached) -> None:
         task = self.seen[fact.task]
         reached = task.reached | fact.moments
@@ -174,7 +178,8 @@ class Fold(Situation):
     def _begin_delays(self, follower: TrackedMessage, fact: facts.Reached) -> None:
         """Begin the delays after the moments that were just reached."""
         begun = [one for one in follower.delayed if one[1].task == fact.task and one[1].moment & fact.moments]
-        times = [(moment, self.now + delay) for moment, _, delay in begun]
+        unbegun = self.seen[fact.task].never_began
+        times = [(one, self.now + delay) for one, point, delay in begun if not start_of(point.moment) & unbegun]
         self._change(follower.id, not_before=(*follower.not_before, *times),
                      delayed=tuple(one for one in follower.delayed if one not in begun))  # fmt: skip
 
@@ -196,7 +201,7 @@ _FOLD: dict[type, Callable[[Fold, Any], None]] = {
     facts.Recovered: lambda fold, fact: fold._change(fact.task, failure=""),
     facts.Retried: Fold._retried,
     facts.SuspendedOrResumed: Fold._suspended,
-    facts.Killed: lambda fold, fact: fold._change(fact.task, is_killed=True, is_suspended=False),
+    facts.Killed: lambda fold, fact: fold._killed(fact.task),
     facts.Dropped: Fold._dropped,
     facts.TapAdded: lambda fold, fact: fold._conditions.update({fact.id: fact.condition}),
     facts.TapFired: Fold._tap_fired,

@@ -59,6 +59,8 @@ class TrackedMessage(ObservedMessage, frozen=True, kw_only=True):
     """The constraints on it: which of its moments comes no sooner than which point."""
     delayed: tuple[tuple[int, Point, float], ...] = ()
     """The constraints with a delay in seconds."""
+    never_began: int = 0
+    """Of a killed task, the starts that it had not reached."""
     not_before: tuple[tuple[int, float], ...] = ()
     """Which of its moments comes no sooner than at which time, in seconds since the run began."""
 

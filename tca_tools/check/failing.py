@@ -7,7 +7,7 @@ from tca_tools.check.rules import CAUGHT, HANDLER, KILLED, NUMBERS, QUEUED, RECO
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
-from tca_wire.points import ROOT, START_HANDLING
+from tca_wire.points import ROOT, START_HANDLING, STARTS
 from tca_wire.vocabulary import Role
 
 OWN, BESIDE = 0, -1  # searches for an exception handler that begin anew: of the task's handler, or raised beside it
@@ -200,6 +200,7 @@ def killed(world: JournalWorld, item: MessageRecord, fact: facts.Killed) -> None
         what = f"failed ({item.failure}) and was killed: that was neither caught nor called unhandled"
         world.broken(CAUGHT, item, what)
     item.is_killed, item.is_suspended, item.returned = True, False, item.place is None
+    item.never_began = STARTS & ~item.reached
     world.later.append(lambda: check_below(world, item))
     failing = item.parent if item.role is Role.EXCEPTION and not item.is_void else None
     if failing is None:

@@ -17,6 +17,7 @@ from tca_wire.points import (
     START_HANDLING,
     START_PLANNING,
     describe_moments,
+    start_of,
 )
 from tca_wire.rules import PARENT_FIRST, rules_of
 from tca_wire.vocabulary import Role
@@ -50,7 +51,8 @@ def _go_on(world: JournalWorld, item: MessageRecord, moments: int) -> None:
         if hold.needs & moments:
             world.touched[follower] = None
             if hold.due is None and hold.constraint.delay:
-                hold.due = world.now + hold.constraint.delay
+                is_void = start_of(hold.needs) & item.never_began
+                hold.due = world.now + (0 if is_void else hold.constraint.delay)
     if moments & (START_PLANNING | START_ACHIEVING):
         world.touched.update(dict.fromkeys(item.children.values()))
     if moments & END_PLANNING and item.is_goal and item.parent is not None:

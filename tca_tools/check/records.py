@@ -97,6 +97,7 @@ class MessageRecord(MessageView):
     is_new: bool = True
     is_begun: bool = False
     is_killed: bool = False
+    never_began: int = 0  #: once it was killed, the starts that it had not reached
     is_suspended: bool = False
     is_over: bool = False
     is_retried: bool = False

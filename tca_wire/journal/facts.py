@@ -233,7 +233,7 @@ class Constrained(_Fact, frozen=True, tag="constrained"):
 
 
 class TimedOut(_Fact, frozen=True, tag="timed out"):
-    """A delay is over: what this constraint held back is held by it no longer."""
+    """A delay is over, or void since its point never came: what this constraint held back is held by it no longer."""
 
     constraint: Constraint
 

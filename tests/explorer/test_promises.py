@@ -89,6 +89,9 @@ KEPT: dict[str, Told] = {
     ],
     "another moment is not constrained": [*TWO, Constrained([after(1, EA, 2, SA)]), reached(2, SP)],
     "a delay": [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), 1.0, reached(1, EA), 3.0, reached(2, SA)],
+    "a delay after what was killed before it began": [
+        *TWO, Constrained([after(1, EA, 2, SA, 2.0)]), Killed(TaskId(1), "why"), reached(1, SA, EA), reached(2, SA),
+    ],
     "a delay from now": [born(1, constraints=[after(ROOT, EA, 1, SA, 2.0)]), 2.0, reached(1, SA)],
     "a moment before one whose delay has not begun": [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), reached(2, SP)],
     "another moment is not delayed": [born(1, constraints=[after(ROOT, EA, 1, SA, 2.0)]), reached(1, SP)],
@@ -140,6 +143,9 @@ BROKEN: dict[str, tuple[Told, str]] = {
     "a delay that is not over": (
         [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), 1.0, reached(1, EA), 2.9, reached(2, SA)],
         "came before 0.1 s were over"),
+    "a delay after what was killed when it had begun": (
+        [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), reached(1, SA), Killed(TaskId(1), "why"), reached(1, EA),
+         reached(2, SA)], "came before 2 s were over"),
     "a delay from now that is not over": (
         [born(1, constraints=[after(ROOT, EA, 1, SA, 2.0)]), 1.5, reached(1, SA)], "came before 0.5 s were over"),
     "a handler comes before what its handling comes after": (

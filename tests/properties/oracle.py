@@ -230,12 +230,14 @@ class Oracle:
             oracle_rules.place(self.world, this if at.task == THIS else at.task, Moment(at.moment))
             for at in (wanted.before, wanted.after)
         )
-        if wanted.delay or not oracle_rules.is_past(one):
-            if oracle_rules.never_begins(self.world, wanted.after):
+        is_void = oracle_rules.never_begins(self.world, wanted.before.task, wanted.before.moment)
+        delay = 0 if is_void else wanted.delay
+        if delay or not oracle_rules.is_past(one):
+            if oracle_rules.never_begins(self.world, wanted.after.task, wanted.after.moment):
                 return
             if other is None or oracle_rules.is_past(other):
                 raise Disagreement(f"central takes {wanted}, though {wanted.after} is past")
-            oracle_rules.constrain(self.world, one, other, wanted.delay)
+            oracle_rules.constrain(self.world, one, other, delay)
 
     # --- handlers return ---------------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_ta
 from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Job, Node, Pair, World
 
 from tca_wire.constraints import Flags
-from tca_wire.points import Moment, Point
+from tca_wire.points import Moment
 from tca_wire.vocabulary import Role
 
 ORDER = {
@@ -40,10 +40,9 @@ def is_past(point: tuple[Node, Moment] | None) -> bool:
     return point is None or point[1] in point[0].past
 
 
-def never_begins(world: World, point: Point) -> bool:
+def never_begins(world: World, task: int, moment: Moment) -> bool:
     """Whether it is a point of an interval that never begins: its task was killed before."""
-    start = {EH: SH, EP: SP, EA: SA}.get(point.moment, point.moment)
-    return (point.task, start) in world.never_began
+    return (task, {EH: SH, EP: SP, EA: SA}.get(moment, moment)) in world.never_began
 
 
 # --- constraints -----------------------------------------------------------------------------------------------------
@@ -97,12 +96,17 @@ def _inherit(world: World, one: tuple[Node, Moment], other: tuple[Node, Moment])
             world.pairs.append(Pair(pair.before, other))
 
 
+def _is_void(world: World, pair: Pair) -> bool:
+    """Whether a delay counts from a point that never came."""
+    return pair.before is not None and never_begins(world, pair.before[0].id, pair.before[1])
+
+
 def held_points(world: World) -> set[tuple[int, Moment]]:
     """All points that some pair holds back. What will never hold again, nor be inherited, is dropped."""
     held, kept = set(), []
     for pair in world.pairs:
         if is_past(pair.before) and pair.due is None:
-            pair.due = world.time + pair.delay if pair.delay else -1.0
+            pair.due = world.time + pair.delay if pair.delay and not _is_void(world, pair) else -1.0
         if pair.due is not None and pair.due <= world.due_by:
             continue
         node, moment = pair.after
