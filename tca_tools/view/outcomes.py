@@ -33,8 +33,10 @@ class Outcomes:
             if known is None or known[0] != size:
                 found = outcome_of(log)
                 known = self._known[address] = size, found, "damaged" if log.is_cut_short else ""
-        except (ToolError, OSError) as error:
-            return {"error": printable_lines(str(getattr(error, "message", error)))}
+        except ToolError as error:
+            return {"error": printable_lines(error.message)}
+        except OSError as error:
+            return {"error": printable_lines(f"{error.filename or run.path}: can't be read: {error.strerror}")}
         return _plain(known[1], known[2] or _state(log, known[1]))
 
 

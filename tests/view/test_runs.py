@@ -13,6 +13,7 @@ from playwright.sync_api import Page, expect
 from tools.story import stumbling, walking
 
 from tca_module import Goal, connect
+from tca_wire.endpoint import default_journals
 from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION
 from view.conftest import Look
@@ -169,13 +170,44 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
             re.compile("2023"),
             "5 s",
             "ended",
-            "1 killed8 tasks in all",
-            re.compile("^failure 'terrain collision' of"),
+            re.compile("^1 killed8 tasks in allfailure 'terrain collision' of"),
         ]
     )
-    expect(first).to_have_text(["mixed#1", re.compile("2023"), "4 s", "not closed", "1 achieving8 tasks in all", ""])
+    expect(first).to_have_text(["mixed#1", re.compile("2023"), "4 s", "not closed", "1 achieving8 tasks in all"])
     first.get_by_role("button").click()
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
+
+
+@pytest.mark.parametrize("width", [1280, 800, 600])
+def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
+    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    journals = default_journals()
+    for name, content in {"20231115-garbage": b"no journal", "20231116-empty": b""}.items():
+        (journals / name).mkdir(parents=True)
+        (journals / name / "00000001.tcaj").write_bytes(content)
+    page = look(stumbling().write(journals / "20231114-walk"))
+    page.set_viewport_size({"width": width, "height": 700})
+    page.locator("#outcomes").click()
+    cells = page.locator("#all td:last-child")
+    expect(cells).to_have_text(
+        [
+            re.compile("^/.*/20231116-empty: empty, .*'tca log show --follow' wait for what comes$"),
+            re.compile("^/.*/20231115-garbage/00000001.tcaj: not a journal of tca central$"),
+            re.compile("^1 killed8 tasks in allfailure 'terrain collision' of"),
+        ]
+    )
+    assert page.evaluate("document.getElementById('all').scrollWidth <= document.getElementById('all').clientWidth")
+
+
+def test_the_list_of_runs_says_when_the_server_does_not_answer(look: Look, tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "walk")
+    begin_another_in(folder)
+    page = look(folder)
+    page.route("**/api/outcome*", lambda route: route.fulfill(body=""))
+    page.locator("#outcomes").click()
+    expect(page.locator("#all td:last-child")).to_have_text([re.compile("^The server does not answer")] * 2)
 
 
 def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(

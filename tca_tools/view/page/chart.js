@@ -8,7 +8,6 @@ import { wasHandled } from "./store.js";
 import { spanWords } from "./words.js";
 
 const NARROW = 1.5; // pixels
-const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
 const LEAST = 1, LEAST_DONE = 1e-3; // seconds that are seen if the reader does not zoom; the second, of messages of a run that has ended
 const BEFORE = 0.3; // where in the chart the bar of a chosen message begins that was out of sight
@@ -147,7 +146,7 @@ export class Chart {
 
   draw() {
     const { context, width, height } = prepared(this.canvas);
-    Object.assign(this, { context, width, height, looks: { lift: css("--lift"), weak: Number(css("--weak")) } });
+    Object.assign(this, { context, width, height, looks: { lift: css("--lift"), weak: Number(css("--weak")), held: css("--handled") } });
     if (!this.store.head || width < 50) return;
     const seen = String(this.last ?? (this.from === null && this.to === null ? "" : "part"));
     if (this.stretch.value !== seen) this.stretch.value = seen;
@@ -235,7 +234,7 @@ export class Chart {
         const next = this.#timeAt(x + NARROW);
         const after = Math.max(place + 1, firstWith(lane, (other) => other.end > next, place + 1));
         const busy = after > place + 1 ? share(lane, place, after, next - this.#timeAt(x)) : 0.75;
-        this.context.fillStyle = span.kind === "held" ? HELD : this.store.colour(span.name);
+        this.context.fillStyle = span.kind === "held" ? this.looks.held : this.store.colour(span.name);
         this.context.globalAlpha = 0.2 + 0.8 * busy; // the fuller, the more was going on
         this.context.fillRect(x, y, NARROW, tall);
         this.context.globalAlpha = 1;
@@ -327,7 +326,7 @@ export class Chart {
   }
 
   #drawHeld(x, width, y) {
-    this.context.fillStyle = HELD;
+    this.context.fillStyle = this.looks.held;
     this.context.fillRect(x, y, Math.max(Math.min(x + width, this.#x(this.store.end)) - x, NARROW), THIN - 3);
   }
 

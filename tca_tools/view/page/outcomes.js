@@ -4,7 +4,8 @@ import { dot, element } from "./dom.js";
 import { go } from "./runs.js";
 import { counted, duration } from "./words.js";
 
-const HEADS = ["run", "began", "lasted", "", "top-level tasks", "why the first was killed"];
+const HEADS = ["run", "began", "lasted", "", "top-level tasks, and why the first was killed"];
+const AWAY = "The server does not answer. Start 'tca view' again.";
 
 export class Outcomes {
   constructor(store) {
@@ -22,8 +23,8 @@ export class Outcomes {
     this.dialog.showModal();
     for (const [place, { run }] of runs.entries()) { // one after the other: long ones take a while
       if (!this.dialog.open || !rows[place].isConnected) return;
-      const told = await fetch(`api/outcome?${new URLSearchParams({ run })}`).then((one) => one.json()).catch(() => null);
-      if (told) this.#fill(rows[place], told);
+      const told = await fetch(`api/outcome?${new URLSearchParams({ run })}`).then((one) => one.json()).catch(() => ({ error: AWAY }));
+      rows[place].lastElementChild.replaceWith(...this.#cells(told));
     }
   }
 
@@ -31,17 +32,20 @@ export class Outcomes {
     const isShown = run === this.store.head.run, link = element("button", { class: "link", text: name, disabled: isShown });
     link.addEventListener("click", () => go(run));
     const when = began === null ? "" : new Date(began * 1000).toLocaleString();
-    return element("tr", { class: isShown ? "shown" : "" }, element("td", {}, link), element("td", { text: when }), element("td", { class: "number", text: "…" }),
-      element("td"), element("td"), element("td", { class: "why" }));
+    return element("tr", { class: isShown ? "shown" : "" }, element("td", {}, link), element("td", { class: "began", text: when }), wide("…"));
   }
 
-  #fill({ children: [, , lasted, state, top, why] }, told) {
-    lasted.textContent = told.error ? "" : duration(told.lasted);
-    if (told.error) return top.replaceChildren(element("span", { class: "faint", text: told.error }));
-    const looks = told.state === "live" ? "badge live" : told.state === "ended" ? "badge" : "badge bad";
-    state.replaceChildren(element("span", { class: looks, text: told.state }));
-    const parts = told.top.flatMap(([name, count]) => [dot(this.store.head.fills[name]), element("span", { text: `${count.toLocaleString("en")} ${name}` })]);
-    top.replaceChildren(...parts, element("span", { class: "faint", text: told.tasks ? `${counted(told.tasks, "task")} in all` : "nothing was sent" }));
-    Object.assign(why, { textContent: told.why, title: told.why });
+  #cells({ error, state, lasted, tasks, top, why }) {
+    if (error) return [wide(error)];
+    const looks = state === "live" ? "badge live" : state === "ended" ? "badge" : "badge bad";
+    const parts = top.flatMap(([name, count]) => [dot(this.store.head.fills[name]), element("span", { text: `${count.toLocaleString("en")} ${name}` })]);
+    const all = element("span", { class: "faint", text: tasks ? `${counted(tasks, "task")} in all` : "nothing was sent" });
+    return [
+      element("td", { class: "number", text: duration(lasted) }), element("td", {}, element("span", { class: looks, text: state })),
+      element("td", { class: "became" }, ...parts, all, why ? element("div", { class: "reason", text: why }) : null),
+    ];
   }
 }
+
+// What is said of a run instead of its outcome.
+function wide(text) { return element("td", { class: "became faint", colSpan: HEADS.length - 2, text }); }
