@@ -316,17 +316,23 @@ def _asking_handler(central: State, task: Task) -> Task | None:
 
 def _check_order(central: State, task: Task, asking: Task | None) -> None:
     """Raises RequestError if the retry would wait for something that outlives it and waits for the task."""
-    moment = END_PLANNING if task.reached & END_HANDLING else END_HANDLING
-    if task.reached & moment:
-        return
+    guests = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]  # may watch until it returns
+    starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
+    starts += [place for guest in guests for place in _next_ends(guest, END_HANDLING, END_ACHIEVING)]
     awaited = {child for child in (task.children or {}).values() if child.survives and not child.is_guest}
     if asking is not None:
         awaited.add(asking)
     for one in sorted(awaited, key=lambda one: one.id):
-        if path := find_path(central.tree, Place(task, moment), Place(one, END_ACHIEVING)):
-            waits = next(place.task for place in path if place.task is not task)
-            text = f"{task} can't be retried: {waits} under it must end before, and waits for {task}"
-            raise RequestError(Refusal.CYCLE, text)
+        for start in starts:
+            if path := find_path(central.tree, start, Place(one, END_ACHIEVING)):
+                waits = next(place.task for place in path if place.task is not start.task)
+                text = f"{task} can't be retried: {waits} under it must end before, and waits for {start.task}"
+                raise RequestError(Refusal.CYCLE, text)
+
+
+def _next_ends(task: Task, *moments: int) -> list[Place]:
+    """The first of these points that is to come."""
+    return [Place(task, moment) for moment in moments if not task.reached & moment][:1]
 
 
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:

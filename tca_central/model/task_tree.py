@@ -75,7 +75,7 @@ class Task(Delivery):
         self.is_goal = message.is_goal
         self.ignores_parent = False  #: may start before its parent does
         self.is_watcher = False  #: a monitor that its parent does not wait for: it ends when all else there has
-        self.watchers = 0  #: number of such children
+        self.watchers: dict[int, Task] | None = None  #: such children
         self.survives = False  #: is not killed when something above it is
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.parent: Task | None = None  #: None: the root
@@ -125,7 +125,7 @@ class Task(Delivery):
     @property
     def watches_alone(self) -> bool:
         """Whether its handler has returned and only watchers are left under it."""
-        return self.returned and self.watchers > 0 and len(self.children or ()) == self.watchers
+        return self.returned and len(self.children or ()) == len(self.watchers or ()) > 0
 
     @property
     def has_exception_handlers(self) -> bool:
@@ -261,7 +261,10 @@ class TaskTree:
         task.top = None if parent is self.root else parent.top or parent
         task.recovery = parent if parent.role is Role.EXCEPTION else parent.recovery
         self.guards.add(task)
-        parent.watchers += task.is_watcher
+        if task.is_watcher:
+            if parent.watchers is None:
+                parent.watchers = {}
+            parent.watchers[task.id] = task
         if task.rare is not None and task.rare.is_guest:
             parent.more.guests += 1
         if parent is self.root and not is_aside(task):
@@ -290,7 +293,8 @@ class TaskTree:
             self._detach_top(task, sender_name(task))
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
-            parent.watchers -= task.is_watcher
+            if parent.watchers and task.is_watcher:
+                del parent.watchers[task.id]
             if task.rare is not None and task.rare.is_guest:
                 parent.more.guests -= 1
             if parent.rare is not None and parent.rare.sequence is not None:

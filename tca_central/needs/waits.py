@@ -101,7 +101,8 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
             wait = wait_for_group(central, own, group)
             children += wait.kind is WaitKind.SUBTASK
             if children == NAMED:  # the others need not be looked at
-                all_of_them = task.unplanned if own.moment == END_PLANNING else len(task.children or ()) - task.watchers
+                achieved_first = len(task.children or ()) - len(task.watchers or ())
+                all_of_them = task.unplanned if own.moment == END_PLANNING else achieved_first
                 yield replace(wait, more=max(all_of_them - NAMED, 0))
                 break
             yield wait

@@ -299,7 +299,7 @@ class Agenda:
             self.holds.forget(task)
         self.ended.append(task)
         parent = task.parent
-        if parent is not None and (parent.retrying or len(parent.children or ()) == parent.watchers):
+        if parent is not None and (parent.retrying or len(parent.children or ()) == len(parent.watchers or ())):
             self._look_at.append(parent)
 
     def _hold_again(self, task: Task) -> None:

@@ -4,6 +4,10 @@ It looks from both ends at once, one point at a time, and stops when either side
 smaller side. Points already reached hold nothing back and are left out. Edges are the constraints, the order within a
 task, and the parent/child rules: a parent starts before, and ends after, each of its children.
 
+A monitor that is not waited for may watch until all else under its parent has ended (decision 42). ``ALL_ELSE`` of the
+parent stands for that, so that a thousand siblings and a hundred monitors make no hundred thousand edges. Only this
+search knows it: it is no need, since a bound or a request may end the monitor sooner.
+
 Large subtrees are passed by. A way leaves a subtree only by the ends of its top task, or along a constraint that leads
 out of it. There are few of those, for most constraints are between siblings; ``TaskTree.across`` knows where they
 begin. A search that is not over soon collects them while it goes on, a step at a time. Then it begins anew, and looks
@@ -11,7 +15,7 @@ only into subtrees that such a constraint leaves or enters. So it never costs mo
 """
 
 from collections.abc import Callable, Container, Iterable, Iterator
-from itertools import count
+from itertools import chain, count
 from typing import Any, NamedTuple
 
 from tca_central.model.intervals import NEXT, PREVIOUS
@@ -21,6 +25,7 @@ from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
     END_PLANNING,
+    ROOT,
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
@@ -30,6 +35,12 @@ _DRAWN = object()
 
 ENDS_OF_HANDLING = (END_HANDLING, END_PLANNING)
 """The points after a start of handling that was reached before: the first that is not past counts."""
+
+
+ALL_ELSE = ALL_MOMENTS + 1
+"""Beside the moments of a task: all has ended under it but monitors that it does not wait for. More may come under it
+while it is being achieved; so it is taken to come after its start of achieving.
+"""
 
 
 class Place(NamedTuple):
@@ -73,11 +84,11 @@ class PathSearch:
         self.path: list[Place] | None = None
         if borders is None:
             self._ahead = _Side(start, lambda place, _: successors(place))
-            self._behind = _Side(goal, lambda place, _: predecessors(tree, place))
+            self._behind = _Side(goal, lambda place, _: all_before(tree, place))
         else:
             into_ahead, into_behind = borders.is_open_ahead, borders.is_open_behind
             self._ahead = _Side(start, lambda place, met: successors(place, below=into_ahead(place, met)))
-            self._behind = _Side(goal, lambda place, met: predecessors(tree, place, below=into_behind(place, met)))
+            self._behind = _Side(goal, lambda place, met: all_before(tree, place, below=into_behind(place, met)))
 
     def step(self) -> bool:
         """Look at one more point from each end; whether ``path`` is known."""
@@ -150,7 +161,7 @@ class Borders:
         task, moment = place
         if task in self._behind:
             return True
-        if moment == END_ACHIEVING or not task.is_goal or task.delayed:
+        if moment in (END_ACHIEVING, ALL_ELSE) or not task.is_goal or task.delayed:
             return False
         return not task.reached & START_ACHIEVING and Place(task, START_ACHIEVING) not in met
 
@@ -210,7 +221,7 @@ class _Side:
 def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
     """The points that wait for a point, those already reached too; those of its children only if *below*."""
     task, moment = place
-    for following in NEXT[task.is_goal, moment]:
+    for following in NEXT.get((task.is_goal, moment), ()):
         yield Place(task, following)
     if task.delayed and moment == START_ACHIEVING:
         yield Place(task, START_PLANNING)
@@ -220,6 +231,7 @@ def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
         elif at == moment:
             yield Place(follower, its_moment)
     yield from _relatives_after(task, moment, below=below)
+    yield from _watched_after(task, moment, below=below)
 
 
 Each = Callable[[Iterable[Any]], Iterable[Any]]
@@ -262,6 +274,42 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
     if moment in ENDS_OF_HANDLING and (task.retrying or task.rare):
         yield from (Place(child, END_ACHIEVING) for child in each(children) if _decides(child, task))
         yield from (Place(handler, END_ACHIEVING) for handler in each(task.rare.retry_askers if task.rare else ()))
+
+
+def all_before(tree: TaskTree, place: Place, *, below: bool = True) -> Iterator[Place]:
+    """The points that a point must or may have to wait for."""
+    return chain(predecessors(tree, place, below=below), _watched_before(*place, below=below))
+
+
+def _watched_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
+    """The way to the ends of monitors that are not waited for, by ``ALL_ELSE`` of their parent."""
+    if moment == START_ACHIEVING:
+        yield from _all_else(task)
+    elif moment == END_ACHIEVING:
+        if not task.is_watcher:
+            yield from _all_else(task.parent)
+        for asked in task.rare.retry_targets if task.rare is not None else ():
+            yield from _all_else(asked)
+    elif moment == ALL_ELSE and below:
+        watching = (monitor for monitor in (task.watchers or {}).values() if not monitor.killed)
+        yield from (Place(monitor, end) for monitor in watching for end in (END_HANDLING, END_ACHIEVING))
+
+
+def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
+    """The way back."""
+    if moment == ALL_ELSE:
+        yield Place(task, START_ACHIEVING)
+        children = (task.children or {}).values() if below else ()
+        yield from (Place(child, END_ACHIEVING) for child in children if not child.is_watcher)
+        yield from (Place(handler, END_ACHIEVING) for handler in (task.rare.retry_askers if task.rare else ()))
+    elif moment in (END_HANDLING, END_ACHIEVING) and task.is_watcher and not task.killed:
+        yield from _all_else(task.parent)
+
+
+def _all_else(task: Task | None) -> Iterator[Place]:
+    """``ALL_ELSE`` of a task, if monitors end then. None do under the root."""
+    if task is not None and task.watchers and task.id != ROOT:
+        yield Place(task, ALL_ELSE)
 
 
 def _decides(child: Task, task: Task) -> bool:

@@ -5,13 +5,14 @@ one integer); every task lists the points that wait for its own (``Task.follower
 follower go by a timer, set when the leader's point is reached. Knows points; nothing of handlers or resources.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock, checked_seconds
 from tca_central.model.intervals import checked_moment, unified
 from tca_central.model.task_tree import Task, TaskTree
-from tca_central.order.cycles import Place, find_path
+from tca_central.order.cycles import ALL_ELSE, Place, find_path
 from tca_wire.constraints import (
     Constraint,
     Flags,
@@ -147,11 +148,12 @@ class Holds:
     def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
         """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""
         if (path := find_path(self.tree, start, goal)) is not None:
-            circle = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in (*path, path[0])]
-            if (more := len(path) - 8) > 0:
+            points = [place for place in (*path, path[0]) if place.moment != ALL_ELSE]
+            circle = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in points]
+            if (more := len(circle) - 9) > 0:
                 circle[4:-5] = [f"... {more} more ..."]
             text = f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a circle"
-            raise RequestError(Refusal.CYCLE, text)
+            raise RequestError(Refusal.CYCLE, text + _of_monitor(path))
 
     def undo(self, added: list[Constraint]) -> None:
         """Take back what ``add`` has just put in force."""
@@ -328,6 +330,15 @@ def _ending(killed: list[Task]) -> set[Task]:
         if task.is_running or is_left or others:
             staying.add(task)
     return doomed - staying
+
+
+def _of_monitor(path: list[Place]) -> str:
+    """What to do about a circle by way of a monitor that is not waited for."""
+    for place, after in pairwise(path):
+        if place.moment == ALL_ELSE:
+            until = f"until all else under {place.task} has ended"
+            return f": {after.task} may watch {until}. If it ends before, send it waited_for=True"
+    return ""
 
 
 def _constraint(leader: Task, its_moment: int, follower: Task, moment: int, delay: float = 0) -> Constraint:

@@ -8,7 +8,7 @@ from properties.life import MODULES, Life, operation
 
 from tca_central.model.intervals import unified
 from tca_central.model.task_tree import Task
-from tca_central.order.cycles import Place, predecessors, successors
+from tca_central.order.cycles import ALL_ELSE, Place, all_before, successors
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Delivered, Reached, Received
 from tca_wire.packets import headers
@@ -40,9 +40,10 @@ def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> 
         life.go_on(seed + number, 15)
         tree = life.central.tree
         places = [Place(task, moment) for task in tree.tasks.values() for moment in Moment]
+        places += [Place(task, ALL_ELSE) for task in tree.tasks.values() if task.watchers]
         to_come = {one for one in places if not one.task.reached & one.moment and is_unified(one)}
         ahead = {(one, other) for one in to_come for other in successors(one) if other in to_come}
-        behind = {(one, other) for other in to_come for one in predecessors(tree, other) if one in to_come}
+        behind = {(one, other) for other in to_come for one in all_before(tree, other) if one in to_come}
         assert ahead == behind
 
 
@@ -97,7 +98,8 @@ def _end_everything(life: Life) -> None:
     for aside in [*life.central.attached, *life.central.taps]:
         life.request(headers.Remove, aside)
     for watcher in life.watchers():
-        life.request(headers.Kill, TaskId(watcher.id))
+        if not watcher.is_watcher or watcher.parent is life.central.tree.root:  # others end with what they watch over
+            life.request(headers.Kill, TaskId(watcher.id))
     rounds = 0
     for task in [task for task in life.central.tree.tasks.values() if task.suspended]:
         life.request(headers.Suspend, TaskId(task.id), True)
