@@ -11,6 +11,10 @@ from properties.life import MODULES, Life, operation
 from properties.oracle import Oracle
 
 from tca_central.events import Effect, Tick
+from tca_wire.constraints import Flags
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment
+from tca_wire.points import TaskId
 
 JUDGED = {
     "planner": ("goal walk", "goal step", "query where"),
@@ -62,6 +66,24 @@ class JudgedLife(Life):
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
         if name != "set":
             super().do(name, a, b, c, d)
+
+
+def test_a_spared_exception_handler_that_is_retried_is_not_spared_any_more() -> None:
+    player = JudgedPlayer()
+    player.module("legs", "command move", capacity=2)
+    player.module("expert", "exception handler recover", capacity=2)
+    player.module("user")
+    player.declare("user", "command move")
+    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    for slot in (1, 2):
+        player.task("user", "move", flags=Flags.NONE)
+        player.fail(f"legs/{slot}", "slipped")
+    recovers = player.delivered("expert/2")[-1]
+    player.receive("expert/2", headers.Bye())
+    player.lose("expert")
+    assert recovers in player.central.tree.tasks
+    player.receive("user", headers.Retry(player.number("user"), TaskId(recovers)))
+    assert recovers not in player.central.tree.tasks
 
 
 @given(st.lists(operation, max_size=60))
