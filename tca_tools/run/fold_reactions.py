@@ -10,7 +10,7 @@ from tca_tools.run.records import EventAhead, Exhausted, Failure, Hold, Retry, T
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.rules import CONDITIONS
+from tca_wire.rules import CONDITIONS, recurs_on_retry
 from tca_wire.vocabulary import Refusal
 
 
@@ -83,6 +83,8 @@ class ReactionFold(RecordFold):
             runs, sent = len(task.handlings), len(task.children)
             task.retries.append(Retry(self.time, fact.by, is_other, runs, sent, self.asker))
             self._change(task, "body", fact.body or task.body)
+            if self.asker:  # until whose end it waits
+                self._followers.setdefault(TaskId(self.asker.message_id), []).append(task)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
         if fact.task > 0:
@@ -137,15 +139,18 @@ class ReactionFold(RecordFold):
         self.taps[fact.id] = fact
 
     def _tap_fired(self, fact: facts.TapFired) -> None:
-        """Hold a task for a listener that must end first, as a constraint does."""
+        """Hold a task for a listener that must end first, as a constraint does; also where it is handled once more."""
         tap, tapped, listener = self.taps.get(fact.tap), self.tasks.get(fact.tapped), self.tasks.get(fact.listener)
         if tap is None or tapped is None or listener is None:
             return
         rule = CONDITIONS[tap.condition]
+        watches_it = listener.message_class.is_aside and rule.finds_it_alive and not rule.is_child
+        listener.outlives_retry = watches_it and not recurs_on_retry(tap.condition)
         if not rule.holds_until:
             return
         before, after = Moment(rule.holds_until), Moment(rule.before)
-        if after not in tapped.reached and before not in listener.reached:
+        is_to_come = after not in tapped.reached or after is Moment.START_HANDLING
+        if is_to_come and before not in listener.reached:
             points = Point(TaskId(listener.id), before), Point(TaskId(tapped.id), after)
             self._hold(tapped, Hold(Constraint(*points), self.time, tap=tap))
 

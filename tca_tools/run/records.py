@@ -401,6 +401,8 @@ class Task(Message):
     """The task whose failure nobody handled, if it was killed for that."""
     is_waited_for: bool = False
     """Of a polling or demon monitor: its parent waits for its end, else it ends with all else there at the latest."""
+    outlives_retry: bool = False
+    """Of a wiretap's monitor: a retry of the tapped task, under which it is, spares it."""
     watched: str = ""
     """Of a monitor: why it watches no longer."""
     caught_by: list[TaskId] = field(default_factory=list)

@@ -29,7 +29,6 @@ from tca_tools.run.records import (
     Hold,
     Message,
     Queueing,
-    Retry,
     Suspension,
     Task,
     TaskState,
@@ -38,6 +37,7 @@ from tca_tools.run.records import (
 )
 from tca_tools.run.whole_run import Run
 from tca_tools.why.keepers import Keepers, ahead_of_claim, kept_out, kept_since
+from tca_tools.why.retries import of_retry
 from tca_tools.why.wait import Node, Wait
 from tca_wire.points import (
     END_ACHIEVING,
@@ -46,10 +46,8 @@ from tca_wire.points import (
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
-    TaskId,
 )
 from tca_wire.rules import rules_of
-from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitKind
 
 NO_TIME = 1e-6
@@ -157,10 +155,11 @@ def _under(run: Run, task: Task, moment: int, time: float | None) -> list[Task]:
         for number in one.children:
             child = run.tasks[number]
             is_watcher = moment == END_ACHIEVING and child.message_class.is_aside and not child.is_waited_for
-            if is_watcher:
-                rest.append(child)
-            if not is_watcher or _is_kept(run, child, time):
+            is_kept = is_watcher and _is_kept(run, child, time)
+            if not is_watcher or is_kept:
                 found.append(child)
+            if is_watcher and not (is_kept and time is not None):
+                rest.append(child)
     return found
 
 
@@ -181,7 +180,7 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
             end = min(parent.time_of(moment), task.time_of(moment), killed)
             found.append(Wait(task.received, end, WaitKind.PARENT, Node(parent.id, moment), moment))
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
-    found += [wait for retry in task.retries for wait in _of_retry(run, task, retry, killed)]
+    found += [wait for retry in task.retries for wait in of_retry(run, task, retry, killed)]
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:
@@ -194,11 +193,13 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     is none of its own: what holds the first holds the second, too (``_moments``).
     """
     before, moment, delay = hold.constraint.before, hold.constraint.after.moment, hold.constraint.delay
-    other, last = run.tasks.get(before.task), min(task.time_of(moment), killed)
+    is_anew = hold.tap is not None and task.time_of(moment) < hold.added  # it is to be handled once more
+    other, last = run.tasks.get(before.task), min(task.time_of(END_ACHIEVING if is_anew else moment), killed)
     met = -inf if other is None else other.time_of(before.moment)
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
-        yield Wait(hold.added, min(met, last), kind, Node(other.id, int(before.moment)), int(moment), hold)
+        holds = _ENDS if is_anew else int(moment)
+        yield Wait(hold.added, min(met, last), kind, Node(other.id, int(before.moment)), holds, hold)
     if delay:
         yield Wait(max(met, hold.added), min(hold.over, last), WaitKind.DELAY, Node(task.id), int(moment), hold)
 
@@ -210,31 +211,6 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     if not holds and _is_to_be_handled_again(task, start):
         holds = _ENDS
     return Wait(start, suspension.until, WaitKind.RESUME, Node(suspension.cause), holds, suspension)
-
-
-def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
-    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it to end: then it is
-    queued, or handled. When a monitor begins anew is in no journal: what it sends then comes after its retry.
-    """
-    if task.time_of(START_HANDLING) < retry.time:
-        begun = task.handlings[retry.runs].start if retry.runs < len(task.handlings) else task.time_of(END_ACHIEVING)
-        begun = next((one.start for one in task.queueings if retry.time <= one.start < begun), begun)
-        asker = run.tasks.get(TaskId(retry.asker.message_id)) if retry.asker else None
-        if asker is not None and asker.role is Role.EXCEPTION:
-            end = min(asker.time_of(END_ACHIEVING), begun, killed)
-            yield Wait(retry.time, end, WaitKind.RECOVERY, Node(asker.id, END_ACHIEVING), _ENDS)
-        awaited = task.children[: retry.sent] if task.message_class.is_monitor else task.children
-        for child in map(run.tasks.__getitem__, awaited):
-            if not _is_guest(child):
-                start, end = max(retry.time, child.received), min(child.time_of(END_ACHIEVING), begun, killed)
-                yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, END_ACHIEVING), _ENDS)
-
-
-def _is_guest(child: Task) -> bool:
-    """Whether it is a monitor that a retry of the task above has spared, since others had put it there: any other was
-    killed then.
-    """
-    return child.message_class.is_monitor and not child.role and child.killed is None
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:

@@ -31,7 +31,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, MOMENTS, ROOT, Moment, TaskId
 from tca_wire.text.waits_in_words import several_in_words
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import Condition, MessageClass
 from tca_wire.waits import WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
@@ -273,6 +273,69 @@ def test_a_monitor_that_begins_anew_waits_for_what_it_had_sent(player: ComparedP
     assert len(player.central.tree.tasks) == 2
     player.reply("legs/2")
     retry(player, careful)  # it begins at once
+
+
+def test_a_suspended_monitor_to_begin_anew_waits_for_an_exception_handler_that_is_called_then(
+    player: ComparedPlayer,
+) -> None:
+    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    guard = TaskId(player.task("user", "guard", watch=WatchOptions()))
+    player.receive("user", headers.Raise(player.number("user"), guard, "cold"))
+    player.receive("user", headers.Suspend(player.number("user"), guard))
+    player.receive("expert/1", headers.Retry(player.number("expert/1"), guard))
+    player.receive("user", headers.Raise(player.number("user"), guard, "cold"))
+    player.reply("expert/1")
+    assert player.central.tree.tasks[guard].retrying
+    player.receive("user", headers.Suspend(player.number("user"), guard, resume=True))
+    player.reply("expert/2")
+    assert not player.central.tree.tasks[guard].retrying
+
+
+def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_ended(player: ComparedPlayer) -> None:
+    player.receive("user", headers.Attach(player.number("user"), Attachment("", "recover")))
+    walk = player.task("user", "walk")
+    move = player.task("user", "move", under=walk)
+    player.receive("user", headers.Raise(player.number("user"), TaskId(move), "cold"))
+    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(walk)))
+    player.reply("expert/1")
+    player.tick(1)
+    assert_lists(player.history)
+
+
+def test_a_retry_spares_a_monitor_of_others_that_is_killed_later(player: ComparedPlayer) -> None:
+    careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
+    player.receive("user", headers.Register(player.number("user"), [careful]))
+    guard = player.task("user", "guard", watch=WatchOptions(waited_for=True))
+    spared = player.task("user", "careful", under=guard, origin=0, watch=WatchOptions())
+    retry(player, guard)
+    player.receive("user", headers.Kill(player.number("user"), TaskId(spared)))
+    player.task("user", "later", under=guard)
+    assert player.central.tree.tasks[TaskId(spared)].killed
+
+
+def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(player: ComparedPlayer) -> None:
+    player.receive("user", headers.Tap(player.number("user"), Condition.WHILE_ACHIEVING, "guard", "walk"))
+    walk = player.task("user", "walk")
+    retry(player, walk)
+    assert len(player.central.tree.tasks) == 2
+
+
+def test_who_is_handled_once_more_waits_for_the_listener_before_that(player: ComparedPlayer) -> None:
+    move = TaskId(player.task("user", "move"))
+    player.receive("user", headers.Tap(player.number("user"), Condition.BEFORE_HANDLING, "lift", task=move))
+    player.task("user", "move", flags=Flags.NONE)  # takes the other slot
+    player.receive("legs/1", headers.Bye())
+    assert len(player.central.tree.tasks) == 3
+
+
+def test_a_monitor_that_a_constraint_keeps_is_waited_for_alone(player: ComparedPlayer) -> None:
+    walk = player.task("user", "walk")
+    guard = player.task("user", "guard", under=walk, watch=WatchOptions())
+    player.task("user", "later", under=guard)
+    later = player.task("user", "later", flags=Flags.NONE)
+    after = before(point(later, Moment.END_ACHIEVING), point(guard, Moment.END_ACHIEVING))
+    player.receive("user", headers.Constrain(player.number("user"), [after]))
+    assert len(player.central.tree.tasks) == 4
 
 
 def test_a_monitor_is_kept_from_its_end_by_constraints_too(player: ComparedPlayer) -> None:

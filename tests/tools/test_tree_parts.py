@@ -262,7 +262,7 @@ def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
 
 
 def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tca_tools.tasktree_viz.outline_svg._TIMES", 100.0)  # a narrow picture with much in it
+    monkeypatch.setattr("tca_tools.tasktree_viz.outline_svg._TIMES", 15.0)  # a narrow picture with much in it
     at = RunAt(History.until(walk()), 37.0)
     picture = ET.fromstring(outline_svg(at, whole_outline(at), "walk"))
     width = float(picture.get("width", 0))

@@ -1,0 +1,59 @@
+"""The waits of a task that is to be handled again: for all under it to end, and for whoever asked."""
+
+from collections.abc import Iterator
+
+from tca_tools.run.records import Retry, Task
+from tca_tools.run.whole_run import Run
+from tca_tools.why.wait import Node, Wait
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_HANDLING, TaskId
+from tca_wire.vocabulary import Role
+from tca_wire.waits import WaitKind
+
+_ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
+"""The moments that come after its handler has returned."""
+
+
+def of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
+    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it to end: then it is
+    queued, or handled.
+    """
+    if task.time_of(START_HANDLING) < retry.time:
+        begun = task.handlings[retry.runs].start if retry.runs < len(task.handlings) else task.time_of(END_ACHIEVING)
+        begun = next((one.start for one in task.queueings if retry.time <= one.start < begun), begun)
+        asker = run.tasks.get(TaskId(retry.asker.message_id)) if retry.asker else None
+        if asker is not None and asker.role is Role.EXCEPTION:
+            end = min(asker.time_of(END_ACHIEVING), begun, killed)
+            yield Wait(retry.time, end, WaitKind.RECOVERY, Node(asker.id, END_ACHIEVING), _ENDS)
+        children = [run.tasks[number] for number in task.children]
+        if task.message_class.is_monitor:
+            children = _before_it_begins(task, retry, children, asker)
+        for child in (child for child in children if not _is_guest(child, retry)):
+            start, end = max(retry.time, child.received), min(child.time_of(END_ACHIEVING), begun, killed)
+            yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, END_ACHIEVING), _ENDS)
+
+
+def _before_it_begins(monitor: Task, retry: Retry, children: list[Task], asker: Task | None) -> list[Task]:
+    """The tasks under a retried monitor until it begins anew. That is in no journal: it begins when nothing is under it
+    any more, whoever asked has ended, and it is not suspended.
+    """
+    begins, found = retry.time, list[Task]()
+    if asker is not None and asker.role is Role.EXCEPTION:
+        begins = max(begins, asker.time_of(END_ACHIEVING))
+    for number, child in enumerate(children):
+        for suspension in monitor.suspensions:
+            if suspension.start <= begins:
+                begins = max(begins, suspension.until)
+        if number >= retry.sent and child.received >= begins:
+            break
+        if not _is_guest(child, retry):
+            begins = max(begins, child.time_of(END_ACHIEVING))
+        found.append(child)
+    return found
+
+
+def _is_guest(child: Task, retry: Retry) -> bool:
+    """Whether it is a monitor that a retry of the task above has spared, since others had put it there: any other was
+    killed then, or as it came.
+    """
+    killed = child.killed is not None and child.written("killed") <= max(retry.time, child.received)
+    return child.outlives_retry or (child.message_class.is_monitor and not child.role and not killed)
