@@ -97,7 +97,7 @@ def _continue_search(central: State, handler: Task | None) -> None:
     while handler is not None:
         trouble: FailureContext = handler.context
         failing = trouble.failing
-        if failing.killed or failing.retrying:
+        if failing.killed:
             return
         is_deciding = failing.more.recovering is handler
         following = _call_handler(central, failing, trouble.failure, trouble, is_beside=not is_deciding)
@@ -279,8 +279,9 @@ def pass_over(central: State, handler: Delivery) -> None:
 def reissue(central: State, handler: Task) -> None:
     """The handler cannot deal with the failure: the search goes on after it."""
     central.facts.append(facts.Reissued(TaskId(handler.id)))
-    handler.more.is_void = True
-    _continue_search(central, handler)
+    had_decided, handler.more.is_void = handler.more.is_void, True
+    if not had_decided:
+        _continue_search(central, handler)
     central.agenda.mark_returned(handler)
 
 
@@ -294,7 +295,7 @@ def handler_ended(central: State, handler: Task) -> None:
     is_deciding = failing.more.recovering is handler
     if is_deciding:
         failing.more.recovering = None
-    if failing.killed or failing.retrying:
+    if failing.killed:
         return
     failing.is_dealt_with = True
     central.facts.append(facts.Recovered(TaskId(failing.id)))
@@ -335,6 +336,15 @@ def _next_ends(task: Task, *moments: int) -> list[Place]:
     return [Place(task, moment) for moment in moments if not task.reached & moment][:1]
 
 
+def _clear(central: State, task: Task, verdict: Verdict) -> None:
+    """Kill what is under a retried task, but for the monitors of others, and forget the failures before."""
+    for child in list((task.children or {}).values()):
+        if not (child.survives or child.is_guest):
+            kill(central, child, verdict)
+        elif child.role is Role.EXCEPTION:
+            child.more.is_void = True
+
+
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
     """A task is to be handled again once all under it, and the exception handler that asks, has ended."""
     task = central.living(connection, header.number, header.task, "it can't be retried")
@@ -350,10 +360,7 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     by = connection.module.name
     central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b"", by))
     if task.reached & START_HANDLING:
-        verdict = Verdict(f"{task} is retried", by, central.origin)
-        for child in list((task.children or {}).values()):
-            if not (child.survives or child.is_guest):
-                kill(central, child, verdict)
+        _clear(central, task, Verdict(f"{task} is retried", by, central.origin))
         if asking is not None and asking not in task.more.retry_askers:
             task.more.retry_askers[asking] = None
             asking.more.retry_targets.append(task)

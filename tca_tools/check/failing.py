@@ -29,7 +29,7 @@ def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
 
 
 def _check_found(world: JournalWorld, task: MessageRecord) -> None:
-    if task.searches and not (task.is_killed or task.again):
+    if task.searches and not task.is_killed:
         world.broken(CAUGHT, task, f"failed ({task.failure}), and that was neither caught nor called unhandled")
     task.searches.clear()
 
@@ -124,10 +124,10 @@ def reissued(world: JournalWorld, handler: MessageRecord, fact: facts.Reissued) 
     del fact
     if handler.role is not Role.EXCEPTION and not handler.is_stranger:
         world.broken(HANDLER, handler, "reissued a failure, and deals with none")
-    handler.is_void = handler.returned = True
+    had_decided, handler.is_void, handler.returned = handler.is_void, True, True
     if handler.parent is not None:
         _deals_no_more(world, handler.parent, handler.id)
-        if not (handler.parent.is_killed or handler.parent.again):
+        if not (handler.parent.is_killed or had_decided):
             search(world, handler.parent, handler.id)
 
 
@@ -137,7 +137,7 @@ def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
     if failing is None:
         return
     _deals_no_more(world, failing, handler.id)
-    if failing.is_killed or failing.again:
+    if failing.is_killed:
         return
     failing.ended_handlers.append(handler.id)
     world.later.append(lambda: _check_recovered(world, failing))
@@ -150,7 +150,7 @@ def _deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) ->
 
 
 def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
-    if failing.ended_handlers and not (failing.is_killed or failing.again):
+    if failing.ended_handlers and not failing.is_killed:
         handler = world.name(failing.ended_handlers[0])
         world.broken(RECOVERED, failing, f"did not go on, and {handler} dealt with its failure")
     failing.ended_handlers.clear()
@@ -207,12 +207,9 @@ def killed(world: JournalWorld, item: MessageRecord, fact: facts.Killed) -> None
         return
     item.is_void = True
     _deals_no_more(world, failing, item.id)
-    if not failing.again:  # a killed exception handler has decided nothing: the search goes on
-        failing.searches.append(item.id)
-        what = "was killed, and nobody else was asked to deal with its failure"
-        world.expect(
-            lambda: item.id not in failing.searches or failing.is_killed or failing.again, KILLED, item, what
-        )  # fmt: skip
+    failing.searches.append(item.id)  # a killed exception handler has decided nothing: the search goes on
+    what = "was killed, and nobody else was asked to deal with its failure"
+    world.expect(lambda: item.id not in failing.searches or failing.is_killed, KILLED, item, what)
 
 
 def check_below(world: JournalWorld, item: MessageRecord) -> None:
@@ -246,6 +243,8 @@ def retried(world: JournalWorld, item: MessageRecord, fact: facts.Retried) -> No
     world.flagged.append(item)
     if item.reached & START_HANDLING:
         item.again, item.returned, item.deciding = True, False, 0
+        for child in item.children.values():  # the failures that they were called for are forgotten
+            child.is_void = child.is_void or child.role is Role.EXCEPTION
         world.later.append(lambda: _check_retried(world, item))
 
 

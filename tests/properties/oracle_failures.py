@@ -190,8 +190,9 @@ def _candidates(world: World, node: Node, after: Trouble | None) -> Iterator[tup
 
 def reissue(world: World, handler: Node) -> None:
     """An exception handler cannot deal with its failure."""
-    handler.void = True
-    _search_on(world, handler)
+    had_decided, handler.void = handler.void, True
+    if not had_decided:
+        _search_on(world, handler)
     handler.returned = True
 
 
@@ -199,7 +200,7 @@ def _search_on(world: World, handler: Node) -> None:
     trouble = handler.failing
     assert trouble is not None
     node = trouble.node
-    if node.killed or node.again:
+    if node.killed:
         return
     decides = node.recovering is handler
     following = _search(world, node, trouble.names, trouble)
@@ -236,6 +237,8 @@ def retry_now(world: World, node: Node, connection: str) -> None:
     for child in world.children(node):
         if not (child.survives or child.is_guest):
             kill(world, child)
+        elif child.role is Role.EXCEPTION:
+            child.void = True
     at_work = [one for one in world.everything() if one.slot == connection]
     asking = max(at_work, key=lambda one: one.turn, default=None)
     if isinstance(asking, Node) and asking.role is Role.EXCEPTION:
