@@ -107,7 +107,7 @@ class Agenda:
         self._look_above(task)
 
     def _look_above(self, task: Task) -> None:
-        """A monitor is to watch, perhaps under a task that waits for nothing else."""
+        """A monitor is to watch, or may not begin, perhaps under a task that waits for nothing else."""
         if task.is_watcher and task.parent is not None:
             self._look_at.append(task.parent)
 
@@ -183,6 +183,7 @@ class Agenda:
                 continue
             one.suspended = not resume
             changed.append(one)
+            self._look_above(one)
             if resume:
                 self._look_at.append(one)
             elif one.requested and one.queues is not None:

@@ -292,7 +292,7 @@ class Life:
         tasks = [*self.central.tree.tasks, *self.central.outcomes]
         if tasks:
             one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
-            wanted = before(point(one, list(Moment)[c % 6]), point(other, list(Moment)[d % 6]))
+            wanted = before(point(one, list(Moment)[c % 6]), point(other, list(Moment)[d % 6]), self.seconds(a % 4))
             self.player.receive("user", headers.Constrain(self.player.number("user"), [wanted]))
 
     def wait_(self, a: int, b: int, c: int, d: int) -> None:
