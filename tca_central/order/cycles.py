@@ -291,8 +291,10 @@ def _watched_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
         for asked in task.rare.retry_targets if task.rare is not None else ():
             yield from _all_else(asked)
     elif moment == ALL_ELSE and below:
-        watching = (monitor for monitor in (task.watchers or {}).values() if not monitor.killed)
-        yield from (Place(monitor, end) for monitor in watching for end in (END_HANDLING, END_ACHIEVING))
+        for monitor in (task.watchers or {}).values():
+            if not monitor.killed:
+                yield from (Place(monitor, END_HANDLING), Place(monitor, END_ACHIEVING))
+                yield from _all_else(monitor)  # which is handled until it ends
 
 
 def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
@@ -302,7 +304,7 @@ def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
         children = (task.children or {}).values() if below else ()
         yield from (Place(child, END_ACHIEVING) for child in children if not child.is_watcher)
         yield from (Place(handler, END_ACHIEVING) for handler in (task.rare.retry_askers if task.rare else ()))
-    elif moment in (END_HANDLING, END_ACHIEVING) and task.is_watcher and not task.killed:
+    if moment in (END_HANDLING, END_ACHIEVING, ALL_ELSE) and task.is_watcher and not task.killed:
         yield from _all_else(task.parent)
 
 

@@ -334,7 +334,7 @@ def _ending(killed: list[Task]) -> set[Task]:
 
 def _of_monitor(path: list[Place]) -> str:
     """What to do about a circle by way of a monitor that is not waited for."""
-    for place, after in pairwise(path):
+    for place, after in reversed(list(pairwise(path))):
         if place.moment == ALL_ELSE:
             until = f"until all else under {place.task} has ended"
             return f": {after.task} may watch {until}. If it ends before, send it waited_for=True"

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from central.player import Player
+from central.player import ANY, Player
 from central.transcript import Transcript
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from properties.life import Life, operation
 from properties.test_late_taps import CheckedLife
 from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, lost, played, twice, walk
@@ -23,6 +24,8 @@ from tca_tools.check.checker import Checker
 from tca_wire.constraints import Constraint, sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, kind_of
+from tca_wire.packets import headers
+from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 
@@ -170,6 +173,21 @@ def test_a_parent_that_ends_before_its_child() -> None:
     story.at(1.0).returned(1).reached(1, Moment.END_PLANNING, Moment.END_ACHIEVING)
     broken = [violation for violation in checked(story.entries) if violation.rule == rules.FAMILY.text]
     assert broken[0].what == f"walk {{1}} ended before move {{{one}}}, which is under it"
+
+
+def test_a_monitor_that_keeps_what_it_watches_over() -> None:
+    player = Player.of("planner: goal walk", "eye: query seen", "user")
+    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", ""])
+    player.receive("user", headers.Register(player.number("user"), [watch]))
+    walk = player.task("user", "walk")
+    monitor = player.task("planner/1", "watch", under=walk, watch=WatchOptions(5.0))
+    player.reply("planner/1")
+    *before, last = [OPENED, *player.entries]
+    assert checked([*before, last]) == []
+    ending = next(number for number, fact in enumerate(last.facts) if isinstance(fact, facts.MonitorEnded))
+    (broken,) = checked([*before, replace(last, facts=last.facts[:ending])])
+    text = f"watch {{{monitor}}} still watches, and walk {{{walk}}} waits for nothing else"
+    assert (broken.rule, broken.what) == (rules.KEPT.text, text)
 
 
 def test_a_failure_that_nobody_cares_for() -> None:
