@@ -53,6 +53,7 @@ class Central(State):
         self._outputs: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
             (agenda.taps_to_fire, self._fire_before),
             (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
+            (agenda.resumed, partial(monitors.go_on, self)),
             (agenda.only_watched, partial(monitors.end_watchers, self)),
             (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
             (agenda.ended, self._on_ended),

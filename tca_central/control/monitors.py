@@ -123,7 +123,7 @@ def on_test(central: State, watch: Watch) -> None:
 
 def _test_as_fired(central: State, watch: Watch) -> bool:
     """Test because somebody has fired the monitor, if that is to be done; its period starts anew. One that polls waits
-    with it while it is suspended, or its condition can't be asked.
+    with it until it is resumed, or where its condition can't be asked until its next period.
     """
     if not watch.activations or (watch.task.message.is_aside and watch.task.suspended):
         return False
@@ -131,6 +131,13 @@ def _test_as_fired(central: State, watch: Watch) -> bool:
     _test(central, watch)
     watch.activations -= watch.condition is not None
     return True
+
+
+def go_on(central: State, task: Task) -> None:
+    """A monitor is resumed: it tests if it was fired meanwhile, as whatever was kept from beginning begins then."""
+    watch = _watch(task)
+    if watch.is_on and watch.condition is None:
+        _test_as_fired(central, watch)
 
 
 def _test(central: State, watch: Watch) -> None:

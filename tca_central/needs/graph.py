@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from tca_central.model.deliveries import Connection, Delivery, ModuleResource
-from tca_central.model.intervals import delivered_at
+from tca_central.model.intervals import SINGLE_MOMENTS, delivered_at
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.order.cycles import Each, Place, predecessors
@@ -236,14 +236,21 @@ def _of_its_handler(task: Task, moment: int) -> Groups:
         yield [Place(task, delivered_at(task.is_goal))]
 
 
+def together(place: Place) -> int:
+    """The moments that come with one, and it, as bits: the starts of what is planned as late as it is achieved."""
+    task, moment = place
+    return START_PLANNING | START_ACHIEVING if task.delayed and moment & STARTS else moment
+
+
 def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
     """Constraints, the order within the task and with its relatives; starts that wait for each other are one."""
-    together = (START_PLANNING, START_ACHIEVING) if task.delayed and moment & STARTS else (moment,)
-    for one in together:
+    same = together(Place(task, moment))
+    for one in (one for one in SINGLE_MOMENTS if one & same):
         for before in predecessors(central.tree, Place(task, one), each):
-            is_the_same = before.task is task and before.moment in together
-            is_child = before.task.parent is task and moment == before.moment == END_ACHIEVING
-            if is_child and only_watches(central, before.task):
+            is_the_same = before.task is task and bool(before.moment & same)
+            is_child = before.task.parent is task and before.moment == END_ACHIEVING
+            is_its_end = moment == END_ACHIEVING or task.retrying
+            if is_child and is_its_end and only_watches(central, before.task):
                 yield from _of_actions(central, before.task)
             else:
                 yield None if is_the_same or before.task.reached & before.moment else [before]
@@ -253,21 +260,22 @@ def only_watches(central: State, child: Task) -> bool:
     """Whether a monitor ends with all else under its parent, which waits for what it has sent, but not for itself."""
     if not child.is_watcher or child.parent is None or child.parent.id == ROOT:
         return False
-    ends = ((leader_id, its) for at, leader_id, its in child.leaders or () if at in (END_HANDLING, END_ACHIEVING))
+    ahead = (END_HANDLING | END_ACHIEVING) & ~child.reached if not child.killed else 0
+    ends = ((leader_id, its) for at, leader_id, its in child.leaders or () if at & ahead)
     leaders = ((central.tree.tasks.get(leader_id), its) for leader_id, its in ends if leader_id != child.id)
     return all(leader is None or leader.reached & its for leader, its in leaders)
 
 
 def _of_actions(central: State, monitor: Task) -> Groups:
-    """What a monitor has sent."""
-    monitors = [monitor]
-    for one in monitors:  # grows while it is walked
-        for child in list((one.children or {}).values()):
-            if only_watches(central, child):
-                monitors.append(child)
-            else:
-                yield [Place(child, END_ACHIEVING)]
-        yield None
+    """What a monitor has sent, oldest first; of a monitor among that what that has sent."""
+    rest = [monitor]
+    while rest:
+        one = rest.pop()
+        if only_watches(central, one):
+            rest += reversed((one.children or {}).values())
+            yield None
+        else:
+            yield [Place(one, END_ACHIEVING)]
 
 
 def _of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:

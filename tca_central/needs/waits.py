@@ -12,21 +12,43 @@ from msgspec.structs import replace
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.resources import Claim, Resource
 from tca_central.model.task_tree import Task
-from tca_central.needs.graph import Freeing, Granting, Group, Node, Releasing, Returning, Turn, TurnAt, Waiting, needs
+from tca_central.needs.graph import (
+    Freeing,
+    Granting,
+    Group,
+    Node,
+    Releasing,
+    Returning,
+    Turn,
+    TurnAt,
+    Waiting,
+    needs,
+    together,
+)
 from tca_central.order.cycles import Place
 from tca_central.order.holds import PendingDelay
 from tca_central.state import Collector, PresenceWait, State, TaskWait
-from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
+from tca_wire.points import (
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    STARTS,
+)
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind
 
 NAMED = 3
 """Things of one kind that are told one by one."""
+_ORDER = {WaitKind.RECOVERY: 0, WaitKind.PARENT: 2}
+"""Exception handlers that decide are told first, the beginning of the parent last."""
 _LOOKED_AT = 10_000
 """Groups of one node that are looked at."""
-_GOAL = (START_PLANNING, END_HANDLING, END_PLANNING, START_ACHIEVING, END_ACHIEVING)
+_GOAL = (START_PLANNING, END_HANDLING, END_PLANNING, START_ACHIEVING)
 _OTHERS = (START_ACHIEVING, END_HANDLING, END_ACHIEVING)
-"""The moments of a task in the order in which it comes to them; a goal may be achieved earlier."""
+"""The moments of a task in the order in which it comes to them; those of a goal until it is being achieved."""
 
 
 def next_of(task: Task) -> Place:
@@ -35,12 +57,13 @@ def next_of(task: Task) -> Place:
         return Place(task, END_ACHIEVING)
     if not task.reached & START_HANDLING:
         return Place(task, START_PLANNING if task.is_goal else START_ACHIEVING)
-    return Place(task, next(one for one in (_GOAL if task.is_goal else _OTHERS) if not task.reached & one))
+    moments = _GOAL if task.is_goal and not task.reached & START_ACHIEVING else _OTHERS
+    return Place(task, next(one for one in moments if not task.reached & one))
 
 
 def waits_of(central: State, node: Node) -> list[WaitFor]:
-    """The waits of a node; none if it comes about by itself."""
-    return _compact(_of_node(central, node))
+    """The waits of a node, in the order of the tools; none if it comes about by itself."""
+    return sorted(_compact(_of_node(central, node)), key=lambda wait: _ORDER.get(wait.kind, 1))
 
 
 def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
@@ -86,7 +109,7 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
     if task.slot is not None or task.queues is not None:
         yield _whereabouts(central, task)
         return
-    if task.rare is not None and (handler := task.rare.recovering) is not None and not task.killed:
+    for handler in _deciding(task):
         yield WaitFor(WaitKind.RECOVERY, handler.id, handler.message.name, END_ACHIEVING)
     places = [place]
     for own in places:  # grows while it is walked
@@ -108,19 +131,28 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
             yield wait
 
 
+def _deciding(task: Task) -> list[Task]:
+    """The exception handlers that keep a task from going on: the one that decides, and those that want it retried."""
+    if task.rare is None or task.killed:
+        return []
+    known = [task.rare.recovering, *task.rare.retry_askers]
+    return [one for one in known if one is not None and not one.reached & END_ACHIEVING]
+
+
 def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
     """Waits that are no nodes of the graph: time, a person's decision, a monitor's condition."""
     task, moment = place
     if task.killed or task.reached & moment:
         return
-    if task.suspended and moment & (START_HANDLING | START_PLANNING | START_ACHIEVING):
+    is_to_be_handled = task.retrying or (task.slot is None and not task.returned)
+    if task.suspended and (moment & STARTS or is_to_be_handled):
         yield _resume(central, task)
     if task.rare is None:
         return
     for pending, timer in task.rare.pending.items():
-        if isinstance(pending, PendingDelay) and pending.moment == moment:
+        if isinstance(pending, PendingDelay) and pending.moment & together(place):
             yield WaitFor(WaitKind.DELAY, seconds=timer.time)
-    if task.rare.watch is not None and task.reached & START_HANDLING and moment != START_PLANNING:
+    if task.rare.watch is not None and task.rare.watch.is_on and moment != START_PLANNING:
         yield condition_of(task)
 
 
@@ -162,14 +194,16 @@ def wait_for_group(central: State, node: Place | Releasing, group: Group) -> Wai
 def _kind(node: Place | Releasing, other: Task, moment: int) -> WaitKind:
     if not isinstance(node, Place):
         return WaitKind.TASK
-    task, askers = node.task, node.task.rare.retry_askers if node.task.rare is not None else ()
-    if other.role is Role.EXCEPTION and (other.parent is task or other in askers):
+    task = node.task
+    if other is task.parent and moment & together(node):
+        return WaitKind.PARENT
+    if other.role is Role.EXCEPTION and (other.parent is task or other in _deciding(task)):
         return WaitKind.RECOVERY
     if other.role is Role.LISTENER:
         return WaitKind.LISTENER
     if other.parent is task or (other.parent is not None and other.parent.is_watcher and other.above(task.id)):
         return WaitKind.SUBTASK
-    return WaitKind.PARENT if other is task.parent and moment == node.moment else WaitKind.CONSTRAINT
+    return WaitKind.CONSTRAINT
 
 
 # --- requests and handlers -------------------------------------------------------------------------------------------

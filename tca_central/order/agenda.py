@@ -46,6 +46,7 @@ class Agenda:
         self.ended_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
         self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
         self.tap_events: deque[tuple[Delivery, int]] = deque()  #: events of messages that wiretaps may be at
+        self.resumed: deque[Task] = deque()  #: monitors that are suspended no longer
         self.only_watched: deque[Task] = deque()  #: wait for nothing but monitors that are not waited for
 
     # --- calls of the core -----------------------------------------------------------------------------------------
@@ -186,6 +187,8 @@ class Agenda:
             self._look_above(one)
             if resume:
                 self._look_at.append(one)
+                if one.message.message_class.is_monitor:
+                    self.resumed.append(one)
             elif one.requested and one.queues is not None:
                 self._take_back(one)
         return changed

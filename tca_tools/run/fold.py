@@ -322,6 +322,8 @@ class History(ReactionFold):
             self._could_not_decide(fact.task)
             self._end_suspension(task)
             self._unqueue(fact.task)
+            if task.message_class.is_aside:  # no constraint keeps it any more
+                self._turn_above(task)
 
     def _drop(self, fact: facts.Dropped) -> None:
         self._unqueue(fact.id)

@@ -83,6 +83,7 @@ class ReactionFold(RecordFold):
             runs, sent = len(task.handlings), len(task.children)
             task.retries.append(Retry(self.time, fact.by, is_other, runs, sent, self.asker))
             self._change(task, "body", fact.body or task.body)
+            self._change(task, "watched", "")
             if self.asker:  # until whose end it waits
                 self._followers.setdefault(TaskId(self.asker.message_id), []).append(task)
 

@@ -74,6 +74,8 @@ class RecordFold(Run):
         """Those that may have waited for moments of a task: its followers, its parent, what is under it."""
         for one in self._followers.get(task.id, ()):
             self._turned[one.id] = one
+            if one.message_class.is_aside:  # its parent may wait for it no longer
+                self._turn_above(one)
         if moments & _ENDS:
             self._turn_above(task)
         if moments & _STARTS:

@@ -1,6 +1,6 @@
 """The waits of a task that is to be handled again: for all under it to end, and for whoever asked."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from tca_tools.run.records import Retry, Task
 from tca_tools.run.whole_run import Run
@@ -11,11 +11,12 @@ from tca_wire.waits import WaitKind
 
 _ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 """The moments that come after its handler has returned."""
+_Under = Callable[[Run, list[TaskId], int, float | None], list[Task]]
 
 
-def of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
+def of_retry(run: Run, task: Task, retry: Retry, killed: float, under: _Under) -> Iterator[Wait]:
     """The waits of a task that is to be handled again, unless it is killed, for all tasks under it to end: then it is
-    queued, or handled.
+    queued, or handled. *under* has what these wait for instead of a killed monitor.
     """
     if task.time_of(START_HANDLING) < retry.time:
         begun = task.handlings[retry.runs].start if retry.runs < len(task.handlings) else task.time_of(END_ACHIEVING)
@@ -27,7 +28,10 @@ def of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait
         children = [run.tasks[number] for number in task.children]
         if task.message_class.is_monitor:
             children = _before_it_begins(task, retry, children, asker)
-        for child in (child for child in children if not _is_guest(child, retry)):
+        awaited = [TaskId(child.id) for child in children if not _is_guest(child, retry)]
+        for child in under(run, awaited, END_ACHIEVING, retry.time):
+            if child is asker and asker.role is Role.EXCEPTION:
+                continue
             start, end = max(retry.time, child.received), min(child.time_of(END_ACHIEVING), begun, killed)
             yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, END_ACHIEVING), _ENDS)
 

@@ -46,6 +46,7 @@ from tca_wire.points import (
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
+    TaskId,
 )
 from tca_wire.rules import rules_of
 from tca_wire.waits import WaitKind
@@ -133,7 +134,7 @@ def _subtasks(
     """
     last, number, begun = min(task.time_of(moment), over), 0, -inf
     others: list[float] = []
-    for child in _under(run, task, moment, None):
+    for child in _under(run, task.children, moment, None):
         start, end = max(child.received, since), min(child.time_of(moment), last)
         if start >= end or (together and end - start < NO_TIME):
             continue
@@ -145,34 +146,37 @@ def _subtasks(
         yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, moment), moment, others=others if together else ())
 
 
-def _under(run: Run, task: Task, moment: int, time: float | None) -> list[Task]:
-    """The tasks under a task that keep it from being planned or achieved, at a *time* or ever. Of a monitor that ends
-    with all else there it is what that has sent, unless a constraint keeps it.
+def _under(run: Run, children: list[TaskId], moment: int, time: float | None) -> list[Task]:
+    """The tasks that keep the one they are under from being planned or achieved, at a *time* or ever. Of a monitor that
+    ends with all else there it is what that has sent, unless a constraint keeps it.
     """
     found: list[Task] = []
-    rest = [task]
-    for one in rest:  # grows while it is walked
-        for number in one.children:
-            child = run.tasks[number]
-            is_watcher = moment == END_ACHIEVING and child.message_class.is_aside and not child.is_waited_for
-            is_kept = is_watcher and _is_kept(run, child, time)
-            if not is_watcher or is_kept:
-                found.append(child)
-            if is_watcher and not (is_kept and time is not None):
-                rest.append(child)
+    rest = children[::-1]
+    while rest:
+        child = run.tasks[rest.pop()]
+        is_watcher = moment == END_ACHIEVING and child.message_class.is_aside and not child.is_waited_for
+        is_kept = is_watcher and _is_kept(run, child, time)
+        if not is_watcher or is_kept:
+            found.append(child)
+        if is_watcher and not (is_kept and time is not None):
+            rest += reversed(child.children)
     return found
 
 
 def _is_kept(run: Run, monitor: Task, time: float | None) -> bool:
     """Whether a constraint keeps a monitor from its end."""
-    waits = (wait for hold in monitor.holds for wait in _of_constraint(run, monitor, hold, inf))
+    waits = (wait for hold in monitor.holds for wait in _of_constraint(run, monitor, hold, _killed(monitor)))
     kept = (wait for wait in waits if wait.holds & _ENDS and wait.kind is not WaitKind.DELAY)
     return any(time is None or wait.start <= time < wait.end for wait in kept)
 
 
+def _killed(task: Task) -> float:
+    return inf if task.killed is None else task.written("killed")
+
+
 def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     """The waits of a task other than for queues, handlers and its children."""
-    killed = inf if task.killed is None else task.written("killed")
+    killed = _killed(task)
     found = [wait for hold in task.holds for wait in _of_constraint(run, task, hold, killed)]
     parent = run.tasks.get(task.parent)
     if parent is not None and not task.role:
@@ -180,7 +184,7 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
             end = min(parent.time_of(moment), task.time_of(moment), killed)
             found.append(Wait(task.received, end, WaitKind.PARENT, Node(parent.id, moment), moment))
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
-    found += [wait for retry in task.retries for wait in of_retry(run, task, retry, killed)]
+    found += [wait for retry in task.retries for wait in of_retry(run, task, retry, killed, _under)]
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:
@@ -357,9 +361,11 @@ def _look(run: Run, message: Message, node: Node, waits: list[Wait], time: float
         return [one for one in waits if one.kind is WaitKind.RESUME], []
     wanted = _moments(message, node.moment, time)
     last = wanted & END_ACHIEVING or wanted & END_PLANNING  # what is achieved is planned
-    under = _under(run, message, last, time) if last else []
+    under = _under(run, message.children, last, time) if last else []
     found = [one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))]
-    return found, [Node(one.id, last) for one in under if one.received <= time < one.time_of(last)]
+    named = {one.on for one in found if one.kind in (WaitKind.SUBTASK, WaitKind.RECOVERY)}
+    subtasks = (Node(one.id, last) for one in under if one.received <= time < one.time_of(last))
+    return found, [one for one in subtasks if one not in named]
 
 
 def _resumes(task: Task, wait: Wait, time: float) -> bool:

@@ -49,6 +49,8 @@ class Life:
     modules = MODULES
     messages = MESSAGES
     pending: tuple[int, ...] = (2, 0, 3, 1)
+    operations = OPERATIONS
+    crowded = CROWDED
 
     def __init__(self, player: Player | None = None) -> None:
         self.player = player or Player()
@@ -84,8 +86,8 @@ class Life:
         """A long life: so many events more. Where it gets crowded more is finished than begun."""
         dice, end = random.Random(seed), self.central.events + events
         while self.central.events < end:
-            name = dice.choice(OPERATIONS)
-            if self.crowd() > CROWDED and name in BEGINNING:
+            name = dice.choice(self.operations)
+            if self.crowd() > self.crowded and name in BEGINNING:
                 name = dice.choice(["reply"] * 8 + ["pass", "pass", "kill", "give up"])
             if name in ("tap", "attach") and len(self.central.taps) + len(self.central.attached) > ASIDES:
                 name = "remove"

@@ -90,7 +90,9 @@ def kill_scope(world: World, ending: Ending) -> None:
 
 def suspend(world: World, node: Node, *, resume: bool) -> None:
     for one in world.subtree(node):
-        one.suspended = not resume
+        is_resumed, one.suspended = one.suspended and resume, not resume
+        if is_resumed and one.watch is not None:
+            oracle_monitors.go_on(world, one)
 
 
 # --- failures --------------------------------------------------------------------------------------------------------

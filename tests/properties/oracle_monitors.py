@@ -162,6 +162,12 @@ def activate(world: World, node: Node) -> None:
         _test_as_fired(world, node)
 
 
+def go_on(world: World, node: Node) -> None:
+    """A monitor is resumed: it tests at once if it was fired meanwhile."""
+    if node.watch.is_on and node.watch.condition is None:
+        _test_as_fired(world, node)
+
+
 def _test_as_fired(world: World, node: Node) -> bool:
     if not node.watch.activations or (node.kind is MessageClass.POLLING_MONITOR and node.suspended):
         return False

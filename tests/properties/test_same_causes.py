@@ -1,0 +1,142 @@
+"""Central tells why a task waits of its graph, the tools of the journal. After every event of lives that are full of
+monitors neither names what keeps nobody as a cause, and both name the same one first.
+"""
+
+import pytest
+from central.test_oracle import NO_SMALLER_SEED
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
+from properties.life import Life
+
+from tca_central.core import Central
+from tca_central.model.task_tree import Task
+from tca_central.needs.graph import Node, needs
+from tca_central.needs.waits import Ends as CentralEnds
+from tca_central.needs.waits import next_of, waits_of
+from tca_central.order.cycles import Place
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.records import TaskState
+from tca_tools.why.ends import Ends
+from tca_tools.why.wait_words import told
+from tca_tools.why.waits import waits_now
+from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, START_HANDLING
+from tca_wire.vocabulary import Role
+from tca_wire.waits import WaitFor, WaitKind
+
+ITS_OWN = (WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.DELAY)
+"""No other task is the cause: it watches, its handler is at work, time has to pass."""
+ENDS = END_HANDLING | END_ACHIEVING
+
+
+class AskedPlayer(FoldedPlayer):
+    """After every event central and the tools are asked why each task waits."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.same = self.spared = 0
+
+    def compare(self) -> None:
+        at, last = RunAt(self.history), CentralEnds(self.central, 1_000_000)
+        for task in self.central.tree.tasks.values():
+            place = next_of(task)
+            end = last.end_of(place)
+            assert end is not None
+            by_central, by_tools = waits_of(self.central, place), told(at, waits_now(at, task.id), however=True)
+            self.assert_causes(task, {wait.number for wait in (*by_central, end) if wait.kind is not WaitKind.RESUME})
+            ends = {one.number for one in Ends.at(at).of(task.id) if one.kind is not WaitKind.RESUME}
+            self.assert_causes(task, ends | {wait.number for wait in by_tools if wait.kind is not WaitKind.RESUME})
+            is_told_alike = task.slot is None and task.queues is None and not task.suspended
+            if is_told_alike and at.tasks[task.id].state is not TaskState.RECOVERING:
+                self.assert_same(task, causes(self.central, by_central), causes(self.central, by_tools))
+
+    def assert_same(self, task: Task, by_central: list[WaitFor], by_tools: list[WaitFor]) -> None:
+        if by_central and by_tools:
+            self.same += 1
+            assert first(by_central) == first(by_tools), f"{task}: {by_central} and {by_tools}"
+
+    def assert_causes(self, task: Task, named: set[int]) -> None:
+        """None of those named is a monitor under the task that keeps nobody, nor the query that one asks. One that is
+        kept from beginning may keep what others have put under it: while it is suspended only the tools say how.
+        """
+        living = self.central.tree.tasks
+        idle = [one for one in living.values() if keeps_nobody(living, one) and one is not task and one.above(task.id)]
+        idle = [one for one in idle if one.reached & START_HANDLING or not one.suspended]
+        self.spared += bool(idle)
+        asked = [one.more.watch.condition for one in idle if one.more.watch.condition is not None]
+        wrong = named & {one.id for one in (*idle, *asked)}
+        assert not wrong or wrong <= self.awaited(task), f"{task}: {wrong}"
+
+    def awaited(self, task: Task) -> set[int]:
+        """All that a task waits for, by way of whatever, if no monitor that keeps nobody keeps its parent."""
+        way: list[Node] = [next_of(task)]
+        seen = set(way)
+        for node in way:  # grows while it is walked
+            for one in (one for group in needs(self.central, node) for one in group or () if one not in seen):
+                if not (isinstance(node, Place) and isinstance(one, Place) and self.is_spared(node, one)):
+                    way.append(one)
+                    seen.add(one)
+        found = (node.task if isinstance(node, Place) else getattr(node, "delivery", None) for node in way)
+        return {one.message_id for one in found if one is not None}
+
+    def is_spared(self, node: Place, other: Place) -> bool:
+        """Whether it would be for a monitor that keeps nobody to end, without a constraint."""
+        is_led = any(number == other.task.id for _, number, _ in node.task.leaders or ())
+        is_under = other.task is not node.task and other.task.above(node.task.id) is not None
+        return is_under and not is_led and keeps_nobody(self.central.tree.tasks, other.task)
+
+
+def keeps_nobody(living: dict[int, Task], one: Task) -> bool:
+    """Whether a monitor ends with all else under its parent: a constraint on its own end would keep it there."""
+    if not one.is_watcher or one.parent is None or one.parent.id == ROOT:
+        return False
+    leaders = [(living[number], its) for moment, number, its in one.leaders or () if moment & ENDS and number in living]
+    return bool(one.killed) or all(leader is one or leader.reached & its for leader, its in leaders)
+
+
+def causes(central: Central, waits: list[WaitFor]) -> list[WaitFor]:
+    """The waits for others. A failure raised beside its handler is decided on while a task goes on."""
+    living = central.tree.tasks
+    deciding = {number for number, one in living.items() if one.role is Role.EXCEPTION}
+    return [wait for wait in waits if wait.kind not in ITS_OWN and wait.number not in deciding]
+
+
+def first(waits: list[WaitFor]) -> int:
+    """The oldest that is named; the parent after others. A constraint by a subtask may be told as either."""
+    others = [wait for wait in waits if wait.kind is not WaitKind.PARENT] or waits
+    return min(wait.number for wait in others)
+
+
+class WatchedLife(Life):
+    """Monitors wherever there is a task, constraints on them, retries and suspensions."""
+
+    crowded = 25
+    operations = ["send"] * 8 + ["monitor"] * 6 + ["reply"] * 5 + ["fire"] * 4 + [
+        "fail", "kill", "constrain", "constrain", "attach", "raise", "retry", "retry", "suspend", "suspend", "tap",
+        "end monitor", "remove", "pass", "pass", "lock", "unclaim", "lose", "join", "join",
+    ]  # fmt: skip
+
+
+def live(seed: int) -> AskedPlayer:
+    player = AskedPlayer()
+    WatchedLife(player).go_on(seed, 300)
+    return player
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=10, phases=NO_SMALLER_SEED)
+def test_both_name_the_same_cause_and_never_what_keeps_nobody(seed: int) -> None:
+    live(seed)
+
+
+def test_such_lives_have_such_waits() -> None:
+    player = live(2)
+    assert player.same > 100
+    assert player.spared > 100
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2_000, phases=NO_SMALLER_SEED)
+def test_so_it_is_in_many_lives(seed: int) -> None:
+    live(seed)
