@@ -8,10 +8,11 @@ from explorer.scenarios import BATTERY, GAUGE, IS_LOW, RECHARGE, STEP, found, go
 
 import tca_explorer as tca
 from tca_explorer import achieved, at_most_in_all, before, eventually, never, never_stuck, sent
-from tca_module import Condition, Inform, PollingMonitor, Refused, Task, this
+from tca_module import Command, Condition, Inform, PollingMonitor, Refused, Task, this
 from tca_wire.vocabulary import Refusal
 
 BEGINS = Inform("begins")
+MOVE = Command("move")
 
 
 def stepping(step: Callable[[Task], object] = nothing, *, is_low: bool = False) -> tca.Scenario:
@@ -103,6 +104,24 @@ def test_one_that_is_waited_for_keeps_it() -> None:
         at_most_in_all(1, sent(RECHARGE)),
     )
     found(stepping(watches(GAUGE, period=1.0, waited_for=True)), eventually(achieved(STEP)))
+
+
+@pytest.mark.parametrize("waited_for", [False, True])
+def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited_for: bool) -> None:
+    def step(task: Task) -> None:
+        battery = task.monitor(BATTERY, period=1.0, maximum=1, waited_for=waited_for)
+        try:
+            task.command(MOVE, constraints=[battery.achieving.end <= this.achieving.start])
+        except Refused as refused:
+            if refused.refusal is not Refusal.CYCLE:
+                raise
+
+    scenario = stepping(step, is_low=waited_for)
+    scenario.module("dock").handles(RECHARGE)(nothing)
+    scenario.module("wheels").handles(MOVE)(nothing)
+    good(scenario, eventually(achieved(STEP)), never_stuck(), before(achieved(BATTERY), achieved(MOVE)))
+    moves = eventually(achieved(MOVE)) if waited_for else never(sent(MOVE))
+    good(scenario, moves)
 
 
 def suspends(task: Task) -> None:
