@@ -19,7 +19,7 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import TaskState
 from tca_tools.why.ends import Ends
 from tca_tools.why.wait_words import told
-from tca_tools.why.waits import waits_now
+from tca_tools.why.waits import next_node, waits_now
 from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, START_HANDLING
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind
@@ -47,7 +47,8 @@ class AskedPlayer(FoldedPlayer):
             ends = {one.number for one in Ends.at(at).of(task.id) if one.kind is not WaitKind.RESUME}
             self.assert_causes(task, ends | {wait.number for wait in by_tools if wait.kind is not WaitKind.RESUME})
             is_told_alike = task.slot is None and task.queues is None and not task.suspended
-            if is_told_alike and at.tasks[task.id].state is not TaskState.RECOVERING:
+            is_same_moment = not place.moment & ENDS or next_node(at, task.id).moment == place.moment
+            if is_told_alike and is_same_moment and at.tasks[task.id].state is not TaskState.RECOVERING:
                 self.assert_same(task, causes(self.central, by_central), causes(self.central, by_tools))
 
     def assert_same(self, task: Task, by_central: list[WaitFor], by_tools: list[WaitFor]) -> None:
