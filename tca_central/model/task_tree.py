@@ -236,8 +236,8 @@ class TaskTree:
         self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
         self.never_began: dict[int, int] = {}  #: of killed tasks whose outcome is known: the starts that never were
         self.newest = 0  #: the highest id given so far
-        self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
-        self.top_of_module: dict[str, Siblings] = {}  #: living top-level tasks per sending module
+        self.last_of_module: dict[Module | None, Task] = {}  #: last top-level task per sending module
+        self.top_of_module: dict[Module | None, Siblings] = {}  #: living top-level tasks per sending module
 
     def task(self, task_id: TaskId) -> Task | None:
         """The live task of that id; None if it has ended. Raises RequestError if there has never been one."""
@@ -246,7 +246,7 @@ class TaskTree:
             raise RequestError(Refusal.UNKNOWN, f"there is no task {task_id}")
         return task
 
-    def last_sibling(self, parent: Task, sender: str) -> Task | None:
+    def last_sibling(self, parent: Task, sender: Module | None) -> Task | None:
         """The task that flags of a new child refer to. Under the root each module has its own sequence."""
         last = self.last_of_module.get(sender) if parent is self.root else parent.last_child
         return last if last is not None and last.reached != ALL_MOMENTS else None
@@ -268,11 +268,11 @@ class TaskTree:
         if task.rare is not None and task.rare.is_guest:
             parent.more.guests += 1
         if parent is self.root and not is_aside(task):
-            self.top_of_module.setdefault(sender_name(task), Siblings()).add(task)
+            self.top_of_module.setdefault(sending_module(task), Siblings()).add(task)
         elif parent.rare is not None and parent.rare.sequence is not None and not is_aside(task):
             parent.rare.sequence.add(task)
 
-    def become_last(self, task: Task, sender: str) -> None:
+    def become_last(self, task: Task, sender: Module | None) -> None:
         """A task is there for good: from now on flags refer to it, if a module sent it."""
         if is_aside(task):
             return
@@ -290,7 +290,7 @@ class TaskTree:
             del self.across[task]
         parent = task.parent
         if parent is self.root and not is_aside(task):
-            self._detach_top(task, sender_name(task))
+            self._detach_top(task, sending_module(task))
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
             if parent.watchers and task.is_watcher:
@@ -302,7 +302,7 @@ class TaskTree:
             if parent.last_child is task:
                 parent.last_child = _newest_child(parent) if task.killed and parent.children else None
 
-    def _detach_top(self, task: Task, sender: str) -> None:
+    def _detach_top(self, task: Task, sender: Module | None) -> None:
         """After a killed top-level task flags refer to the living one that the same module sent before it."""
         others = self.top_of_module[sender]
         del others.living[task.id]
@@ -314,7 +314,7 @@ class TaskTree:
         if not others.living:
             del self.top_of_module[sender]
 
-    def forget_module(self, sender: str) -> None:
+    def forget_module(self, sender: Module) -> None:
         """A module is gone; its next namesake starts a sequence of its own."""
         self.last_of_module.pop(sender, None)
 
@@ -369,6 +369,6 @@ def _newest_child(parent: Task) -> Task | None:
     return parent.more.sequence.newest()
 
 
-def sender_name(task: Task) -> str:
-    """The module that sent a task; "" for central, or if that has gone."""
-    return task.sender.module.name if task.sender else ""
+def sending_module(task: Task) -> Module | None:
+    """The module that sent a task, which may have gone; None for central. A namesake that comes later is another."""
+    return task.sender.module if task.sender else None

@@ -13,7 +13,7 @@ from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Delivery, Wiretap
 from tca_central.model.intervals import delivered_at
-from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, sender_name, taps_of, to_be_fired
+from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, sending_module, taps_of, to_be_fired
 from tca_central.order.holds import Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Killed, Reached, TimedOut
@@ -56,7 +56,7 @@ class Agenda:
 
         Raises RequestError, and leaves no trace, where a constraint can never be met.
         """
-        sender = sender_name(task)
+        sender = sending_module(task)
         last = self.tree.last_sibling(parent, sender)
         self.tree.attach(task, parent)
         task.reached |= task.message.rules.at_birth

@@ -155,7 +155,7 @@ def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> 
     claims.end_claims_on_module(central, module, why)
     release_all(central, module)
     central.registry.forget_module(module)
-    central.tree.forget_module(module.name)
+    central.tree.forget_module(module)
     central.facts.append(facts.ModuleLeft(module.name, why, lost))
     _announce(central, module, MODULE_LEFT, Departure(module.name, why))
 

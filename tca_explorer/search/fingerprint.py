@@ -12,18 +12,20 @@ from enum import Enum
 from functools import cache
 from hashlib import blake2b
 from operator import attrgetter, itemgetter
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 from msgspec.structs import replace
 
-from tca_central.model.deliveries import MessageType
+from tca_central.model.deliveries import MessageType, Module
 from tca_explorer.observed.messages import TrackedMessage
 from tca_explorer.play.actors import Actor
 from tca_explorer.play.exchange import connection_of
 from tca_explorer.play.identifiers import Identifier
 from tca_explorer.play.play import Play
 from tca_wire.points import ALL_MOMENTS
+
+T = TypeVar("T")
 
 IGNORED = {
     "Central": {
@@ -95,9 +97,9 @@ def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[byt
     """The fingerprint, and the messages under way in an order that is that of all equal states."""
     walk = _Walk(play.rivals, play.now)
     central = play.central
-    for module in sorted(central.tree.top_of_module):  # so that the order between modules does not show
-        walk.add(module)
-        walk.add(list(central.tree.top_of_module[module].living.values()))
+    for name, siblings in _by_name(central.tree.top_of_module):  # so that the order between modules does not show
+        walk.add(name)
+        walk.add(list(siblings.living.values()))
     walk.add(central)
     walk.finish()
     _add_modules(walk, play, detail)
@@ -105,6 +107,11 @@ def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[byt
     order = _add_seen(walk, play, detail)
     walk.add([*memories, round(play.now, _DIGITS) if detail.time else None])
     return walk.digest(), order
+
+
+def _by_name(things: dict[Module | None, T]) -> list[tuple[str, T]]:
+    """What modules have, by their names; of namesakes the older first."""
+    return sorted(((one.name if one else "", thing) for one, thing in things.items()), key=itemgetter(0))
 
 
 class _Walk:
@@ -278,10 +285,10 @@ def _way_of(kind: type) -> Callable[[_Walk, Any], None]:
 Write = Callable[[_Walk, Any, Any], None]
 
 SPECIAL: dict[tuple[str, str], Write] = {
-    ("TaskTree", "last_of_module"): lambda walk, _, tasks: walk.add_by_name(  # flags do not refer to ended tasks
-        None, {name: task for name, task in tasks.items() if task.reached != ALL_MOMENTS}
+    ("TaskTree", "last_of_module"): lambda walk, _, tasks: walk.add(  # flags do not refer to ended tasks
+        [(name, task) for name, task in _by_name(tasks) if task.reached != ALL_MOMENTS]
     ),
-    ("TaskTree", "top_of_module"): _Walk.add_by_name,
+    ("TaskTree", "top_of_module"): lambda walk, _, siblings: walk.add(_by_name(siblings)),
     ("Task", "children"): _Walk.add_children,
     ("Delivery", "arrival"): _Walk.add_rank,
     ("Rare", "fired"): lambda walk, _, taps: walk.add(sorted(taps.items())),

@@ -86,6 +86,20 @@ def test_a_spared_exception_handler_that_is_retried_is_not_spared_any_more() -> 
     assert recovers not in player.central.tree.tasks
 
 
+def test_a_module_started_again_has_a_sequence_of_its_own() -> None:
+    player = JudgedPlayer()
+    player.module("user")
+    player.declare("user", "command nobody", "command move")
+    player.task("user", "nobody")
+    player.receive("user", headers.Bye())
+    player.module("user")
+    player.module("legs", "command move")
+    player.task("user", "move", suspended=True)
+    player.receive("user", headers.Kill(player.number("user"), TaskId(player.central.tree.newest)))
+    player.task("user", "move")
+    assert player.delivered("legs/1") == [player.central.tree.newest]
+
+
 @given(st.lists(operation, max_size=60))
 @settings(max_examples=45)
 def test_the_oracle_agrees_with_central_in_every_short_life(operations: list[tuple[str, int, int, int, int]]) -> None:

@@ -204,7 +204,8 @@ class Oracle:
         parent = world.node(header.parent)
         assert parent is not None
         kind = world.kinds[header.message]
-        node = Node(task, header.message, kind, connection, priority=header.priority, module=world.modules[connection])
+        module = world.modules[connection]
+        node = Node(task, header.message, kind, connection, module, priority=header.priority, run=world.gone[module])
         if kind.is_monitor:
             oracle_monitors.born(node, header.watch)
             node.is_guest = oracle_monitors.is_guest(world, parent, header.origin)

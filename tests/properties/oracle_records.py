@@ -1,5 +1,6 @@
 """What the oracle knows: plain records and lists of them, and what was seen of central in the event at hand."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
 
@@ -12,6 +13,10 @@ from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
 
 SH, EH, SP, EP, SA, EA = tuple(Moment)
 STARTS = {SH, SP, SA}
+
+
+Family = tuple[int, str, int]
+"""Tasks to which each other's flags may refer: by parent and, under the root, module and run of it."""
 
 
 class Disagreement(AssertionError):
@@ -50,6 +55,7 @@ class Node(Job):
     """A task."""
 
     parent: "Node | None" = None
+    run: int = 0  # of the module that sent it: how many namesakes had gone before
     past: set[Moment] = field(default_factory=set)
     free: bool = False  # need not wait until its parent starts
     survives: bool = False
@@ -272,7 +278,8 @@ class World:
         self.root = Node(0, "root", MessageClass.GOAL, past=set(STARTS))
         self.nodes: dict[int, Node] = {}  # tasks that have not ended, oldest first
         self.jobs: list[Job] = []  # what is no task
-        self.last: dict[tuple[int, str], Node] = {}  # what flags refer to: by parent and, under the root, module
+        self.gone: Counter[str] = Counter()  # how often a module of that name has gone
+        self.last: dict[Family, Node] = {}  # what flags refer to
         self.pairs: list[Pair] = []
         self.alarms: list[Alarm] = []
         self.endings: list[Ending] = []

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_taps
-from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Job, Node, Pair, World
+from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Family, Job, Node, Pair, World
 
 from tca_wire.constraints import Flags
 from tca_wire.points import Moment
@@ -146,10 +146,10 @@ def make(
     return node
 
 
-def family(node: Node) -> tuple[int, str]:
-    """Flags refer to siblings; under the root, to those from the same module."""
+def family(node: Node) -> Family:
+    """Flags refer to siblings; under the root, to those from the same run of the same module."""
     assert node.parent is not None
-    return (node.parent.id, "" if node.parent.id else node.module)
+    return (node.parent.id, "", 0) if node.parent.id else (0, node.module, node.run)
 
 
 def _end(world: World, node: Node) -> None:

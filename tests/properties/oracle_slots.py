@@ -243,7 +243,7 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     world.slots.pop(connection, None)
     if is_last:
         oracle_locks.module_left(world, module)
-        world.last.pop((0, module), None)
+        world.gone[module] += 1
     if is_last or not _has_work(world, module):
         world.spared.clear()
     orphans = [job for job in world.everything() if job.slot == connection]
