@@ -22,7 +22,7 @@ def loss_in(fact: Any) -> tuple[str, str, int] | None:
             return f"dropped '{fact.message}'", fact.why, 1
         case facts.LostDirectly():
             what = f"direct '{fact.message}'" if fact.message else "notes of direct messages"
-            return f"module '{fact.module}' lost {what}", "its handler is too slow, or left", fact.number
+            return f"module '{fact.module}' lost {what}", "its handler is too slow, left or died", fact.number
         case facts.RequestRefused(refusal=Refusal.OVERLOAD):
             return f"refused module '{fact.sender}'", fact.text, 1
     return None

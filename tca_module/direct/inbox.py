@@ -54,6 +54,7 @@ class _RemoteSender:
         self.missing: set[int] = set()  #: numbers that did not arrive, and may come again
         self.open: dict[int, _Waiting] = {}  #: queries that were not answered
         self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}  #: the newest, oldest first
+        self.begun = greet.newest  #: the highest number that was begun with, or of which nothing is known
         self.untold = 0  #: informs begun with, of which it was not told
         self.untold_bytes = 0
         self.is_behind = False  #: an answer could not be sent
@@ -158,7 +159,7 @@ class Inbox:
         sender.missing.update(range(first, header.newest + 1))
         sender.newest = max(sender.newest, header.newest)
         greeting = Greeting(header.newest, sorted(sender.missing), sorted(sender.open))
-        self._socket.send(address, pack([*repeated, (greeting, b"")]))
+        self._socket.send(address, pack([*repeated, (greeting, b""), (Begun(sender.begun), b"")]))
         sender.missing = {number for number in sender.missing if number > header.newest - _MOST_MISSING}
 
     def _on_direct(self, sender: _RemoteSender, header: Direct, body: bytes) -> None:
@@ -186,6 +187,7 @@ class Inbox:
             waiting = self._waiting.popleft()
             self._bytes -= len(waiting.body)
             sender, number = waiting.sender, waiting.header.number
+            sender.begun = max(sender.begun, number)
             if waiting.is_given_up:
                 sender.open.pop(number, None)
                 continue
@@ -232,7 +234,7 @@ class Inbox:
             self._bytes = 0
             self.listen()
         for sender in self._senders.values():
-            self._socket.send(sender.address, pack_item(headers.Closing()))
+            self._socket.send(sender.address, pack([(Begun(sender.newest), b""), (headers.Closing(), b"")]))
         self._socket.close()
 
     def drop(self) -> None:

@@ -99,10 +99,10 @@ class DirectMessages:
             return 0.0
         return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - self._clock()))
 
-    def report(self) -> None:
-        """Give the session the notes that are due."""
+    def report(self, *, at_once: bool = False) -> None:
+        """Give the session the notes that are due; or all, *at_once*."""
         if self._notes.due != FAR:
-            self._notes.report(self._session, self._clock())
+            self._notes.report(self._session, self._clock(), at_once=at_once)
 
     def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
         """Keep the notes among items that could not be sent to central."""
@@ -120,6 +120,11 @@ class DirectMessages:
         return self._routes.unheard
 
     @property
+    def lost(self) -> int:
+        """The number of informs that may not have reached their handler, and never will."""
+        return self._routes.lost
+
+    @property
     def is_used(self) -> bool:
         """Whether something may come from elsewhere than central."""
         return self._inbox is not None or self._routes.is_used
@@ -131,8 +136,7 @@ class DirectMessages:
                 self._transport.remove(self._door.socket)
             self._inbox.close()
             self._inbox = None
-        if self._notes.due != FAR:
-            self._notes.report(self._session, self._clock(), at_once=True)
+        self.report(at_once=True)
 
     def close(self) -> None:
         """Close everything; without ``shut`` before, begun messages have failed."""

@@ -2,9 +2,11 @@
 
 Messages are numbered. The slot says which it has begun (Begun, an Answer), so the sender knows how much is on its way,
 and refuses more than a bound. After a break or a silence the sender greets again; the slot says what has not arrived:
-queries are sent again under their numbers, informs are lost. After Closing a slot begins nothing.
+queries are sent again under their numbers, informs are lost. After Closing a slot begins nothing. Informs that it has
+not said to have begun when it is gone may not have been handled: they count as lost.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, ClassVar, Protocol
 
@@ -21,7 +23,7 @@ from tca_wire.packets.routes import Entrance
 from tca_wire.vocabulary import Outcome, Refusal
 
 MOST_UNDER_WAY, MOST_BYTES = 1000, 64 << 20  # messages that are not begun, and their data; one may always go
-REPEAT = 1.0  # seconds of silence after which a waiting sender asks whether all has arrived
+REPEAT = 1.0  # seconds of silence after which a sender asks what has arrived and what has begun
 LAST_WORDS = 2.0  # seconds that a slot which has left may take to answer or close
 PACKETS = 256  # read at a time
 
@@ -44,11 +46,13 @@ class LineSocket(Beside, Protocol):
 
 
 class DirectPath:
-    """The way to one entrance. *end* is called when a request is over, *hand_over* with those for central."""
+    """The way to one entrance. *end* is called when a request is over, *hand_over* with those for central, *lose* when
+    so many informs of a message are lost, and why ("": too much is on its way).
+    """
 
     def __init__(
         self, entrance: Entrance, socket: LineSocket, session: str, module: str, *,
-        end: Callable[[Request], None], hand_over: Callable[[Request], None], lose: Callable[[str], None],
+        end: Callable[[Request], None], hand_over: Callable[[Request], None], lose: Callable[[str, int, str], None],
     ) -> None:  # fmt: skip
         self.entrance = entrance
         self.socket = socket
@@ -64,6 +68,7 @@ class DirectPath:
         self._newest = 0
         self._under_way: dict[int, tuple[str, int]] = {}  #: inform ("": a query) and size of what may not be begun with
         self._bytes = 0
+        self._arrived = 0  #: the slot has what was sent up to this number, as far as it was asked
         self._said = float("-inf")  #: when the slot was last sent a query or greeting
         self._gives_up: tuple[float, str] | None = None  #: the slot is gone: when its queries have failed, and why
 
@@ -73,9 +78,21 @@ class DirectPath:
         return self._is_open and not self.is_over and self._gives_up is None
 
     @property
+    def is_needed(self) -> bool:
+        """Whether the slot may have something to say of what was sent."""
+        return bool(self.requests) or bool(self._under_way and not self.is_over)
+
+    @property
     def unheard(self) -> int:
-        """The number of informs that may not have arrived, of a slot that is there."""
-        return sum(bool(inform) for inform, _ in self._under_way.values()) if self.is_usable else 0
+        """The number of informs that may not have arrived, and are not lost yet."""
+        under_way = {} if self.is_over else self._under_way
+        return sum(bool(inform) for number, (inform, _) in under_way.items() if number > self._arrived)
+
+    def confirm(self) -> None:
+        """Ask the slot what has arrived; what it said before does not count."""
+        self.receive()
+        self._arrived = 0
+        self.is_asked = self.unheard > 0
 
     def ask(self, request: Request, now: float) -> bool:
         """Send a query; False if it must go another way. Refused if too much is on its way."""
@@ -94,7 +111,7 @@ class DirectPath:
     def tell(self, header: headers.Send, body: bytes) -> bool:
         """Send an inform; False if it must go another way. Lost if too much is on its way."""
         if self._is_full(len(body)):
-            self._lose(header.message)
+            self._lose(header.message, 1, "")
             return True
         return self._send(header, body, inform=header.message)
 
@@ -117,12 +134,13 @@ class DirectPath:
 
     def tend(self, now: float) -> None:
         """Greet when that is due; end the wait for a slot that is gone."""
+        is_waiting = self.requests or self._under_way or not self._is_open
         if self._gives_up is not None and now >= self._gives_up[0]:
             for request in self._all_requests():
                 request.answers.append((Answer(0, Outcome.FAILED, MODULE_LOST, self._gives_up[1]), NIL))
                 self._end(request)
-        is_due = now - self._said >= REPEAT and (self.requests or not self._is_open)
-        if self.is_over or not (is_due or self.is_asked):
+            self._lose_informs([*self._under_way], self._gives_up[1])
+        if self.is_over or not (self.is_asked or (is_waiting and now - self._said >= REPEAT)):
             return
         if self.socket.is_connected:
             self.is_asked = False
@@ -179,6 +197,16 @@ class DirectPath:
     def _on_closing(self, _header: headers.Closing, _: bytes) -> None:
         for request in self._all_requests():
             self._hand_over(request)
+        self._lose_informs([*self._under_way], "their handler has left")
+
+    def _lose_informs(self, numbers: list[int], why: str) -> None:
+        """Informs with these numbers may not have been handled; queries are none of this."""
+        lost = Counter(self._under_way[number][0] for number in numbers)
+        for number in numbers:
+            self._begun(number)
+        for inform, number in lost.items():
+            if inform:
+                self._lose(inform, number, why)
 
     def _begun(self, number: int) -> None:
         _, size = self._under_way.pop(number, ("", 0))
@@ -196,11 +224,9 @@ class DirectPath:
     def _on_greeting(self, header: Greeting, _body: bytes) -> None:
         self._is_open, self._is_first = True, False
         missing, waits = frozenset(header.missing), frozenset(header.open)
-        for number in [number for number in self._under_way if number <= header.newest and number not in self.requests]:
-            inform = self._under_way[number][0]
-            if inform and number in missing:
-                self._lose(inform)
-            self._begun(number)
+        self._arrived = header.newest
+        lost = [number for number in self._under_way if number in missing and number not in self.requests]
+        self._lose_informs(lost, "the line to their handler broke")
         for number in [number for number in self.requests if number <= header.newest and number not in waits]:
             request = self.requests[number]
             if number in missing:

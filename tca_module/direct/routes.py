@@ -1,7 +1,7 @@
 """The routes on which a connection may send directly, as central gives them, and their paths.
 
 A message goes through central until an entrance of its route has answered a greeting, and whenever none can be reached.
-Paths are kept while a route leads there or a query is open.
+Paths are kept while a route leads there, a query is open, or an inform may not have begun.
 """
 
 import itertools
@@ -35,7 +35,8 @@ class DirectRoutes:
         self._routes: dict[str, deque[DirectPath]] = {}  #: by message; its slots take turns
         self._paths: dict[str, DirectPath] = {}  #: by endpoint
         self._numbers = itertools.count(1)
-        self._has_lost = False  #: the log says that informs are lost
+        self.lost = 0  #: informs that may not have reached their handler
+        self._has_dropped = False  #: the log says that informs are dropped
         self._is_tidy = True  #: no way is open that leads nowhere
         self._epoch = ""
         self._now = 0.0
@@ -67,7 +68,7 @@ class DirectRoutes:
     def confirm(self) -> None:
         """Ask the slots what has arrived."""
         for path in self._paths.values():
-            path.is_asked = path.unheard > 0
+            path.confirm()
 
     @property
     def unheard(self) -> int:
@@ -134,23 +135,27 @@ class DirectRoutes:
         for path in self._paths.values():
             if is_another:
                 path.lose_all("central was restarted meanwhile and has forgotten it")
-            elif path.requests:
+            elif path.is_needed:
                 self._session.post(WatchEntrance(path.entrance.endpoint))
 
-    def _lose(self, message: str) -> None:
-        if not self._has_lost:
-            self._log.warning("informs '%s' are lost: their handler is too slow, or could not be reached", message)
-        self._has_lost = True
-        self._notes.lost(message, self._now)
+    def _lose(self, message: str, number: int, why: str) -> None:
+        if why:
+            self.lost += number
+            what = f"inform{'s' * (number != 1)} '{message}'"
+            self._log.warning("%s %s may not have been handled: %s", f"{number:,}", what, why)
+        elif not self._has_dropped:
+            self._has_dropped = True
+            self._log.warning("informs '%s' are lost: their handler is too slow", message)
+        self._notes.lost(message, self._now, number)
 
     def _close_unused(self) -> None:
         used = {path for paths in self._routes.values() for path in paths if not path.is_over}
         unused = [path for path in self._paths.values() if path not in used]
         for path in unused:
-            if not path.requests:
+            if not path.is_needed:
                 del self._paths[path.entrance.endpoint]
                 self._close(path)
-        self._is_tidy = not any(path.requests for path in unused)
+        self._is_tidy = not any(path.is_needed for path in unused)
 
     def _close(self, path: DirectPath) -> None:
         assert self._transport is not None

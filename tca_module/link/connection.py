@@ -84,8 +84,9 @@ class Connection:
                 self.direct.shut()
                 self._settle(linger, before)
             finally:
-                number = session.lost + session.unheard + self.direct.unheard - before
+                number = self.lost + session.unheard + self.direct.unheard - before
                 why = self._why_not_sent() if number else ""
+                self.direct.report(at_once=True)
                 if session.post(Bye()):
                     self.line.flush(0.0 if number else SEND_WAIT)
                 self.drop()
@@ -93,10 +94,15 @@ class Connection:
                 what = f"{number:,} message{'s' * (number != 1)} of '{session.module}'"
                 raise NotSent(number, f"{what} may not have reached {why}")
 
+    @property
+    def lost(self) -> int:
+        """The number of statements that did not arrive, or may not have."""
+        return self.session.lost + self.direct.lost
+
     def _settle(self, within: float, before: int) -> None:
         """Wait until all that was sent has arrived, unless central is gone."""
         session, since = self.session, self.now()
-        is_waited_for = not session.is_settled and (session.is_welcome or session.lost > before)
+        is_waited_for = not session.is_settled and (session.is_welcome or self.lost > before)
         if is_waited_for:
             session.confirm()
         self.direct.confirm()
@@ -112,7 +118,9 @@ class Connection:
         where = f"central at {self.transport.address}"
         if not self.session.is_settled:
             return f"{where}: {self.line.what_to_do()}"
-        return "their handler, which does not answer" if self.direct.unheard else f"{where}: the connection broke"
+        if self.direct.unheard:
+            return "their handler, which does not answer"
+        return f"{where}: the connection broke" if self.session.lost else "their handler, which is gone"
 
     def drop(self) -> None:
         """Close without goodbye: deliveries begun and not answered have failed."""

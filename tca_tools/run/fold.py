@@ -338,7 +338,7 @@ class History(ReactionFold):
             message.dropping = fact.dropping
 
     def _lose_directly(self, fact: facts.LostDirectly) -> None:
-        why = "its handler was too slow, or could not be reached"
+        why = "its handler was too slow, left or died"
         self.drops.append(Drop(self.time, fact.message, fact.number, why, sender=fact.module))
 
     def _answer(self, fact: facts.Answered) -> None:

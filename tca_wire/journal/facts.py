@@ -216,7 +216,9 @@ class HandledDirectly(_Fact, frozen=True, tag="direct"):
 
 
 class LostDirectly(_Fact, frozen=True, tag="direct lost"):
-    """*module* reports that so many informs of *message* ("": notes of direct messages) were sent directly and lost."""
+    """*module* reports that so many informs of *message* ("": notes of direct messages) were sent directly and lost.
+    Where the module of their handler died, some may have been handled.
+    """
 
     module: str
     message: str

@@ -48,7 +48,7 @@ class Greeting(_Header, frozen=True, tag=98):
 
 
 class Begun(_Header, frozen=True, tag=99):
-    """All messages up to this number have been begun with."""
+    """All messages up to this number have been begun with; before Closing: or are counted as lost."""
 
     number: int
 

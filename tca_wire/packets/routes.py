@@ -44,7 +44,7 @@ class Note(_Header, frozen=True):
 
 
 class Loss(_Header, frozen=True):
-    """The number of informs sent directly and lost; of message "": notes that could not be kept."""
+    """The number of informs sent directly that were lost, or may have been; of message "": notes that were not kept."""
 
     message: str
     number: int

@@ -42,7 +42,7 @@ def test_nothing_is_told_twice_and_quiet_is_forgotten(caplog: pytest.LogCaptureF
         (facts.Dropped(7, "pose", "nobody listens"), None),
         (
             facts.LostDirectly("user", "pose", 9),
-            ("module 'user' lost direct 'pose'", "its handler is too slow, or left", 9),
+            ("module 'user' lost direct 'pose'", "its handler is too slow, left or died", 9),
         ),
         (facts.RequestRefused("user", Refusal.OVERLOAD, "10 wait"), ("refused module 'user'", "10 wait", 1)),
         (facts.RequestRefused("user", Refusal.CYCLE, "it waits for itself"), None),

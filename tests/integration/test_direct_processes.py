@@ -8,19 +8,21 @@ from pathlib import Path
 import pytest
 from integration.programs import Central, central, program, tca
 
-from tca_module import Client, PendingReply, Query, QueryFailed, connect
+from tca_module import Client, Inform, NotSent, PendingReply, Query, QueryFailed, connect
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
 
 pytestmark = pytest.mark.slow
 
 HEIGHT = Query("height", float, reply=float)
+POSE = Inform("pose", float)
 SOON = 20.0
 
 MAP = """
     import time
-    from tca_module import Module, Query, Task
+    from tca_module import Inform, Module, Query, Task
     HEIGHT = Query("height", float, reply=float)
+    POSE = Inform("pose", float)
     map_ = Module("map")
 
     @map_.handles(HEIGHT, direct=True)
@@ -29,6 +31,9 @@ MAP = """
             print("begun", flush=True)
             time.sleep(60)
         return x
+
+    @map_.handles(POSE, direct=True)
+    def pose(_: Task, x: float) -> None: ...
 
     with map_.running():
         print("runs", flush=True)
@@ -70,3 +75,21 @@ def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
             assert not left_behind.exists()
     shown = tca("log", "show", str(daemon.journal), "--kind", "direct").stdout
     assert "direct         height from user to map, 9 bytes, 0.0" in shown
+
+
+def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Path) -> None:
+    """Its sender says how many may not have been handled: to central, in its log, and when it leaves."""
+    with central(tmp_path) as daemon, program(MAP, daemon.address) as module:
+        user = connect("user", daemon.address, linger=SOON)
+        assert module.stdout
+        assert module.stdout.readline() == "runs\n"
+        ask_until_direct(daemon, user)
+        user.inform(POSE, 0.0)  # goes through central, which tells the way
+        user.status()  # by its answer the user has been told
+        begin_slow_query(user, module)
+        for number in range(300):
+            user.inform(POSE, float(number))
+        module.send_signal(signal.SIGKILL)
+        with pytest.raises(NotSent, match=r"^300 messages of 'user' may not have reached their handler, which is gone"):
+            user.close()
+    assert "direct lost    user: 300 of pose" in tca("log", "show", str(daemon.journal), "--kind", "direct lost").stdout

@@ -16,10 +16,11 @@ from tca_module.direct.note_batch import FAR, NoteBatch
 from tca_module.direct.path import MOST_UNDER_WAY, DirectPath
 from tca_module.direct.routes import DirectRoutes
 from tca_module.session.request import Request
+from tca_module.session.session import Session
 from tca_wire.packets.codec import pack_item
 from tca_wire.packets.direct import Direct, Greet, unpack_from_entrance
-from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Refused, Reply, Send, Unknown
-from tca_wire.packets.routes import Entrance
+from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Hello, Refused, Reply, Send, Unknown, Welcome
+from tca_wire.packets.routes import Entrance, Loss, Noted
 from tca_wire.vocabulary import Outcome, Refusal
 
 KEY = "key"
@@ -107,7 +108,7 @@ class Pair:
         self.handled: list[bytes] = []
         self.path = DirectPath(
             Entrance("ipc:///there", KEY), Near(self.line), "run/0/1", "user",
-            end=self.end, hand_over=self.handed_over.append, lose=self.lost.append,
+            end=self.end, hand_over=self.handed_over.append, lose=lambda what, number, _: self.lost.extend([what] * number),
         )  # fmt: skip
 
     def end(self, request: Request) -> None:
@@ -266,6 +267,47 @@ def test_who_leaves_hands_back_what_was_not_begun(pair: Pair) -> None:
     assert pair.notes.due != FAR
 
 
+def test_informs_that_who_dies_has_not_begun_are_lost(pair: Pair) -> None:
+    for number in range(10):
+        pair.path.tell(Send(0, "pose"), b"%d" % number)
+    for _ in range(4):
+        pair.handle()
+    pair.now += direct_path.REPEAT
+    pair.greet()
+    pair.handle()  # nobody is told of this one
+    assert (pair.path.unheard, pair.lost) == (0, [])
+    pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
+    assert pair.lost == ["pose"] * 6
+    assert not pair.path.is_needed
+
+
+def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_counted_by_it(pair: Pair) -> None:
+    for number in range(10):
+        pair.path.tell(Send(0, "pose"), b"%d" % number)
+    for _ in range(4):
+        pair.handle()
+    pair.inbox.close()
+    pair.path.tell(Send(0, "pose"), b"unread")
+    pair.path.receive()
+    assert pair.lost == ["pose"]
+    session = Session(Hello(0, PROTOCOL_VERSION, "map", "run"))
+    session.receive(Welcome(1, PROTOCOL_VERSION, "map", "epoch"), b"", 0.0)
+    pair.notes.report(session, pair.now, at_once=True)
+    (noted,) = [header for header, _ in session.outgoing if isinstance(header, Noted)]
+    assert (len(noted.notes), noted.losses) == (4, [Loss("pose", 6)])
+
+
+def test_a_sender_that_missed_what_has_begun_learns_it_and_sends_on(pair: Pair) -> None:
+    for _ in range(MOST_UNDER_WAY):
+        pair.path.tell(Send(0, "pose"), b"")
+        pair.handle()
+    pair.line.cut()
+    pair.settle()
+    pair.path.tell(Send(0, "pose"), b"next")
+    pair.settle()
+    assert (pair.handled[-1], pair.lost) == (b"next", [])
+
+
 def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
     answered, open_ = pair.ask(), pair.ask()
     pair.handle()  # its answer has arrived, and was not read yet
@@ -344,9 +386,9 @@ def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pa
         answers = said(pair, pack_item(Direct(number, "move leg")))
         assert [answer.refusal for answer in answers] == [Refusal.UNKNOWN] * (number > 0)
     greet = Greet(PROTOCOL_VERSION, KEY, "far ahead", "m", 1 << 61, is_first=False)
-    (greeting,) = said(pair, pack_item(greet))
+    greeting, _ = said(pair, pack_item(greet))
     assert greeting.missing == []
-    (greeting,) = said(pair, pack_item(Greet(PROTOCOL_VERSION, KEY, "far ahead", "m", (1 << 61) + 10_000)))
+    greeting, _ = said(pair, pack_item(Greet(PROTOCOL_VERSION, KEY, "far ahead", "m", (1 << 61) + 10_000)))
     assert len(greeting.missing) == 2000
 
 

@@ -119,7 +119,7 @@ def test_what_was_dropped_went_wrong(reported: Reported) -> None:
     for number, name in enumerate(("pose", "level", "heat", "view", "sound"), 1):
         story.say(facts.LostDirectly("user", name, 10_000 // number))
     shown = reported(story)
-    assert "10,000 of pose dropped: its handler was too slow, or left" in shown.text
+    assert "10,000 of pose dropped: its handler was too slow, left or died" in shown.text
     assert "5,000 of level dropped" in shown.text
     assert "2 more messages had drops: tca stats" in shown.text
     assert "Nothing: no failure was raised" not in shown.text
