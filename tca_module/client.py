@@ -4,8 +4,9 @@ import atexit
 import logging
 import os
 import sys
+import threading
+from functools import cache
 from typing import Any, Literal, Self, get_args
-from weakref import WeakSet
 
 import msgspec
 
@@ -29,8 +30,8 @@ class Client(Sender):
         self._link: Connection | None = connection
         self._linger = linger
         self._process = os.getpid()
+        self._thread = threading.current_thread()
         connection.root_sender = self
-        _open.add(self)
 
     def __repr__(self) -> str:
         return f"client '{self._link.session.module}'" if self._link is not None else "a closed client"
@@ -59,6 +60,7 @@ class Client(Sender):
         does no harm.
         """
         link, self._link = self._link, None
+        _open.discard(self)
         if link is not None:
             link.close(self._linger)
 
@@ -74,10 +76,24 @@ class Client(Sender):
                 raise
             link.log.error("%s", lost)  # noqa: TRY400 - the other error has the traceback
 
+    @property
+    def _is_abandoned(self) -> bool:
+        """Whether the thread that opened it has ended."""
+        return self._process == os.getpid() and not self._thread.is_alive()
+
     def _close_at_exit(self) -> None:
-        """Close what the main thread of this process has left open."""
-        if self._link is not None and self._process == os.getpid() and self._link.is_mine:
-            self.close()
+        """Close it, if it is of this process. Raises NotSent if something may be lost."""
+        link, is_mine = self._link, self._thread is threading.current_thread()
+        if link is None or self._process != os.getpid():
+            return
+        if not (is_mine or self._thread.daemon):
+            self._thread.join()
+        if is_mine or self._is_abandoned or (link.not_sent and link.take_over(self._linger)):
+            link.close(self._linger)
+        elif number := link.not_sent:
+            where = f"central at {link.transport.address}"
+            why = f"thread '{self._thread.name}' still waits, and has not closed its client"
+            raise NotSent(number, f"{link.messages(number)} may not have reached {where}: {why}")
 
     def _opened(self) -> Connection:
         if self._link is None:
@@ -102,28 +118,65 @@ def connect(
     check("connect()", checks.NAME, name=name)
     check("connect()", checks.PATIENCE, patience=patience, linger=linger)
     try:
-        return Client(open_connection(central, hello(name), patience), linger)
+        client = Client(open_connection(central, hello(name), patience), linger)
     except CentralLost as error:
         raise NoCentral(str(error)) from None
+    _close_abandoned()
+    _open.add(client)
+    _close_at_end_of(os.getpid())
+    return client
 
 
-_open: WeakSet[Client] = WeakSet()
+_open: set[Client] = set()
+"""Those that nobody has closed."""
+
+
+def _close_abandoned() -> None:
+    """Close the clients whose threads have ended, so that they do not pile up."""
+    for client in [client for client in list(_open) if client._is_abandoned]:  # noqa: SLF001
+        try:
+            client.close()
+        except NotSent as lost:
+            logging.getLogger("tca").error("%s", lost)  # noqa: TRY400 - nobody here could catch it
+
+
+def _close_all() -> str:
+    """Close all clients; what may be lost, a line each."""
+    lost = []
+    while _open:
+        try:
+            _open.pop()._close_at_exit()  # noqa: SLF001
+        except NotSent as error:
+            lost.append(str(error))
+    return "\n".join(lost)
 
 
 @atexit.register
-def _close_all() -> None:
+def _at_exit() -> None:
     """Close the clients that nobody has closed. If messages may be lost, end the process with exit code 1: an error
     would not change the exit code here.
     """
-    lost = ""
-    for client in list(_open):
-        try:
-            client._close_at_exit()  # noqa: SLF001
-        except NotSent as error:
-            lost = str(error)
-    if lost:
+    if lost := _close_all():
         logging.shutdown()
         print(lost, file=sys.stderr)
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(1)
+
+
+@cache
+def _close_at_end_of(_process: int) -> None:
+    """Do the same at the end of a process of ``multiprocessing``, which may end without ``atexit``."""
+    processes: Any = sys.modules.get("multiprocessing.process")
+    if processes is not None and processes.parent_process() is not None:
+        sys.modules["multiprocessing.util"].Finalize(None, _at_end_of_child, exitpriority=_LAST)
+
+
+_LAST = -100
+"""The priority of what is done when all else is: queues, for example, are emptied before."""
+
+
+def _at_end_of_child() -> None:
+    """As above; an error does change the exit code of such a process."""
+    if lost := _close_all():
+        sys.exit(lost)

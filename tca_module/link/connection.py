@@ -84,15 +84,35 @@ class Connection:
                 self.direct.shut()
                 self._settle(linger, before)
             finally:
-                number = self.lost + session.unheard + self.direct.unheard - before
+                number = self.not_sent - before
                 why = self._why_not_sent() if number else ""
                 self.direct.report(at_once=True)
                 if session.post(Bye()):
                     self.line.flush(0.0 if number else SEND_WAIT)
                 self.drop()
             if number:
-                what = f"{number:,} message{'s' * (number != 1)} of '{session.module}'"
-                raise NotSent(number, f"{what} may not have reached {why}")
+                raise NotSent(number, f"{self.messages(number)} may not have reached {why}")
+
+    def take_over(self, within: float) -> bool:
+        """Stop its own thread at its next use, for ever, so that another may close it at the end of the process. False
+        if that thread waited all the time, or all that was sent has arrived meanwhile.
+        """
+        self.call_soon(self.session.confirm)
+        self.call_soon(self.direct.confirm)
+        until = self.now() + within
+        while self.now() < until and (self.direct.unheard or not self.session.is_settled):
+            if self._lock.acquire(timeout=STEP):
+                return True
+        return False
+
+    @property
+    def not_sent(self) -> int:
+        """The number of messages that may not have arrived."""
+        return self.lost + self.session.unheard + self.direct.unheard
+
+    def messages(self, number: int) -> str:
+        """So many messages of this module, for errors."""
+        return f"{number:,} message{'s' * (number != 1)} of '{self.session.module}'"
 
     @property
     def lost(self) -> int:

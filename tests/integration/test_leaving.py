@@ -32,6 +32,62 @@ WITHOUT_BLOCK = """
     input()
     user.inform(POSE)
 """
+IN_A_THREAD = """
+    import threading
+    from tca_module import Inform, connect
+    POSE = Inform("pose", bytes)
+    def work():
+        user = connect("script", linger={linger})
+        user.inform(POSE, b"")
+        print("there", flush=True)
+        input()
+        for _ in range(50):
+            user.inform(POSE, bytes(100_000))
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+"""
+IN_A_THREAD_THAT_GOES_ON = """
+    import threading
+    from tca_module import Command, Inform, connect
+    POSE, NOBODY = Inform("pose", bytes), Command("nobody")
+    sent = threading.Event()
+    def work():
+        user = connect("script", linger={linger})
+        nobody = user.command(NOBODY)
+        user.inform(POSE, b"")
+        print("there", flush=True)
+        input()
+        for _ in range(50):
+            user.inform(POSE, bytes(100_000))
+        sent.set()
+        {goes_on}
+    threading.Thread(target=work, name="worker", daemon=True).start()
+    sent.wait()
+"""
+IDLE = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "threading.Event().wait()")
+WAITING = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "nobody.wait()")
+SENDING = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "while True: user.inform(POSE, b'')")
+IN_A_CHILD = """
+    import multiprocessing, sys
+    from tca_module import Inform, connect
+    POSE = Inform("pose", bytes)
+    def work(go_on):
+        user = connect("script", linger={linger})
+        user.inform(POSE, b"")
+        print("there", flush=True)
+        go_on.wait()
+        for _ in range(50):
+            user.inform(POSE, bytes(100_000))
+    processes = multiprocessing.get_context("fork")
+    go_on = processes.Event()
+    child = processes.Process(target=work, args=[go_on])
+    child.start()
+    input()
+    go_on.set()
+    child.join()
+    sys.exit(child.exitcode)
+"""
 MODULE = """
     from tca_module import Inform, Module
     POSE = Inform("pose")
@@ -54,8 +110,9 @@ def stopped_when_there(running: "subprocess.Popen[str]", daemon: Central) -> Non
     running.stdin.flush()
 
 
-def test_all_arrives_at_a_central_that_takes_its_time(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, program(SCRIPT.format(linger=60), daemon.address) as script:
+@pytest.mark.parametrize("text", [SCRIPT, IN_A_THREAD, IDLE, WAITING, IN_A_CHILD])
+def test_all_arrives_at_a_central_that_takes_its_time(text: str, tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, program(text.format(linger=60), daemon.address) as script:
         stopped_when_there(script, daemon)
         with pytest.raises(subprocess.TimeoutExpired):
             script.wait(2.5)
@@ -66,7 +123,13 @@ def test_all_arrives_at_a_central_that_takes_its_time(tmp_path: Path) -> None:
         received = [
             fact for entry in open_log(daemon.journal) for fact in entry.facts if isinstance(fact, facts.Received)
         ]
-    assert len(received) == 51
+    assert sum(fact.message == "pose" for fact in received) == 51
+
+
+def test_a_thread_that_never_stops_sending_is_cut_off_without_a_word(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, program(SENDING.format(linger=60), daemon.address) as script:
+        _, said = script.communicate("go on\n", timeout=30)
+    assert (script.returncode, said) == (0, "")
 
 
 @pytest.mark.parametrize(
@@ -74,6 +137,10 @@ def test_all_arrives_at_a_central_that_takes_its_time(tmp_path: Path) -> None:
     [
         (SCRIPT.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WITHOUT_BLOCK, "2 messages of 'script' may not have reached central at "),
+        (IN_A_THREAD.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
+        (IDLE.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
+        (WAITING.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
+        (IN_A_CHILD.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (MODULE, "2 messages of 'legs' may not have reached central at "),
     ],
 )
