@@ -11,10 +11,6 @@ PERIOD = 1.0
 """Seconds between two lines about one thing."""
 
 
-LOSSES = facts.Dropped, facts.LostDirectly, facts.RequestRefused
-"""Facts that may be losses."""
-
-
 def loss_in(fact: Any) -> tuple[str, str, int] | None:
     """What a fact says was lost, why, and how many; None if that is no loss to warn of."""
     match fact:

@@ -11,9 +11,8 @@ import os
 import socket as sockets
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import zmq
 
@@ -25,21 +24,18 @@ from tca_central.events import (
     ConnectionLost,
     Effect,
     Event,
-    Record,
     RequestReceived,
     Tick,
     Transmit,
 )
 from tca_central.shell.door import Door
 from tca_central.shell.journal_writer import JournalWriter
-from tca_central.shell.loss_log import LOSSES, LossLog, loss_in
+from tca_central.shell.log_lines import LogLines
 from tca_central.shell.pulses import Pulses
 from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
-from tca_wire.journal import facts
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Beat, Closing, ToModule
-from tca_wire.text.printable import first_line, printable
 from tca_wire.vocabulary import Limit
 
 log = logging.getLogger("tca.central")
@@ -94,8 +90,7 @@ class Server:
         self._outboxes: dict[ConnectionId, Outbox] = {}
         self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
         self._too_slow: dict[ConnectionId, str] = {}
-        self._losses = LossLog(log)
-        self._unseen: set[str] = set()  #: conditions that nobody handles, and of which the log has warned
+        self._lines = LogLines(log, central)
         self._next_beat = self._next_pulse = BEAT_PERIOD
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
@@ -130,8 +125,7 @@ class Server:
         """Run until ``stopping`` says why to stop."""
         while not self.stopping:
             for event in self._events():
-                for effect in self._handle(event):
-                    self._perform(effect)
+                self._perform(self._handle(event))
             self._flush()
 
     def _handle(self, event: Event) -> list[Effect]:
@@ -164,34 +158,14 @@ class Server:
         if due is not None and due <= self.now():
             yield Tick(self.now())
 
-    def _perform(self, effect: Record | Transmit) -> None:
-        if isinstance(effect, Record):
+    def _perform(self, effects: list[Effect]) -> None:
+        for effect in effects:
+            if isinstance(effect, Transmit):
+                self._put(effect.connection, effect.header, effect.body)
+                continue
             if self.journal is not None:
                 self.journal.add(effect.entry)
-            self._log_what_people_should_know(effect)
-        else:
-            self._put(effect.connection, effect.header, effect.body)
-
-    def _log_what_people_should_know(self, record: Record) -> None:
-        """Failures, refusals, comings and goings, monitors that see nothing, a line each."""
-        for fact in record.entry.facts:
-            if type(fact) in LOSSES and (loss := loss_in(fact)) is not None:
-                self._losses.note(*loss, self.now())
-            elif type(fact) in _TOLD:
-                level, words = _TOLD[type(fact)]
-                log.log(level, words(fact))
-            elif isinstance(fact, facts.Failed):
-                what = record.failed[fact.id]
-                said = printable(first_line(fact.text))
-                log.warning("failure '%s' of %s%s", fact.failure, what, f": {said}" if said else "")
-            elif isinstance(fact, facts.Queued) and not fact.module and fact.id in self.central.watch_of_condition:
-                watch = self.central.watch_of_condition[fact.id]
-                what = watch.condition.message.name
-                if what not in self._unseen:
-                    self._unseen.add(what)
-                    log.warning("%s sees nothing until somebody handles its condition '%s'", watch.task, what)
-            elif isinstance(fact, facts.HandlerAdded):
-                self._unseen.discard(fact.message)
+            self._lines.write(effect)
 
     def _flush(self) -> None:
         """End a turn: first the journal, then the messages that it justifies."""
@@ -222,30 +196,41 @@ class Server:
     # --- receiving -------------------------------------------------------------------------------------------------
 
     def _received(self) -> Iterator[Event]:
-        for _ in range(PACKETS_PER_TURN):
-            if not self._has_arrived():
+        receive = self.socket.recv
+        for count in range(PACKETS_PER_TURN):
+            if count == 1 and not self._has_arrived():
                 return
-            routing_id, *frames = self.socket.recv_multipart(_DONTWAIT)
-            connection, now = ConnectionId(routing_id), self.now()
-            self._pulses.heard.add(routing_id)
             try:
-                if len(frames) != 1:
-                    msg = f"{len(frames)} frames; a packet is one"
-                    raise ProtocolError(msg)  # noqa: TRY301
-                if frames[0] == _BEAT:  # sent back by a pulse
+                connection = ConnectionId(receive(_DONTWAIT))
+            except zmq.Again:  # dearer than to ask, but where there are two packets there may be many
+                return
+            frame, now = receive(_DONTWAIT, copy=False), self.now()
+            self._pulses.heard.add(connection)
+            try:
+                packet = frame.bytes if not frame.more else self._one_frame(frame)
+                if packet == _BEAT:  # sent back by a pulse
                     continue
-                items = codec.unpack_to_central(frames[0])
+                items = codec.unpack_to_central(packet)
             except ProtocolError as error:
                 yield BadBytes(now, connection, str(error))
                 continue
             for header, body in items:
                 yield RequestReceived(now, connection, header, body)
 
+    def _one_frame(self, frame: zmq.Frame) -> bytes:
+        """Take in the other frames of a message that has several. Raises ProtocolError."""
+        frames = 1
+        while frame.more:
+            frame = self.socket.recv(_DONTWAIT, copy=False)
+            frames += 1
+        msg = f"{frames} frames; a packet is one"
+        raise ProtocolError(msg)
+
     def _lost(self) -> Iterator[Event]:
         """Beat to every connection; the socket knows which are gone (the door tells only that some are)."""
         self._has_lost = False
         self._next_beat = self.now() + BEAT_PERIOD
-        self._losses.tell(self.now())
+        self._lines.losses.tell(self.now())
         for connection, why in self._too_slow.items():
             yield ConnectionLost(self.now(), connection, why)
         self._too_slow.clear()
@@ -351,7 +336,7 @@ class Server:
 
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
-        self._losses.tell()
+        self._lines.losses.tell()
         for connection in self.central.registry.connections:
             self._put(connection, Closing(self.stopping), b"")
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
@@ -404,11 +389,3 @@ def _lock_of(endpoint: str) -> int:
         msg = f"{path.parent} belongs to another user: choose another address with --bind"
         raise CentralError(msg)
     return lock
-
-
-_TOLD: dict[type, tuple[int, Callable[[Any], str]]] = {
-    facts.RequestRefused: (logging.WARNING, lambda fact: f"refused module '{fact.sender}': {fact.text}"),
-    facts.Ignored: (logging.WARNING, lambda fact: f"nothing done for module '{fact.sender}': {fact.text}"),
-    facts.ModuleJoined: (logging.INFO, lambda fact: f"module '{fact.module}' joined ({fact.process})"),
-    facts.ModuleLeft: (logging.INFO, lambda fact: f"module '{fact.module}' left: {fact.why}"),
-}

@@ -16,6 +16,7 @@ from tca_wire.packets.headers import ToCentral, ToModule
 from tca_wire.vocabulary import Limit
 
 _LENGTHS = struct.Struct(">II")
+_LONGEST = int(Limit.PACKET)
 
 
 def plain(value: Any) -> int:
@@ -58,34 +59,31 @@ def packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[int
     yield before, b"".join(packed)
 
 
-def _split(packet: bytes) -> Iterator[tuple[bytes, bytes]]:
-    if not packet or len(packet) > Limit.PACKET:
-        msg = f"a packet of {len(packet)} bytes; 8 to {Limit.PACKET:d} are allowed"
-        raise ProtocolError(msg)
-    at, end = 0, len(packet)
-    while at < end:
-        if at + 8 > end:
-            msg = f"the packet ends inside the lengths of an item (byte {at} of {end})"
-            raise ProtocolError(msg)
-        header_length, body_length = _LENGTHS.unpack_from(packet, at)
-        header_end = at + 8 + header_length
-        at = header_end + body_length
-        if at > end:
-            msg = f"an item claims {header_length} + {body_length} bytes, more than the packet's {end} hold"
-            raise ProtocolError(msg)
-        yield packet[header_end - header_length : header_end], packet[header_end:at]
-
-
 def unpacker(kinds: Any, what_it_is_not: str) -> Callable[[bytes], list[tuple[Any, bytes]]]:
     """A function that unpacks packets with headers of these *kinds*. It raises ProtocolError, whatever the bytes."""
     decode = msgspec.msgpack.Decoder(kinds).decode
 
     def unpack(packet: bytes) -> list[tuple[Any, bytes]]:
-        try:
-            return [(decode(header), body) for header, body in _split(packet)]
-        except _BAD_BYTES as error:
-            msg = f"a header is {what_it_is_not}: {error}"
-            raise ProtocolError(msg) from None
+        at, size, items = 0, len(packet), []
+        if not 0 < size <= _LONGEST:
+            msg = f"a packet of {size} bytes; 8 to {_LONGEST} are allowed"
+            raise ProtocolError(msg)
+        while at < size:
+            if at + 8 > size:
+                msg = f"the packet ends inside the lengths of an item (byte {at} of {size})"
+                raise ProtocolError(msg)
+            header_length, body_length = _LENGTHS.unpack_from(packet, at)
+            header_end = at + 8 + header_length
+            header, at = packet[at + 8 : header_end], header_end + body_length
+            if at > size:
+                msg = f"an item claims {header_length} + {body_length} bytes, more than the packet's {size} hold"
+                raise ProtocolError(msg)
+            try:
+                items.append((decode(header), packet[header_end:at]))
+            except _BAD_BYTES as error:
+                msg = f"a header is {what_it_is_not}: {error}"
+                raise ProtocolError(msg) from None
+        return items
 
     return unpack
 

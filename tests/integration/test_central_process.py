@@ -114,6 +114,8 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
         hello = codec.pack([(headers.Hello(1, headers.PROTOCOL_VERSION, "enemy", "x"), b"")])
         future = codec.pack([(headers.Hello(1, 99, "enemy", "x"), b"")])
         send = codec.pack([(headers.Send(2, "square"), b"\xc1\xc1")])
+        enemy.send(send)
+        assert enemy.poll(20_000), "what it sends before it is connected would be lost when it is closed"
         for frames in ([b""], [b"garbage"], [os.urandom(5000)], [b"a", b"b", b"c"], [future], [send], [hello], [send],
                        [codec.pack([(headers.Reply(77), b"")])], [b"\xff" * 100], [hello[:-1]], [hello * 2000]):  # fmt: skip
             enemy.send_multipart(frames)

@@ -1,0 +1,60 @@
+"""Lines of the log for people: failures, refusals, losses, comings and goings, monitors that see nothing."""
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from tca_central.core import Central
+from tca_central.events import Record
+from tca_central.shell.loss_log import LossLog, loss_in
+from tca_wire.journal import facts
+from tca_wire.text.printable import first_line, printable
+
+
+class LogLines:
+    """A line for each fact that people should know of."""
+
+    def __init__(self, log: logging.Logger, central: Central) -> None:
+        self.losses = LossLog(log)
+        self._log = log
+        self._central = central
+        self._unseen: set[str] = set()  #: conditions that nobody handles, and of which the log has warned
+        self._ways: dict[type, Callable[[Any, Record], object]] = {
+            facts.Dropped: self._lost,
+            facts.LostDirectly: self._lost,
+            facts.RequestRefused: self._refused,
+            facts.Ignored: lambda fact, _: log.warning("nothing done for module '%s': %s", fact.sender, fact.text),
+            facts.ModuleJoined: lambda fact, _: log.info("module '%s' joined (%s)", fact.module, fact.process),
+            facts.ModuleLeft: lambda fact, _: log.info("module '%s' left: %s", fact.module, fact.why),
+            facts.Failed: self._failed,
+            facts.Queued: self._queued,
+            facts.HandlerAdded: lambda fact, _: self._unseen.discard(fact.message),
+        }
+
+    def write(self, record: Record) -> None:
+        """Write the lines of what has just happened."""
+        for fact in record.entry.facts:
+            if (way := self._ways.get(type(fact))) is not None:
+                way(fact, record)
+
+    def _lost(self, fact: facts.Fact, record: Record) -> bool:
+        if (loss := loss_in(fact)) is None:
+            return False
+        self.losses.note(*loss, record.entry.time)
+        return True
+
+    def _refused(self, fact: facts.RequestRefused, record: Record) -> None:
+        if not self._lost(fact, record):
+            self._log.warning("refused module '%s': %s", fact.sender, fact.text)
+
+    def _failed(self, fact: facts.Failed, record: Record) -> None:
+        said = printable(first_line(fact.text))
+        self._log.warning("failure '%s' of %s%s", fact.failure, record.failed[fact.id], f": {said}" if said else "")
+
+    def _queued(self, fact: facts.Queued, _: Record) -> None:
+        if fact.module or (watch := self._central.watch_of_condition.get(fact.id)) is None:
+            return
+        what = watch.condition.message.name
+        if what not in self._unseen:
+            self._unseen.add(what)
+            self._log.warning("%s sees nothing until somebody handles its condition '%s'", watch.task, what)
