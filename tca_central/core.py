@@ -14,14 +14,24 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
 from tca_central.control import keeping, monitors, revoking, steering
 from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
-from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Record, RequestReceived, Tick, Transmit
+from tca_central.events import (
+    BadBytes,
+    ConnectionId,
+    ConnectionLost,
+    Effect,
+    Event,
+    Record,
+    RequestReceived,
+    Tick,
+    Transmit,
+)
 from tca_central.failing import attaching, failures
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
@@ -34,7 +44,7 @@ from tca_central.status import topics
 from tca_central.watching import taps
 from tca_wire.journal import causes, facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted, Refused
+from tca_wire.packets.headers import Accepted, Refused, ToCentral
 from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.vocabulary import Due, Outcome, Refusal, Role
 
@@ -66,27 +76,30 @@ class Central(State):
 
     def handle(self, event: Event) -> list[Effect]:
         """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
-        self.clock.now = max(self.clock.now, event.time)
+        clock = self.clock
         effects: list[Effect] = []
-        while (timer := self.clock.pop_due()) is not None:
-            effects += self._let_fire(timer, event.time)
-        if not isinstance(event, Tick):
-            self.events += 1
-            effects += self._receive(event) if isinstance(event, RequestReceived) else self._on_line(event)
+        clock.now = max(clock.now, event.time)
+        while (timer := clock.pop_due()) is not None:
+            self._let_fire(timer, event.time, effects)
+        if isinstance(event, RequestReceived):
+            self._receive(event, effects)
+        elif not isinstance(event, Tick):
+            self._on_line(event, effects)
         return effects
 
     # --- an event --------------------------------------------------------------------------------------------------
 
-    def _let_fire(self, timer: Timer, time: float) -> list[Effect]:
+    def _let_fire(self, timer: Timer, time: float, effects: list[Effect]) -> None:
         self.events += 1
         due, subject = timer.due, timer.subject
         about = getattr(subject, "task", subject)  # the task or the claim
         TIMERS[due](self, subject)
         self._settle()
-        return self._effects(time, causes.TimeOver(due, about.id if about is not None else 0))
+        self._report(effects, time, causes.TimeOver(due, about.id if about is not None else 0))
 
-    def _on_line(self, event: BadBytes | ConnectionLost) -> list[Effect]:
+    def _on_line(self, event: BadBytes | ConnectionLost, effects: list[Effect]) -> None:
         """Something happened to a connection."""
+        self.events += 1
         cause: causes.Cause
         connection = self.registry.connections.get(event.connection)
         if isinstance(event, BadBytes):
@@ -96,22 +109,20 @@ class Central(State):
             cause = causes.ConnectionLost(*_named(connection))
             joining.disconnect(self, connection, event.why, lost=True)
         else:
-            return []
+            return
         self._settle()
-        return self._effects(event.time, cause)
+        self._report(effects, event.time, cause)
 
-    def _receive(self, event: RequestReceived) -> list[Effect]:
+    def _receive(self, event: RequestReceived, effects: list[Effect]) -> None:
         """A connection sent something. What can't be done is refused and leaves nothing behind."""
+        self.events += 1
         header = event.header
         kind = KINDS[type(header)]
         number: int = header.number if kind.has_number else 0  # type: ignore[union-attr]
         connection = self.registry.connections.get(event.connection)
         try:
-            if connection is None and isinstance(header, headers.Hello):
-                joining.greet(self, event.connection, header)
-                connection = self.registry.connections.get(event.connection)
-            elif connection is None:
-                self.messages.append(Transmit(event.connection, headers.Unknown(number)))
+            if connection is None:
+                connection = self._meet(event.connection, header, number)
             elif number and number <= connection.last_number and type(header) is not headers.Hello:
                 self._repeat(connection, number)
             else:
@@ -124,26 +135,29 @@ class Central(State):
         except RequestError as error:
             self._refuse(event.connection, number, error.refusal, error.text)
         self._settle()
-        if not self.facts:
-            self.origin = 0
-            effects, self.messages = self.messages, []
-            return effects
         module, place = _named(connection)
-        cause = causes.Request(module, place, number, kind.name, self.origin)
+        self._report(effects, event.time, causes.Request(module, place, number, kind.name, self.origin))
         self.origin = 0
-        return self._effects(event.time, cause)
 
-    def _effects(self, time: float, cause: causes.Cause) -> list[Effect]:
-        """The journal entry and the messages of the event that has just been handled."""
-        effects, self.messages = self.messages, []
-        if not self.facts:
-            return effects
-        if self.blocked or self.claims:
-            deadlocks.note_event(self)
-        entry = facts.Entry(self.events, time, self.facts[:], cause)
-        self.facts.clear()
-        failed, self.failed = self.failed, {}
-        return [Record(entry, failed), *effects]
+    def _meet(self, connection_id: ConnectionId, header: ToCentral, number: int) -> Connection | None:
+        """A stranger sent something: the connection that it is from now on, if it said hello."""
+        if isinstance(header, headers.Hello):
+            joining.greet(self, connection_id, header)
+        else:
+            self.messages.append(Transmit(connection_id, headers.Unknown(number)))
+        return self.registry.connections.get(connection_id)
+
+    def _report(self, effects: list[Effect], time: float, cause: causes.Cause) -> None:
+        """Add the journal entry and the messages of the event that has just been handled."""
+        if self.facts:
+            if self.blocked or self.claims:
+                deadlocks.note_event(self)
+            entry = facts.Entry(self.events, time, self.facts[:], cause)
+            self.facts.clear()
+            failed, self.failed = self.failed, {}
+            effects.append(Record(entry, failed))
+        effects += self.messages
+        self.messages.clear()
 
     def _refuse(self, connection_id: Any, number: int, refusal: Refusal, text: str) -> None:
         connection = self.registry.connections.get(connection_id)
@@ -156,7 +170,7 @@ class Central(State):
 
     def _repeat(self, connection: Connection, number: int) -> None:
         """A request came twice: give the answer that it had, or say again that it was taken."""
-        header, body = connection.answers.get(number, (None, b""))
+        header, body = connection.answer(number)
         if header is None:
             known = connection.outstanding.get(number)
             header = Accepted(number, getattr(known, "id", 0))
@@ -170,12 +184,11 @@ class Central(State):
     def _settle(self) -> None:
         """Let everything happen that may, until nothing moves."""
         agenda, dispatcher = self.agenda, self.dispatcher
-        agenda.settle()
         while True:
+            if agenda.look_at:
+                agenda.settle()
             if any(self._output_queues):
-                for waiting, take in self._outputs:
-                    while waiting:
-                        take(waiting.popleft())
+                self._take_outputs()
             elif dispatcher.changed:
                 availability.tell_changes(self)
             elif agenda.startable:
@@ -186,7 +199,11 @@ class Central(State):
                 deadlocks.check_suspects(self)
             else:
                 return
-            agenda.settle()
+
+    def _take_outputs(self) -> None:
+        for queue, take in self._outputs:
+            while queue:
+                take(queue.popleft())
 
     def _fire_before(self, tapped: tuple[Task, list[Wiretap]]) -> None:
         """Fire wiretaps before a task goes on. What no listener holds is reached before anything else follows."""
@@ -205,20 +222,22 @@ class Central(State):
         if first and first[0].message.message_class.is_monitor:
             for task in first:
                 if not task.killed:  # one that fails at once may end others
-                    self._count_attempt(task)
+                    if task.retrying:
+                        self._begin_again(task)
                     monitors.start(self, task)
             return
         for task in first:
-            self._count_attempt(task)
+            if task.retrying:
+                self._begin_again(task)
         self.dispatcher.route_all(first)
 
-    def _count_attempt(self, task: Task) -> None:
-        if task.retrying:
-            task.retrying = False
-            task.given_as = self.new_id()
-            task.more.attempts += 1
-            task.more.recovering = None
-            claims.end_claims_of(self, task, "it is retried")
+    def _begin_again(self, task: Task) -> None:
+        """A task is retried: its next attempt begins."""
+        task.retrying = False
+        task.given_as = self.new_id()
+        task.more.attempts += 1
+        task.more.recovering = None
+        claims.end_claims_of(self, task, "it is retried")
 
     def _on_ended(self, task: Task) -> None:
         if self.claimed_for:
@@ -230,15 +249,20 @@ class Central(State):
             keeping.keep_or_drop(self, task)
         if task.role is Role.EXCEPTION:
             failures.handler_ended(self, task)
-        outcome = self.outcome(task)
-        if outcome[0] is not Outcome.DONE or outcome[3]:
-            self.outcomes[task.id] = outcome
-            self.outcome_bytes += _size(outcome)
-            while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > REMEMBERED_BYTES:
-                oldest = next(iter(self.outcomes))
-                self.outcome_bytes -= _size(self.outcomes.pop(oldest))
-                self.tree.never_began.pop(oldest, None)
-                self.forgotten = max(self.forgotten, oldest)
+        if task.result or task.killed or task.failure is not None:
+            self._remember(task, self.outcome(task))
+
+    def _remember(self, task: Task, outcome: tuple[Outcome, str, str, bytes]) -> None:
+        """Keep an outcome of which there is more to tell than that the task is done."""
+        if outcome[0] is Outcome.DONE and not outcome[3]:
+            return
+        self.outcomes[task.id] = outcome
+        self.outcome_bytes += _size(outcome)
+        while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > REMEMBERED_BYTES:
+            oldest = next(iter(self.outcomes))
+            self.outcome_bytes -= _size(self.outcomes.pop(oldest))
+            self.tree.never_began.pop(oldest, None)
+            self.forgotten = max(self.forgotten, oldest)
 
 
 def _named(connection: Connection | None) -> tuple[str, int]:
@@ -294,7 +318,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
 """One row per message: what happens when it arrives."""
 
 
-class _Kind(NamedTuple):
+class _Kind(msgspec.Struct, frozen=True):
     """A message of the protocol, as far as the core needs to know it."""
 
     name: str

@@ -248,7 +248,7 @@ class State:
         """Answer a request, for good; the answer is kept in case the request is repeated."""
         if connection.waits or connection.pauses:
             self.unblock(connection, number)
-        connection.remember(number, header, body)
+        connection.answers.append((number, header, body))
         self.messages.append(Transmit(connection.id, header, body))
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:

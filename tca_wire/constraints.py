@@ -6,6 +6,8 @@ import msgspec
 
 from tca_wire.points import ROOT, Moment, Point, TaskId
 
+_START_ACHIEVING, _END_ACHIEVING = Moment.START_ACHIEVING, Moment.END_ACHIEVING  # to look one up costs two calls
+
 
 class Flags(IntFlag):
     """Constraints of a new task relative to its *last sibling* or to itself (TCA 8.5: the ``tplConstr`` bit mask)."""
@@ -35,7 +37,7 @@ class Constraint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
 
 def sequential_achievement(first: TaskId, second: TaskId) -> Constraint:
     """*second* is not achieved until *first* has been achieved; it may be planned before."""
-    return Constraint(Point(first, Moment.END_ACHIEVING), Point(second, Moment.START_ACHIEVING))
+    return Constraint(Point(first, _END_ACHIEVING), Point(second, _START_ACHIEVING))
 
 
 def sequential_planning(first: TaskId, second: TaskId) -> Constraint:

@@ -114,7 +114,7 @@ def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
 
 def _sent_with(connection: Connection, request: int) -> TaskId:
     """The task that came with a request of a connection; 0: none did."""
-    answer, _ = connection.answers.get(request, (None, b""))
+    answer, _ = connection.answer(request)
     return TaskId(answer.id if isinstance(answer, Accepted) else 0)
 
 

@@ -40,7 +40,9 @@ PATIENCE = 1000
 SLICE = 2000
 """Edges that are looked at in one later look: some milliseconds, four times a second."""
 
-_CLOSES_NOTHING = (facts.Queued, facts.Delivered, facts.Returned, facts.Answered, facts.Awaited, facts.WaitBegan)
+_CLOSES_NOTHING = frozenset(
+    (facts.Queued, facts.Delivered, facts.Returned, facts.Answered, facts.Awaited, facts.WaitBegan)
+)
 """After these nothing waits that did not before, or else it is among the suspects."""
 
 _SHOWN = 12  # parts of a circle that the error names
@@ -61,11 +63,11 @@ def check_suspects(central: State) -> None:
     """Check whether new waits can ever end."""
     if not central.look_after:
         central.suspects.clear()
-    search = Search(central, PATIENCE)
+    search: Search | None = None
     try:
         while central.suspects:
             if (start := _may_close(central, central.suspects.popleft())) is not None:
-                search = _resolve_all(central, search, start)
+                search = _resolve_all(central, search or Search(central, PATIENCE), start)
     except TooLongError:
         central.suspects.clear()
         schedule_look(central)
@@ -81,20 +83,22 @@ def _may_close(central: State, suspect: Suspect) -> Node | None:
     due = connection.outstanding.get(number)
     if due is None or (isinstance(due, Delivery) and due.slot is not None and not due.slot.waits):
         return None  # it was answered, or a handler that nothing blocks is about to
-    has_claims = any(claim.slot is connection for claim in central.claims.values())
-    return Waiting(connection, number) if connection.handling or has_claims else None
+    if connection.handling or any(claim.slot is connection for claim in central.claims.values()):
+        return Waiting(connection, number)
+    return None
 
 
 def note_event(central: State) -> None:
     """An event is over in which somebody blocks: see later whether anything in it has closed a circle."""
-    if not central.may_have_closed and any(map(_may_matter, central.facts)):
-        schedule_look(central)
+    if not central.may_have_closed:
+        for fact in central.facts:
+            if type(fact) not in _CLOSES_NOTHING and _may_matter(fact):
+                schedule_look(central)
+                return
 
 
 def _may_matter(fact: facts.Fact) -> bool:
-    if isinstance(fact, facts.Received):
-        return fact.message_class.is_task
-    return not isinstance(fact, _CLOSES_NOTHING)
+    return not isinstance(fact, facts.Received) or fact.message_class.is_task
 
 
 def schedule_look(central: State) -> None:

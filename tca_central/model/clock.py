@@ -58,11 +58,13 @@ class Clock:
 
     def pop_due(self) -> Timer | None:
         """Take out the next timer that is due by now."""
-        if not self._queue or self.next is None or self._queue[0][0] > self.now:
-            return None
-        timer = heapq.heappop(self._queue)[2]
-        timer.is_cancelled = True  # so that nobody counts it as cancelled later
-        return timer
+        while self._queue and self._queue[0][0] <= self.now:
+            timer = heapq.heappop(self._queue)[2]
+            if not timer.is_cancelled:
+                timer.is_cancelled = True  # so that nobody counts it as cancelled later
+                return timer
+            self._cancelled -= 1
+        return None
 
     def pending(self) -> list[Timer]:
         """All timers due later, in no particular order; for checks."""

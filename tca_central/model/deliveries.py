@@ -3,8 +3,11 @@
 Knows nothing of tasks, time or sockets.
 """
 
+from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple
+
+import msgspec
 
 from tca_central.events import ConnectionId
 from tca_central.model.resources import PendingLimit, Resource
@@ -37,7 +40,7 @@ class LostClaim(NamedTuple):
     text: str  #: by whom, or why
 
 
-class Blocking(NamedTuple):
+class Blocking(msgspec.Struct, frozen=True):
     """A wait: a connection, or the coroutine of a handler, does nothing until its request is answered."""
 
     origin: int  #: the delivery whose handler waits (0: none)
@@ -61,7 +64,7 @@ class Connection:
         self.pulse = b""  #: of its process, for the server
         self.resource: ModuleResource | None = None
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
-        self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first
+        self.answers: deque[tuple[int, ToModule, bytes]] = deque(maxlen=REMEMBERED_ANSWERS)  #: the newest, by number
         self.last_number = 0  #: the highest request number seen
         self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
         self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
@@ -74,12 +77,9 @@ class Connection:
         self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
         self.watchers: dict[Connection, None] = {}  #: the connections told of this slot's end
 
-    def remember(self, number: int, header: ToModule, body: bytes) -> None:
-        """Keep an answer in case the request is repeated."""
-        answers = self.answers
-        answers[number] = (header, body)
-        if len(answers) > REMEMBERED_ANSWERS:
-            del answers[next(iter(answers))]
+    def answer(self, number: int) -> tuple[ToModule | None, bytes]:
+        """The answer that a request had lately, which is repeated; None if it is not known."""
+        return next(((header, body) for its, header, body in reversed(self.answers) if its == number), (None, b""))
 
 
 class Module:
@@ -214,13 +214,15 @@ class Delivery:
                  "number", "origin", "priority", "queues", "role", "sender", "sent_by", "since", "slot",
                  "ticket")  # fmt: skip
 
-    def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
+    def __init__(
+        self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None, role: Role = Role.NONE
+    ) -> None:
         self.id = delivery_id
         self.given_as = delivery_id  #: the number under which a handler has it; another one each time
         self.message_id = delivery_id
         self.message = message
         self.body = body
-        self.role = Role.NONE  #: why central made it
+        self.role = role  #: why central made it
         self.context: Any = None  #: the reason for it, if central made it
         self.sender = sender  #: the receiver of the answer; None when it is gone
         self.sent_by: object = sender.module if sender is not None else None

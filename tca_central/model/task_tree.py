@@ -3,7 +3,7 @@
 Only tasks that have not ended are here; what has ended lives on in the journal.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
@@ -11,6 +11,8 @@ from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, 
 from tca_central.model.guards import Guard, Guards
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, STARTS, TaskId
 from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
+
+_EXCEPTION = Role.EXCEPTION  # to look up an enum's member costs as much as two calls
 
 
 class Rare:
@@ -57,7 +59,7 @@ class Rare:
         self.retry_targets: list[Task] = []  #: of an exception handler: the tasks that it wants retried
         self.is_guest = False  #: of a monitor: others than its parent's handler put it there (watching/watches.py)
         self.guests = 0  #: number of such children
-        self.sequence: Siblings | None = None  #: its children in order, but those aside, once the newest was killed
+        self.sequence: dict[int, Task] | None = None  #: its children but those aside, once the newest was killed
         self.kept_by: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that hang under it, oldest end first
 
@@ -70,8 +72,10 @@ class Task(Delivery):
                  "leaders", "parent", "rare", "reached", "recovery", "requested", "result", "retrying",
                  "returned", "survives", "suspended", "top", "unplanned", "waiters", "watchers")  # fmt: skip
 
+    id: TaskId
+
     def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
-        super().__init__(task_id, message, body, sender)
+        Delivery.__init__(self, task_id, message, body, sender)
         self.is_goal = message.is_goal
         self.ignores_parent = False  #: may start before its parent does
         self.is_watcher = False  #: a monitor that its parent does not wait for: it ends when all else there has
@@ -159,29 +163,6 @@ class Task(Delivery):
         return task if task is not None and ROOT < task.id == number else None
 
 
-class Siblings:
-    """Living siblings in order of arrival. Finding the newest costs the same however many have ended."""
-
-    __slots__ = ("_order", "living")
-
-    def __init__(self, tasks: Iterable[Task] = ()) -> None:
-        self.living = {task.id: task for task in tasks}
-        self._order = list(self.living)
-
-    def add(self, task: Task) -> None:
-        """It is the newest."""
-        self.living[task.id] = task
-        self._order.append(task.id)
-        if len(self._order) > 2 * len(self.living) + 16:
-            self._order = list(self.living)
-
-    def newest(self) -> Task | None:
-        """The one that came last of those that are left."""
-        while self._order and self._order[-1] not in self.living:
-            self._order.pop()
-        return self.living[self._order[-1]] if self._order else None
-
-
 class Verdict(NamedTuple):
     """Why a task is killed."""
 
@@ -237,7 +218,7 @@ class TaskTree:
         self.never_began: dict[int, int] = {}  #: of killed tasks whose outcome is known: the starts that never were
         self.newest = 0  #: the highest id given so far
         self.last_of_module: dict[Module | None, Task] = {}  #: last top-level task per sending module
-        self.top_of_module: dict[Module | None, Siblings] = {}  #: living top-level tasks per sending module
+        self.top_of_module: dict[Module | None, dict[int, Task]] = {}  #: living top-level tasks per sending module
 
     def task(self, task_id: TaskId) -> Task | None:
         """The live task of that id; None if it has ended. Raises RequestError if there has never been one."""
@@ -256,10 +237,9 @@ class TaskTree:
         task.parent = parent
         if parent.children is None:
             parent.children = {}
-        parent.children[task.id] = task
-        self.tasks[task.id] = task
+        parent.children[task.id] = self.tasks[task.id] = task
         task.top = None if parent is self.root else parent.top or parent
-        task.recovery = parent if parent.role is Role.EXCEPTION else parent.recovery
+        task.recovery = parent if parent.role is _EXCEPTION else parent.recovery
         self.guards.add(task)
         if task.is_watcher:
             if parent.watchers is None:
@@ -267,51 +247,55 @@ class TaskTree:
             parent.watchers[task.id] = task
         if task.rare is not None and task.rare.is_guest:
             parent.more.guests += 1
-        if parent is self.root and not is_aside(task):
-            self.top_of_module.setdefault(sending_module(task), Siblings()).add(task)
-        elif parent.rare is not None and parent.rare.sequence is not None and not is_aside(task):
-            parent.rare.sequence.add(task)
 
-    def become_last(self, task: Task, sender: Module | None) -> None:
+    def become_last(self, task: Task, parent: Task, sender: Module | None) -> None:
         """A task is there for good: from now on flags refer to it, if a module sent it."""
         if is_aside(task):
             return
-        if task.parent is self.root:
+        if parent is self.root:
             self.last_of_module[sender] = task
-        elif task.parent is not None:
-            task.parent.last_child = task
+            if sender not in self.top_of_module:
+                self.top_of_module[sender] = {}
+            self.top_of_module[sender][task.id] = task
+        else:
+            parent.last_child = task
+            if parent.rare is not None and parent.rare.sequence is not None:
+                parent.rare.sequence[task.id] = task
 
     def detach(self, task: Task) -> None:
         """Take an ended task out."""
         del self.tasks[task.id]
         task.guard = None  # which may refer to the task
-        self.suspended.pop(task.id, None)
-        if task in self.across:
-            del self.across[task]
+        if self.suspended:
+            self.suspended.pop(task.id, None)
+        if self.across:
+            self.across.pop(task, None)
         parent = task.parent
-        if parent is self.root and not is_aside(task):
+        if parent is None or parent.children is None:
+            return
+        del parent.children[task.id]
+        if parent.watchers and task.is_watcher:
+            del parent.watchers[task.id]
+        if task.rare is not None and task.rare.is_guest:
+            parent.more.guests -= 1
+        if parent is self.root:
             self._detach_top(task, sending_module(task))
-        if parent is not None and parent.children is not None:
-            del parent.children[task.id]
-            if parent.watchers and task.is_watcher:
-                del parent.watchers[task.id]
-            if task.rare is not None and task.rare.is_guest:
-                parent.more.guests -= 1
-            if parent.rare is not None and parent.rare.sequence is not None:
-                parent.rare.sequence.living.pop(task.id, None)
-            if parent.last_child is task:
-                parent.last_child = _newest_child(parent) if task.killed and parent.children else None
+            return
+        if parent.rare is not None and parent.rare.sequence is not None:
+            parent.rare.sequence.pop(task.id, None)
+        if parent.last_child is task:
+            parent.last_child = _newest_child(parent) if task.killed and parent.children else None
 
     def _detach_top(self, task: Task, sender: Module | None) -> None:
         """After a killed top-level task flags refer to the living one that the same module sent before it."""
-        others = self.top_of_module[sender]
-        del others.living[task.id]
+        others = self.top_of_module.get(sender)
+        if others is None or others.pop(task.id, None) is None:
+            return  # it stood aside
         if self.last_of_module.get(sender) is task:
             del self.last_of_module[sender]
-            newest = others.newest() if task.killed else None
-            if newest is not None:
-                self.last_of_module[sender] = newest
-        if not others.living:
+            if task.killed and others:
+                self.last_of_module[sender] = _newest(others)
+        if not others:
             del self.top_of_module[sender]
 
     def forget_module(self, sender: Module) -> None:
@@ -365,8 +349,16 @@ def is_aside(task: Task) -> bool:
 def _newest_child(parent: Task) -> Task | None:
     """After a killed last child flags refer to the sibling before it, not to nothing."""
     if parent.more.sequence is None:
-        parent.more.sequence = Siblings(child for child in (parent.children or {}).values() if not is_aside(child))
-    return parent.more.sequence.newest()
+        children = (parent.children or {}).items()
+        parent.more.sequence = {number: child for number, child in children if not is_aside(child)}
+    return _newest(parent.more.sequence) if parent.more.sequence else None
+
+
+def _newest(siblings: dict[int, Task]) -> Task:
+    """The one that came last of those that are left."""
+    number, task = siblings.popitem()  # which clears the places of all that came later and have ended
+    siblings[number] = task
+    return task
 
 
 def sending_module(task: Task) -> Module | None:

@@ -14,13 +14,12 @@ from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Delivery, Wiretap
 from tca_central.model.intervals import delivered_at
 from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, sending_module, taps_of, to_be_fired
-from tca_central.order.holds import Holds, PendingDelay, from_flags, is_held, resolve
+from tca_central.order.holds import SEQ_ACH, Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Killed, Reached, TimedOut
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
-    END_HANDLING,
     END_PLANNING,
     START_ACHIEVING,
     START_HANDLING,
@@ -39,7 +38,7 @@ class Agenda:
         self.tree = tree
         self.holds = Holds(tree, facts, clock)
         self._facts = facts
-        self._look_at: deque[Task] = deque()
+        self.look_at: deque[Task] = deque()  #: may go on: settle looks at them
         self.startable: deque[Task] = deque()  #: may be given to a handler
         self.withdrawn: deque[Task] = deque()  #: may not any more: take them out of their queues
         self.ended: deque[Task] = deque()  #: have reached their last moment
@@ -63,28 +62,36 @@ class Agenda:
         if task.is_goal:
             parent.unplanned += 1
         added: list[Constraint] = []
-        try:
-            for constraint in from_flags(flags, task, last):
-                added += self.holds.add(constraint, check=constraint.before.task == task.id)
-            for constraint in wanted:
-                added += self.holds.add(resolve(constraint, TaskId(task.id)), check=True)
-        except RequestError:
-            self.holds.undo(added)
-            self.tree.detach(task)
-            parent.unplanned -= task.is_goal
-            raise
-        for constraint in added:
-            if constraint.after.task != task.id:
-                self._hold_again(self.tree.tasks[constraint.after.task])
-        self.tree.become_last(task, sender)
+        if wanted or last is not None or flags != SEQ_ACH:
+            added = self._constrain_new(task, last, flags, wanted)
+        self.tree.become_last(task, parent, sender)
         task.suspended = parent.suspended and not task.role.leaves_safe
         is_late = parent.retrying and not (task.role or task.is_guest)
         if (parent.killed or is_late) and not task.survives:
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.tap_events.append((task, KILLED))
-        self._look_at.append(task)
+        self.look_at.append(task)
         if parent.returned and task.is_watcher:  # there may be nothing left to watch over
-            self._look_at.append(parent)
+            self.look_at.append(parent)
+        return added
+
+    def _constrain_new(self, task: Task, last: Task | None, flags: Flags, wanted: list[Constraint]) -> list[Constraint]:
+        """Add the constraints that a new task was sent with. With RequestError it is taken out of the tree."""
+        added: list[Constraint] = []
+        try:
+            for constraint in from_flags(flags, task, last):
+                added += self.holds.add(constraint, check=constraint.before.task == task.id)
+            for constraint in wanted:
+                added += self.holds.add(resolve(constraint, task.id), check=True)
+        except RequestError:
+            self.holds.undo(added)
+            self.tree.detach(task)
+            if task.parent is not None:
+                task.parent.unplanned -= task.is_goal
+            raise
+        for constraint in added:
+            if constraint.after.task != task.id:
+                self._hold_again(self.tree.tasks[constraint.after.task])
         return added
 
     def constrain(self, wanted: list[Constraint]) -> list[Constraint]:
@@ -104,18 +111,19 @@ class Agenda:
         """A handler was given the task."""
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
-            self._look_at.append(task)
+            if task.is_goal or task.returned:  # its achieving may start, or a monitor was ended before it began
+                self.look_at.append(task)
         self._look_above(task)
 
     def _look_above(self, task: Task) -> None:
         """A monitor is to watch, or may not begin, perhaps under a task that waits for nothing else."""
         if task.is_watcher and task.parent is not None:
-            self._look_at.append(task.parent)
+            self.look_at.append(task.parent)
 
     def mark_returned(self, task: Task) -> None:
         """The task's handler has returned, for good."""
         task.returned = True
-        self._look_at.append(task)
+        self.look_at.append(task)
 
     def retry(self, task: Task) -> None:
         """Let a started task be handled again, as soon as ``Task.may_be_handled_again``."""
@@ -130,7 +138,7 @@ class Agenda:
     def end_retry_asker(self, task: Task, handler: Task) -> None:
         """An exception handler that has asked for a retry has ended."""
         task.more.retry_askers.pop(handler, None)
-        self._look_at.append(task)
+        self.look_at.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
         """Fire again the wiretaps before the start of a task that has not been started."""
@@ -139,7 +147,7 @@ class Agenda:
             task.more.fired = {tap: heard for tap, heard in task.more.fired.items() if tap not in again}
             if task.queues is not None:
                 self._take_back(task)
-            self._look_at.append(task)
+            self.look_at.append(task)
 
     def requeue(self, task: Task) -> None:
         """Let a started task that no handler has any more be handled as soon as that may be."""
@@ -150,14 +158,14 @@ class Agenda:
     def request_again(self, task: Task) -> None:
         """See whether a task that no handler has, and that is in no queue, may go to one."""
         task.requested = False
-        self._look_at.append(task)
+        self.look_at.append(task)
 
     def end_delay(self, release: PendingDelay) -> None:
         """A delay is over."""
         self.holds.release(release)
         if not release.task.killed:
             self._facts.append(TimedOut(release.constraint))
-        self._look_at.append(release.task)
+        self.look_at.append(release.task)
 
     def kill(self, task: Task, verdict: Verdict) -> list[Task]:
         """Mark a task and what dies with it as killed; those for which that is new, parents first."""
@@ -173,7 +181,7 @@ class Agenda:
             if not doomed.is_running:
                 doomed.returned = True
                 self.withdrawn.append(doomed)
-            self._look_at.append(doomed)
+            self.look_at.append(doomed)
         return killed
 
     def suspend(self, task: Task, *, resume: bool) -> list[Task]:
@@ -186,7 +194,7 @@ class Agenda:
             changed.append(one)
             self._look_above(one)
             if resume:
-                self._look_at.append(one)
+                self.look_at.append(one)
                 if one.message.message_class.is_monitor:
                     self.resumed.append(one)
             elif one.requested and one.queues is not None:
@@ -206,36 +214,39 @@ class Agenda:
 
     def settle(self) -> None:
         """Reach all that can be reached."""
-        while self._look_at:
-            self._advance(self._look_at.popleft())
+        while self.look_at:
+            self._advance(self.look_at.popleft())
         if self.holds.ending:
             self.holds.ending.clear()
 
     # --- reaching moments ------------------------------------------------------------------------------------------
 
     def _advance(self, task: Task) -> None:
-        """Reach every moment of the task whose time has come; ask for its delivery when that may be."""
+        """Let a task go on as far as it may: reach moments, ask for its delivery."""
         if task.reached == ALL_MOMENTS:
             return
-        now = STARTS & ~task.reached if task.killed and not task.is_running else 0
-        for moment, needed in task.message.rules.order:
-            reached = task.reached | now
-            if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
-                if not self._may_pass(task, moment):
-                    break
-                now |= moment
-        if now:
-            self._reach(task, now)
-        if (
-            not task.killed
-            and not task.requested
-            and self._may_start(task)
-            and self._may_pass(task, first_moments(task))
-        ):
-            task.requested = True
-            self.startable.append(task)
-        if task.watches_alone:
+        if task.killed or task.reached & START_HANDLING:
+            self._reach_what_may_be(task)
+        if not (task.requested or task.killed) and self._may_start(task):
+            task.requested = not (task.message.taps or task.rare) or self._may_pass(task, first_moments(task))
+            if task.requested:
+                self.startable.append(task)
+        if task.watchers and task.watches_alone:
             self.only_watched.append(task)
+
+    def _reach_what_may_be(self, task: Task) -> None:
+        """Reach every moment, of a task that has begun or was killed, whose time has come."""
+        before = reached = task.reached
+        if task.killed and task.slot is None:
+            reached |= STARTS
+        is_tapped = task.message.taps or task.rare
+        for moment, needed in task.message.rules.order:
+            if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
+                if is_tapped and not self._may_pass(task, moment):
+                    break
+                reached |= moment
+        if reached != before:
+            self._reach(task, reached & ~before)
 
     def _may_pass(self, task: Task, moments: int) -> bool:
         """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
@@ -252,7 +263,7 @@ class Agenda:
     def taps_fired(self, task: Task) -> None:
         """The wiretaps before a task went on have been fired; their listeners may hold it."""
         task.more.is_tapped = False
-        self._look_at.append(task)
+        self.look_at.append(task)
 
     def _may_start(self, task: Task) -> bool:
         if task.suspended or (task.retrying and not task.may_be_handled_again):
@@ -267,19 +278,17 @@ class Agenda:
         """Whether nothing but the order within the task holds that moment back."""
         if task.held and not task.killed and is_held(task, moment):
             return False
+        if moment & STARTS:
+            if task.killed:
+                return task.slot is None
+            return task.ignores_parent or bool(task.parent and task.parent.reached & moment)
         if moment == END_ACHIEVING:
             return task.returned and not task.children
-        if moment == END_PLANNING:
-            return task.returned and not task.unplanned
-        if moment == END_HANDLING:
-            return task.returned
-        if task.killed:
-            return not task.is_running
-        return task.ignores_parent or bool(task.parent and task.parent.reached & moment)
+        return task.returned and not (moment == END_PLANNING and task.unplanned)
 
     def _reach(self, task: Task, moments: int) -> None:
         task.reached |= moments
-        self._facts.append(Reached(TaskId(task.id), moments))
+        self._facts.append(Reached(task.id, moments))
         if not task.killed and (task.message.taps or (task.rare and task.rare.taps)):
             self.tap_events.append((task, moments))
         if task.waiters:
@@ -287,13 +296,13 @@ class Agenda:
                 self.ended_waits.append((task, waiter))
                 del task.waiters[waiter]
         if task.followers:
-            self._look_at.extend(self.holds.release_followers(task, moments))
+            self.look_at.extend(self.holds.release_followers(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):
-            self._look_at.extend(task.children.values())
+            self.look_at.extend(task.children.values())
         if moments & END_PLANNING and task.is_goal and (parent := task.parent) is not None:
             parent.unplanned -= 1
             if not parent.unplanned:
-                self._look_at.append(parent)
+                self.look_at.append(parent)
         if task.reached == ALL_MOMENTS:
             self._end(task)
 
@@ -303,8 +312,10 @@ class Agenda:
             self.holds.forget(task)
         self.ended.append(task)
         parent = task.parent
-        if parent is not None and (parent.retrying or len(parent.children or ()) == len(parent.watchers or ())):
-            self._look_at.append(parent)
+        if parent is None or not (parent.returned or parent.retrying):
+            return
+        if parent.retrying or len(parent.children or ()) == len(parent.watchers or ()):
+            self.look_at.append(parent)
 
     def _hold_again(self, task: Task) -> None:
         """A new constraint holds a task that was startable but has not been delivered: take it out of the queues."""

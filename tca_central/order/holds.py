@@ -37,8 +37,8 @@ from tca_wire.points import (
 )
 from tca_wire.vocabulary import Due, Refusal
 
-_SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
-_PLAN_FIRST, _DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)
+SEQ_ACH, SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
+PLAN_FIRST, DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)
 
 _BITS = 24  # per counter of ``held``: 16 million constraints on one point
 _COUNTER = (1 << _BITS) - 1
@@ -76,7 +76,8 @@ class Holds:
 
         Raises RequestError if it can never be met (looked for where *check*), or comes too late.
         """
-        constraint = self._without_void_delay(constraint)
+        if constraint.delay:
+            constraint = self._without_void_delay(constraint)
         before, after = self.before(constraint), self.place(constraint.after)
         if not constraint.delay and (before is None or before.task.reached & before.moment):
             return []
@@ -287,8 +288,6 @@ class Holds:
 
     def _without_void_delay(self, constraint: Constraint) -> Constraint:
         """The constraint; without its delay if that would count from a point that never comes."""
-        if not constraint.delay:
-            return constraint
         checked_seconds(constraint.delay, f"constraint {constraint} with a delay")
         return Constraint(constraint.before, constraint.after) if self._never_comes(constraint.before) else constraint
 
@@ -305,7 +304,8 @@ class Holds:
 
     def _never_comes(self, point: Point) -> bool:
         """Whether a point is of an interval that never begins, as its task was killed before."""
-        return bool(self.tree.never_began.get(point.task, 0) & start_of(point.moment))
+        unbegun = self.tree.never_began.get(point.task)
+        return unbegun is not None and bool(unbegun & start_of(int(point.moment)))
 
     def place(self, point: Point) -> Place | None:
         """The live task and moment of a point; None if the task has ended."""
@@ -366,13 +366,13 @@ def from_flags(flags: Flags, task: Task, last: Task | None) -> list[Constraint]:
     this, value = TaskId(task.id), int(flags)
     constraints = []
     if last is not None:
-        if value & _SEQ_ACH:
+        if value & SEQ_ACH:
             constraints.append(sequential_achievement(TaskId(last.id), this))
-        if value & _SEQ_PLANNING and task.is_goal:
+        if value & SEQ_PLANNING and task.is_goal:
             constraints.append(sequential_planning(TaskId(last.id), this))
-    if value & _DELAY_PLANNING and task.is_goal:
+    if value & DELAY_PLANNING and task.is_goal:
         constraints.append(delay_planning(this))
-    if value & _PLAN_FIRST:
+    if value & PLAN_FIRST:
         constraints.append(plan_first(this))
     return constraints
 

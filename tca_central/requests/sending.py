@@ -110,7 +110,8 @@ def _route_multi_query(central: State, connection: Connection, header: Send, mes
 
 
 def _route_task(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
-    if header.constraints or header.attachments or header.deadline or header.keep:
+    has_extras = header.constraints or header.attachments or header.deadline or header.keep or header.suspended
+    if has_extras:
         _check_extras(central, header)
     parent = central.tree.root if header.parent == ROOT else central.tree.task(header.parent)
     if parent is None:
@@ -122,13 +123,15 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
         return
     task = Task(TaskId(central.new_id()), message, body, connection)
     task.priority, task.since = header.priority, central.clock.now
-    if message.message_class.is_monitor:
+    is_monitor = message.message_class.is_monitor
+    if is_monitor:
         _make_monitor(central, task, parent, header)
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
-    enlist_monitor(central, task)
-    if header.suspended or header.attachments or header.keep:
+    if is_monitor:
+        enlist_monitor(central, task)
+    if has_extras:
         _add_extras(central, connection, task, header)
     fire_after(central, task, SENT)
     if header.deadline:

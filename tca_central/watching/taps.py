@@ -289,6 +289,8 @@ def _hold_back(central: State, task: Task) -> None:
 
 def fire_after(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
     """Something has happened to a message: fire the taps for it, with *body* or the message's own data."""
+    if not central.taps:
+        return
     for tap in taps_of(tapped):
         is_reply = tap.condition is Condition.AFTER_REPLIED
         if tap.at & what and is_reply == (body is not None):

@@ -69,7 +69,7 @@ IGNORED = {
     },
     "Task": {"parent", "top", "recovery", "guard"},  # met as a child of it; what follows from that
     "Rare": {"ended_followers", "sequence"},  # when to look through them; its children once more
-    "Siblings": {"_order"}, "Agenda": {"_facts"},
+    "Agenda": {"_facts"},
     "Resource": {"_sent_by", "numbers"},  # the same queue in other words; for people
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
     "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
@@ -99,7 +99,7 @@ def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[byt
     central = play.central
     for name, siblings in _by_name(central.tree.top_of_module):  # so that the order between modules does not show
         walk.add(name)
-        walk.add(list(siblings.living.values()))
+        walk.add(list(siblings.values()))
     walk.add(central)
     walk.finish()
     _add_modules(walk, play, detail)

@@ -18,7 +18,7 @@ from tca_central.events import ConnectionId
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, ModuleResource
 from tca_central.model.registry import Registry
 from tca_central.model.resources import Claim
-from tca_central.model.task_tree import Rare, Siblings, TaskTree, Verdict
+from tca_central.model.task_tree import Rare, TaskTree, Verdict
 from tca_central.order.holds import PendingDelay
 from tca_central.state import FailureContext
 from tca_central.watching.watches import Watch
@@ -277,7 +277,7 @@ def test_the_tables_name_what_there_is() -> None:
         central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
-        central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Rare(), Siblings(),  # type: ignore[arg-type]
+        central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]
         Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
         FailureContext(*[None] * 5), AttachedHandler(1, "", message, 0, message, "legs"),  # type: ignore[arg-type]
     ]  # fmt: skip
