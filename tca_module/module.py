@@ -15,6 +15,7 @@ from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Stop
 from tca_module.link.connection import LINGER, PATIENCE, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
 from tca_module.link.opening import CentralAddress, hello, open_connection
+from tca_module.link.stop import Stop
 from tca_module.sending.sender import Sender
 from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
@@ -66,7 +67,7 @@ class Module(Sender):
         self._first: list[Callable[[Module], object]] = []
         self._link: Connection | None = None
         self._slots = Slots(name)
-        self._stop = threading.Event()
+        self._stop = Stop()
         self._keep_alive: KeepAlive | None = None
         self._linger = LINGER
         self._log = logging.getLogger(f"tca.{name}")
@@ -314,14 +315,14 @@ class Module(Sender):
 
 
 @contextmanager
-def _stopped_by_signals(stop: threading.Event) -> Iterator[None]:
+def _stopped_by_signals(stop: Stop) -> Iterator[None]:
     """The first SIGINT or SIGTERM sets *stop*, the second ends the process at once."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def on_signal(*_: Any) -> None:
-        stop.set()
+        stop.note()
         for number in numbers:
             signal.signal(number, signal.SIG_DFL)
 

@@ -32,7 +32,7 @@ from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.codec import pack_item, packets, unpack_to_central
-from tca_wire.packets.headers import Closing, Hello, ToModule
+from tca_wire.packets.headers import Closing, Hello, ToModule, Unknown
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording
 
@@ -229,6 +229,9 @@ class LocalCentral:
             known = list(self.core.registry.connections.values())
             for connection in [one.id for one in known if one.module.name == module]:
                 self._handle(ConnectionLost(self.now(), connection))
+                if (transport := self._connections.get(connection)) is not None:
+                    transport.arrive(pack_item(Unknown()))  # what is said to those who connect again
+            self.look()
 
     def closed(self, connection: ConnectionId) -> None:
         """The far end of a connection is gone."""
@@ -271,7 +274,7 @@ class LocalTransport:
         self.packets: deque[tuple[int, bytes]] = deque()  #: what has come, numbered in the order of all that comes
         self.due = math.inf  #: its thread has a callback to call then; of stepped clocks only
         self._central = central
-        self._waker: Waker | None = None
+        self._waker = Waker()
         self._lock = lock
         self._called = threading.Condition(lock)
 
@@ -305,8 +308,7 @@ class LocalTransport:
         self._run()
         self.has_turn, self.due = True, math.inf
         self._called.notify()
-        if self._waker is not None:
-            self._waker.set()
+        self._waker.set()
 
     def receive(self, timeout_seconds: float) -> bytes | None:
         """The next packet; None if there is none in time, or ``wake`` was called."""
@@ -359,18 +361,20 @@ class LocalTransport:
 
     def has_arrived(self) -> bool:
         """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
-        is_woken = self._waker is not None and self._waker.clear()
+        is_woken = self._waker.clear()
         with self._lock:
             return is_woken or self._has_some()
 
     def fileno(self) -> int:
         """A file that becomes readable when a packet arrives."""
-        return self.waker().fileno()
+        return self._waker.fileno()
+
+    def files(self) -> Collection[int]:
+        """The file that becomes readable when a packet arrives, or ``wake`` is called."""
+        return (self.fileno(),)
 
     def waker(self) -> Waker:
         """Ends waits from other threads."""
-        if self._waker is None:
-            self._waker = Waker()
         return self._waker
 
     def wake(self) -> None:
@@ -382,8 +386,7 @@ class LocalTransport:
     def close(self) -> None:
         """Central notices if nobody said goodbye."""
         self._central.closed(self.id)
-        if self._waker is not None:
-            self._waker.close()
+        self._waker.close()
 
 
 _ARRIVALS = itertools.count()

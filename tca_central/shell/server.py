@@ -35,7 +35,7 @@ from tca_central.shell.pulses import Pulses
 from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec
-from tca_wire.packets.headers import Beat, Closing, ToModule
+from tca_wire.packets.headers import Beat, Closing, ToModule, Unknown
 from tca_wire.vocabulary import Limit
 
 log = logging.getLogger("tca.central")
@@ -52,13 +52,18 @@ _OPTIONS = (
     (zmq.LINGER, 1000),
     (zmq.HANDSHAKE_IVL, 2000),
     # No HEARTBEAT_IVL: docs/decisions/0063-the-pulse-of-a-process.md
-    (zmq.TCP_MAXRT, 5000),  # milliseconds that a line may take nothing, and central's beats are always on the way
+    (zmq.TCP_MAXRT, 5000),  # milliseconds that a line may take nothing
+    (zmq.TCP_KEEPALIVE, 1),  # and something is always on the way
+    (zmq.TCP_KEEPALIVE_IDLE, 1),  # seconds
+    (zmq.TCP_KEEPALIVE_INTVL, 1),
 )
 
 _BEAT = codec.pack_item(Beat())
-BEAT_PERIOD = 1.0
+PULSE_PERIOD = 1.0
+BEAT_PERIOD = 2.0  # to connections that wait for an answer
+SWEEP_PERIOD = 30.0  # to all of them
 LOST_AFTER = 5
-"""Beats without a word from a process that has a pulse: it stands still, and counts as lost."""
+"""Beats on a pulse without a word from a process that has a pulse: it stands still, and counts as lost."""
 PACKETS_PER_TURN = 256
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
 OUTBOX_BYTES = 64 << 20
@@ -91,7 +96,7 @@ class Server:
         self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
         self._too_slow: dict[ConnectionId, str] = {}
         self._lines = LogLines(log, central)
-        self._next_beat = self._next_pulse = BEAT_PERIOD
+        self._next_pulse, self._next_beat, self._next_sweep = PULSE_PERIOD, BEAT_PERIOD, SWEEP_PERIOD
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
         self._lock = _lock_of(endpoint)
@@ -150,7 +155,7 @@ class Server:
             self._woken.recv(4096)
         if self.socket in ready:
             yield from self._received()
-        if self._has_lost or self.now() >= self._next_beat:
+        if self._has_lost or self._too_slow or self.now() >= self._next_beat:
             yield from self._lost()
         if self.now() >= self._next_pulse:
             yield from self._silent()
@@ -185,6 +190,8 @@ class Server:
 
     def _patience(self) -> int:
         """Milliseconds until something is due: the next beat, or a timer, or another try with a slow connection."""
+        if self._has_lost or self._too_slow:
+            return 0
         if self._dirty:
             return 10
         due = self.central.clock.next
@@ -210,6 +217,9 @@ class Server:
                 packet = frame.bytes if not frame.more else self._one_frame(frame)
                 if packet == _BEAT:  # sent back by a pulse
                     continue
+                if not packet:  # a line is new
+                    self._greet(connection)
+                    continue
                 items = codec.unpack_to_central(packet)
             except ProtocolError as error:
                 yield BadBytes(now, connection, str(error))
@@ -226,32 +236,48 @@ class Server:
         msg = f"{frames} frames; a packet is one"
         raise ProtocolError(msg)
 
+    def _greet(self, connection: ConnectionId) -> None:
+        """Somebody has connected, or connected again: he is to say who he is."""
+        if connection not in self.central.registry.connections:
+            self._put(connection, Unknown(), b"")
+
     def _lost(self) -> Iterator[Event]:
-        """Beat to every connection; the socket knows which are gone (the door tells only that some are)."""
-        self._has_lost = False
-        self._next_beat = self.now() + BEAT_PERIOD
-        self._lines.losses.tell(self.now())
+        """Beat to those who wait for an answer; to all when some are gone, for the door does not tell which (the socket
+        does), and now and then.
+        """
+        now, known = self.now(), self.central.registry.connections
+        is_sweep = self._has_lost or now >= self._next_sweep
+        if self._has_lost:
+            self._has_lost, self._next_sweep = False, now + PULSE_PERIOD  # the door may be ahead of the socket
+        elif is_sweep:
+            self._next_sweep = now + SWEEP_PERIOD
+        self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
+        for stranger in [one for one in self._outboxes if one not in known]:
+            self._forget(stranger)
         for connection, why in self._too_slow.items():
-            yield ConnectionLost(self.now(), connection, why)
+            yield ConnectionLost(now, connection, why)
+            self._greet(connection)
         self._too_slow.clear()
-        gone = []
-        for connection in list(self.central.registry.connections):
-            try:
-                self.socket.send_multipart((connection, _BEAT), zmq.DONTWAIT)
-            except zmq.Again:
-                continue
-            except zmq.ZMQError:
-                gone.append(connection)
+        gone = [one.id for one in list(known.values()) if (is_sweep or one.outstanding) and not self._beat(one.id)]
         if gone:
             yield from self._last_words()
         for connection in gone:
             yield ConnectionLost(self.now(), connection)
-        for stranger in [known for known in self._outboxes if known not in self.central.registry.connections]:
-            self._forget(stranger)
+
+    def _beat(self, connection: ConnectionId) -> bool:
+        """Say that central lives; False if nobody is there."""
+        try:
+            self.socket.send_multipart((connection, _BEAT), zmq.DONTWAIT)
+        except zmq.Again:
+            return True
+        except zmq.ZMQError:
+            return False
+        return True
 
     def _silent(self) -> Iterator[Event]:
         """Beat to every process; those that stand still do not send it back, whatever the kernel says of them."""
-        self._next_pulse = self.now() + BEAT_PERIOD
+        self._next_pulse = self.now() + PULSE_PERIOD
+        self._lines.losses.tell(self.now())
         known, pulses = self.central.registry.connections, self._pulses
         beating = pulses.beat(known.values()) if self._lost_after else set()
         if pulses.silent():
@@ -260,6 +286,7 @@ class Server:
         silent = pulses.silent()
         for connection in [one for one in known.values() if one.pulse in silent]:
             yield ConnectionLost(self.now(), connection.id, f"its process was silent for {self._lost_after} s")
+            self._greet(connection.id)  # should it go on
         for pulse in beating - silent:
             try:
                 self.socket.send_multipart((pulse, _BEAT), zmq.DONTWAIT)
@@ -303,11 +330,10 @@ class Server:
         except zmq.Again:
             if outbox.bytes > OUTBOX_BYTES:
                 self._too_slow[connection] = f"it reads too slowly: {outbox.bytes} bytes wait for it"
-                self._next_beat = 0.0
                 self._forget(connection)
             return
         except zmq.ZMQError:  # gone; the next beat tells the core
-            self._next_beat = 0.0
+            self._has_lost |= connection in self.central.registry.connections
             self._forget(connection)
             return
         del self._dirty[connection]

@@ -17,6 +17,8 @@ from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver, Send, ToCentral
 from tca_wire.packets.routes import Entrance, Noted
 
+RESTLESS = 0.2  # seconds between two looks at a way on which an answer or a greeting is due
+
 
 class OpenedEntrance:
     """A slot's socket for direct messages, before it has said Hello."""
@@ -97,6 +99,8 @@ class DirectMessages:
         """The seconds, at most so many, in which there is nothing to do."""
         if self._may_take:
             return 0.0
+        if self._routes.is_restless:
+            seconds = min(seconds, RESTLESS)
         return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - self._clock()))
 
     def report(self, *, at_once: bool = False) -> None:

@@ -83,6 +83,11 @@ class DirectPath:
         return bool(self.requests) or bool(self._under_way and not self.is_over)
 
     @property
+    def is_restless(self) -> bool:
+        """Whether ``tend`` may have something to do though nothing arrives."""
+        return not self.is_over and (self._gives_up is not None or self.is_needed or not self._is_open)
+
+    @property
     def unheard(self) -> int:
         """The number of informs that may not have arrived, and are not lost yet."""
         under_way = {} if self.is_over else self._under_way

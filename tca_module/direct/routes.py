@@ -76,6 +76,11 @@ class DirectRoutes:
         return sum(path.unheard for path in self._paths.values())
 
     @property
+    def is_restless(self) -> bool:
+        """Whether ``listen`` may have something to do though nothing arrives."""
+        return any(path.is_restless for path in self._paths.values())
+
+    @property
     def is_used(self) -> bool:
         """Whether there is a way to anywhere."""
         return bool(self._paths)

@@ -19,7 +19,7 @@ from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
 from tca_module.session.epoch_numbers import RESTARTED, check_epoch, first_foreign, numbers_in
 from tca_module.session.open_deliveries import KILLED, wake_error, working_on
 from tca_module.session.request import Request, refers_to_tasks, waits_for_others
-from tca_module.session.session import Session
+from tca_module.session.session import Session, quiet_within
 from tca_module.sockets.transport import Transport, is_anybody_there
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Await, Bye, Deliver, Register, Release, ToCentral, Unregister
@@ -363,10 +363,32 @@ class Connection:
         with self._lock:
             self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
 
-    def tend(self, since: float, within: float = STEP) -> float:
+    def tend(self, since: float) -> float:
         """Keep the connection alive while its own thread is busy; the seconds of central's silence."""
         with self._lock:
-            return self.line.tend(since, within)
+            return self.line.tend(since, quiet_within(self.patience))
+
+    def keep(self, since: float, quiet: float) -> tuple[float, float] | None:
+        """``tend`` for another thread, while nothing is asked here; the seconds of central's silence, and in how many
+        there is something to do. None: its own thread uses it.
+        """
+        if not self._lock.acquire(blocking=False):
+            return None
+        try:
+            self.transport.has_arrived()  # from now on its files tell of news
+            silence = self.line.tend(since, quiet)
+            patience = self.patience if silence < self.patience else _FOR_EVER
+            return silence, self._seconds_to(_FOR_EVER, since, quiet, patience)
+        finally:
+            self._lock.release()
+
+    def _seconds_to(self, deadline: float, since: float, quiet: float, patience: float) -> float:
+        """The seconds until something is due, if nothing comes: at the latest at the deadline."""
+        session, now = self.session, self.now()
+        until = min(deadline, session.due(since, quiet), max(session.heard, since) + patience)
+        if not session.is_welcome:
+            until = min(deadline, max(until, now + STEP))
+        return self.direct.patience(max(0.0, until - now))
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait until *is_over*, calling callbacks meanwhile; whether it is. Raises what ``wait`` does."""
@@ -412,6 +434,7 @@ class Connection:
         session, since = self.session, self.now()
         now, deadline = since, _FOR_EVER if timeout is None else since + timeout
         patience = self.patience if patience is None else patience
+        quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
         while not is_over():
             if self.has_news:
                 self.take_news()
@@ -419,20 +442,20 @@ class Connection:
             if self.handle_delivery is not None and (delivery := self.direct.next_delivery()) is not None:
                 self.handle_delivery(*delivery)
                 continue
-            session.tend(now, since)
+            session.tend(now, since, quiet)
             left = max(0.0, deadline - now)
             send_wait = SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
             self.line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
-            step = self.direct.patience(min(STEP, max(0.0, deadline - self.now())))
+            step = self._seconds_to(deadline, since, quiet, patience)
             self.line.listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.handle_delivery is not None and (message := self.direct.take()) is not None:
                 self.handle_delivery(*message)  # one at a time, and central is heard in between
             before, now = now, self.now()
-            if now - before > STALL:
+            if now - before > step + STALL:
                 since = now  # this process stood still, and central's words have yet to be read: blame nobody
             if now >= deadline:
                 return is_over()
-            if now - max(session.heard, since) > patience:
+            if now >= max(session.heard, since) + patience:
                 raise self.line.lost()
         return True
 

@@ -1,65 +1,166 @@
-"""The thread that keeps a module's first connection alive, and tells central when the module was stopped."""
+"""Keeps the first connections of modules alive, and tells central when a module was stopped.
+
+One thread does so for all modules of a process. It sleeps until something arrives, or is due.
+"""
 
 import logging
+import os
+import select
 import threading
 import time
+from collections.abc import Collection
+from dataclasses import dataclass, field
 
 from tca_module.errors import NoCentral
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL
+from tca_module.link.stop import Stop
+from tca_module.session.session import quiet_within
+from tca_module.sockets.transport import Waker
 
-TEND_PERIOD = 0.5  # seconds between two looks at the connection
+TEND_PERIOD = 0.5  # seconds between two looks at a connection that its own thread uses, or that central does not answer
+
+
+@dataclass
+class Turn:
+    """One turn of the thread. What is known of a central is so for all modules, so one of them asks it for all."""
+
+    now: float
+    ready: set[int]  #: the files that can be read
+    heard: dict[str, float]  #: when a central, by its address, last said anything
+    asked: set[str] = field(default_factory=set)  #: centrals that a module has seen to in this turn
+    advice: dict[str, str] = field(default_factory=dict)  #: what to do about one that does not answer
 
 
 class KeepAlive:
-    """The thread; runs from its creation to ``end``."""
+    """Keeps the first connection of one module alive, from its creation to ``end``."""
 
-    def __init__(self, link: Connection, patience: float, stop: threading.Event, *, reconnect: bool) -> None:
+    def __init__(self, link: Connection, patience: float, stop: Stop, *, reconnect: bool) -> None:
         self.error: NoCentral | None = None  #: the error that ended the module before its time
+        self.since = self.due = time.monotonic()  #: silence counts from then; when to look again if nothing arrives
+        self.files: Collection[int] = ()  #: those that tell of something
         self._link = link
         self._patience = patience
         self._reconnect = reconnect
         self._stop = stop  #: the module is to end
-        self._is_left = threading.Event()  #: its thread leaves
-        self._since = self._looked = time.monotonic()
+        self._has_told = False  #: that it is stopped
         self._warned = False
         self._log = logging.getLogger(f"tca.{link.session.module}")
-        self._thread = threading.Thread(target=self._run, name=f"{link.session.module} keeper", daemon=True)
-        self._thread.start()
+        self._keeper = _keeper
+        self._keeper.add(self)
+        stop.wakes(self._keeper.waker.set)
 
     def end(self) -> None:
         """End it, because the module's thread leaves and tells central itself. Sets *stop*."""
-        self._is_left.set()
+        self._keeper.remove(self)
         self._stop.set()
-        self._thread.join()
 
-    def _run(self) -> None:
-        while not self._stop.wait(TEND_PERIOD):
-            self._tend()
-        if self._is_left.is_set():
-            return
-        self._log.info("module '%s' has stopped, and handles nothing any more", self._link.session.module)
-        self._link.session.is_to_withdraw = True
-        self._link.transport.wake()  # the thread that waits on the connection reports it
-        self._tend()
-        while not self._is_left.wait(TEND_PERIOD):
-            self._tend()
+    def is_due(self, turn: Turn) -> bool:
+        """Whether there is something to do."""
+        is_told = self._has_told or not self._stop.is_set()
+        return self.due <= turn.now or not turn.ready.isdisjoint(self.files) or not is_told
 
-    def _tend(self) -> None:
-        link, silence = self._link, self._link.tend(self._since)
-        before, self._looked = self._looked, time.monotonic()
-        if self._looked - before > STALL:
-            self._since = self._looked  # it was this process that stood still
+    def look(self, turn: Turn) -> None:
+        """Do what is due."""
+        link, address = self._link, self._link.transport.address
+        if self._stop.is_set() and not self._has_told:
+            self._has_told = True
+            self._log.info("module '%s' has stopped, and handles nothing any more", link.session.module)
+            link.session.is_to_withdraw = True
+            link.transport.wake()  # if its thread waits on the connection, that reports it
+        since = max(self.since, turn.heard.get(address, self.since))
+        quiet = quiet_within(self._patience, is_idle=True) if address not in turn.asked else float("inf")
+        kept = link.keep(since, quiet)
+        if kept is None:
+            self.files, self.due = (), turn.now + TEND_PERIOD
             return
-        if silence > self._patience and not self._reconnect and not self._stop.is_set():
+        turn.asked.add(address)
+        turn.heard[address] = max(since, link.session.heard)
+        silence, seconds = kept
+        is_silent = silence >= self._patience
+        self.files = link.transport.files()
+        self.due = turn.now + (seconds if link.session.is_welcome and not is_silent else TEND_PERIOD)
+        self._tell(turn, is_silent=is_silent)
+
+    def _tell(self, turn: Turn, *, is_silent: bool) -> None:
+        link, address = self._link, self._link.transport.address
+        if is_silent and not self._reconnect and not self._stop.is_set():
             module, lost = link.session.module, link.line.lost()
             self.error = NoCentral(f"module '{module}': {lost}")
             self._log.error("module '%s' ends: %s", module, lost)
             self._stop.set()
-        elif silence > self._patience and not self._warned:
-            self._log.warning(
-                "central at %s does not answer, and is tried again: %s", link.transport.address, link.line.what_to_do()
-            )
-        elif silence <= self._patience and self._warned:
-            self._log.warning("central at %s is back", link.transport.address)
-        self._warned = silence > self._patience
+        elif is_silent and not self._warned:
+            if address not in turn.advice:
+                turn.advice[address] = link.line.what_to_do()
+            self._log.warning("central at %s does not answer, and is tried again: %s", address, turn.advice[address])
+        elif not is_silent and self._warned:
+            self._log.warning("central at %s is back", address)
+        self._warned = is_silent
+
+
+class _Keeper:
+    """The thread, while there is something to keep alive."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()  #: held while connections are looked at
+        self.waker = Waker()
+        self._kept: list[KeepAlive] = []
+        self._is_running = False
+
+    def add(self, one: KeepAlive) -> None:
+        """From now on look after this."""
+        with self.lock:
+            self._kept.append(one)
+            if not self._is_running:
+                self._is_running = True
+                threading.Thread(target=self._run, name="keeper", daemon=True).start()
+        self.waker.set()
+
+    def remove(self, one: KeepAlive) -> None:
+        """Look after it no longer."""
+        with self.lock:
+            self._kept.remove(one)
+        self.waker.set()
+
+    def _run(self) -> None:
+        heard: dict[str, float] = {}
+        ready: set[int] = set()
+        while True:
+            with self.lock:
+                turn = Turn(time.monotonic(), ready, heard)
+                for one in self._kept:
+                    if one.is_due(turn):
+                        one.look(turn)
+                if not self._kept:
+                    self._is_running = False
+                    return
+                due = min(one.due for one in self._kept)
+                files = {file for one in self._kept for file in one.files}
+                self._kept.append(self._kept.pop(0))  # they take turns to ask
+            ready = self._wait(due, files)
+
+    def _wait(self, due: float, files: Collection[int]) -> set[int]:
+        """Wait until something is due, or can be read; the files that can be."""
+        poll = select.poll()
+        for file in (self.waker.fileno(), *files):
+            poll.register(file, select.POLLIN)
+        ready = poll.poll(max(0.0, 1000 * (due - time.monotonic())) + 1)
+        self.waker.clear()
+        now = time.monotonic()
+        if now - due > STALL:
+            with self.lock:
+                for one in self._kept:
+                    one.since = now  # it was this process that stood still
+        return {file for file, _ in ready}
+
+
+_keeper = _Keeper()
+
+
+def _begin_anew() -> None:
+    """A forked child has none of the threads, nor of the modules."""
+    global _keeper  # noqa: PLW0603
+    _keeper = _Keeper()
+
+
+os.register_at_fork(after_in_child=_begin_anew)

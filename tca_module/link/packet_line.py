@@ -11,8 +11,8 @@ from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 
 SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
-STEP = 0.2  # seconds at a time that a wait listens, so that stops are noticed
-STALL = 2.0  # seconds that a turn of a wait never takes unless the process itself was stopped
+STEP = 0.2  # seconds at a time that a wait listens while central is not there
+STALL = 2.0  # seconds by which a turn of a wait is never late unless the process itself was stopped
 
 
 class PacketLine:
@@ -56,24 +56,18 @@ very long; or no central listens there, but another program"
 
     def catch_up(self) -> None:
         """Take in arrived packets. So a caller that never waits notices a cut, and comes back."""
+        self.tend(float("-inf"))
+
+    def tend(self, since: float, quiet: float | None = None) -> float:
+        """Keep the line alive; the seconds of central's silence, at most since then. After *quiet* seconds it is asked
+        for a word.
+        """
         while self.listen(0.0):
             pass
         now = self._clock()
-        self._session.tend(now, self._session.heard if self._session.is_welcome else now)
-        if self._session.outgoing:
-            self.flush(wait_seconds=0)
-
-    def tend(self, since: float, within: float) -> float:
-        """Keep the line alive; the seconds of central's silence, at most since then. *within*: seconds to wait for a
-        central that does not know all of this connection yet.
-        """
-        self.catch_up()
-        self._session.tend(self._clock(), since)
+        self._session.tend(now, since, quiet)
         self.flush(wait_seconds=0)
-        until = self._clock() + within
-        while not self._session.is_known and self.listen(max(0.0, until - self._clock())):
-            self.flush(wait_seconds=0)
-        return self._clock() - max(self._session.heard, since)
+        return now - max(self._session.heard, since)
 
     def listen(self, timeout: float) -> bool:
         """Take in what arrives next; False if nothing does in time."""

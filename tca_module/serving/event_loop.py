@@ -135,7 +135,7 @@ class EventLoop:
     def _listen(self) -> float:
         """Do all pending work; the seconds of central's silence."""
         connection = self._connection
-        silence = connection.tend(self._since, 0.0)
+        silence = connection.tend(self._since)
         while connection.has_news:
             connection.take_news()
         while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:

@@ -10,6 +10,7 @@ from typing import Any
 from tca_module.errors import MisuseError, NotSent, Stopped
 from tca_module.link.connection import Connection
 from tca_module.link.opening import CentralAddress, open_connection
+from tca_module.link.stop import Stop
 from tca_module.sending.handler_errors import module_ended
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
@@ -34,7 +35,7 @@ class Slot:
 
     def __init__(
         self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
-        callbacks: Callbacks, stop: threading.Event, attachments: LastingAttachments, linger: float,
+        callbacks: Callbacks, stop: Stop, attachments: LastingAttachments, linger: float,
     ) -> None:  # fmt: skip
         self.error: BaseException | None = None  #: the error that ended the thread before its time
         self.handling = ""  #: the message whose handler runs
@@ -56,8 +57,6 @@ class Slot:
 
     def join(self, timeout: float | None = None) -> bool:
         """Wait, at most *timeout* seconds, until the thread has ended; whether it has. *stop* is set."""
-        if self._connection is not None:
-            self._connection.transport.wake()
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
@@ -76,6 +75,7 @@ class Slot:
 
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
+        self._stop.wakes(connection.transport.wake)
         connection.handle_delivery = self._attend
         connection.session.open_deliveries.is_ending = self._stop.is_set
         connection.root_sender = RootSender(connection)

@@ -51,6 +51,13 @@ class Redeclaration:
         """Whether central has been asked for something that it answers at once."""
         return self._open > 0 and not self._is_waiting
 
+    @property
+    def due(self) -> float:
+        """When ``tend`` has something to do."""
+        if self.is_over or self.is_answered_soon:
+            return _NEVER
+        return 0.0 if self._due == _NEVER else self._due
+
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
         """The central of that epoch knows nothing. With nothing but handlers to declare, this is over at once."""
         self._reset(epoch, messages)
@@ -118,6 +125,7 @@ class Redeclaration:
         elif now >= self._due and self._is_refused:
             self._tell()
         elif now >= self._due:
+            self._due = now + PATIENCE
             names = ", ".join(f"'{name}'" for name in self.required)
             self._say_once(f"waits for handlers of {names}, which it requires; see 'tca messages'")
 

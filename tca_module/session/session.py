@@ -35,7 +35,8 @@ from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
 
 HELLO_NUMBER = 1  # Hello keeps it when it is said again
-QUIET = 2.5  # seconds without a word after which central is asked for one; it beats every second
+QUIET = 2.5  # seconds without a word after which who waits for central asks it for one
+IDLE = 45.0  # the same for who waits for nothing in particular: central beats every 30 seconds
 REPEAT = 1.0  # seconds between two such questions
 CONFIRM_EVERY = 100  # statements that may be on their way before central is asked for a word
 _REPLIES_KEPT = 8  # to be said again after a break, until a further delivery shows that they arrived
@@ -44,6 +45,11 @@ _REPLIES_KEPT = 8  # to be said again after a break, until a further delivery sh
 _ARE_YOU_THERE = headers.Register(0, [], [])
 
 Item = tuple[headers.ToCentral, bytes]
+
+
+def quiet_within(patience: float, *, is_idle: bool = False) -> float:
+    """The seconds of silence after which one who loses patience after so many asks central for a word."""
+    return min(IDLE if is_idle else QUIET, 0.75 * patience)
 
 
 class Session:
@@ -194,23 +200,29 @@ class Session:
         declared = self._messages.get(header.message)
         return declared is not None and declared.message_class.is_task
 
-    @property
-    def is_known(self) -> bool:
-        """Whether central has been told everything that it would take at once."""
-        return self.is_welcome and not self.redeclaration.is_answered_soon
-
     # --- the connection --------------------------------------------------------------------------------------------
 
-    def tend(self, now: float, since: float) -> None:
-        """After a silence ask central for a word, every second. *since* is when somebody began to listen."""
+    def due(self, since: float, quiet: float) -> float:
+        """When ``tend`` has something to do, if nothing arrives before."""
+        if self.is_to_withdraw:
+            return float("-inf")
+        return min(self._asks_at(since, quiet), self.redeclaration.due if self.is_welcome else float("inf"))
+
+    def _asks_at(self, since: float, quiet: float) -> float:
+        again = self._asked + REPEAT
+        return max(again, max(self.heard, since) + quiet) if self.is_welcome else again
+
+    def tend(self, now: float, since: float, quiet: float | None = None) -> None:
+        """After a silence ask central for a word, every second. *since* is when somebody began to listen, *quiet* the
+        seconds that it may have nothing to say.
+        """
         if self.is_to_withdraw:
             self.is_to_withdraw = False
             self.withdrawn()
             self.request(headers.Unregister(0, []))
         if self.is_welcome:
             self.redeclaration.tend(now)
-        is_due = not self.is_welcome or now - max(self.heard, since) >= QUIET
-        if is_due and now - self._asked >= REPEAT:
+        if now >= self._asks_at(since, QUIET if quiet is None else quiet):
             self._asked = now
             self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
 

@@ -7,6 +7,7 @@ import os
 import select
 import selectors
 import socket as sockets
+import sys
 import threading
 import time
 from collections.abc import Collection
@@ -20,17 +21,19 @@ from tca_module.sockets.pulse import KEEPALIVE, Pulse, pulse_to
 _OPTIONS = (
     # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind (libzmq #2892).
     (zmq.IMMEDIATE, 1),  # refuse to queue for a central that is not there, instead of losing it
+    (zmq.PROBE_ROUTER, 1),  # an empty message on each new line: a central that does not know us says so at once
     (zmq.SNDHWM, 1000),
     (zmq.LINGER, 1000),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 5000),
-    # No HEARTBEAT_IVL, central's beats tell enough: one that is due while a socket lingers whose far end has closed
-    # ends the process (libzmq 4.3.5: "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line by itself.
+    # No HEARTBEAT_IVL: one that is due while a socket lingers whose far end has closed ends the process (libzmq 4.3.5:
+    # "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line by itself.
     *KEEPALIVE,
 )
 
 
 _PROBED_WITHIN = 0.2  # seconds
+_LIVELY = 0.02  # seconds after a packet in which the next one is likely to come
 
 
 class Beside(Protocol):
@@ -56,6 +59,9 @@ class Transport(Beside, Protocol):
     def receive(self, timeout_seconds: float) -> bytes | None:
         """The next packet; None if there is none in time."""
 
+    def files(self) -> Collection[int]:
+        """The files of which one becomes readable when there may be something, or ``wake`` is called."""
+
     def waker(self) -> "Waker":
         """Ends waits from other threads; from now on ``wake`` takes effect at once."""
 
@@ -79,37 +85,43 @@ class Waker:
     """Ends the waits of one thread from others."""
 
     def __init__(self) -> None:
-        self._near, self._far = sockets.socketpair()
-        self._near.setblocking(False)
-        self._far.setblocking(False)
-        self._lock = threading.Lock()
+        if hasattr(os, "eventfd"):
+            self._near = self._far = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        else:
+            self._near, self._far = os.pipe()
+        self._lock = threading.RLock()  # a signal's handler may set it, too
         self._is_set = False
 
     def fileno(self) -> int:
         """The file that is readable when it is set."""
-        return self._near.fileno()
+        return self._near
 
     def set(self) -> None:
         """End the wait, or the next one."""
-        with self._lock, contextlib.suppress(OSError):  # closed: nobody waits any more
+        with self._lock:
             if not self._is_set:
                 self._is_set = True
-                self._far.send(b".")
+                os.write(self._far, _ONE)
 
     def clear(self) -> bool:
         """Let waits last again; whether it was set."""
         if not self._is_set:
             return False
         with self._lock:
+            os.read(self._near, len(_ONE))
             self._is_set = False
-            self._near.recv(1)
         return True
 
     def close(self) -> None:
-        """End for good."""
+        """End for good; twice does no harm."""
         with self._lock:
-            self._near.close()
-            self._far.close()
+            self._is_set = True  # nobody waits any more, and nobody is to write into what has the files' numbers next
+            files, self._near, self._far = {self._near, self._far}, -1, -1
+            for file in files - {-1}:
+                os.close(file)
+
+
+_ONE = (1).to_bytes(8, sys.byteorder)  # what an eventfd takes; a pipe takes anything
 
 
 def is_anybody_there(address: str) -> bool:
@@ -158,7 +170,7 @@ def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> d
     Returns the files that have; False: that one is not open.
     """
     poll = select.poll()
-    for file in (transport.fileno(), transport.waker().fileno(), *files):
+    for file in (*transport.files(), *files):
         poll.register(file, select.POLLIN)
     timeout = 0 if transport.has_arrived() else 1000 * max(0.0, seconds)
     with transport.pausing() if timeout else _NO_PAUSE:
@@ -187,8 +199,11 @@ class DealerTransport:
     def __init__(self, address: str) -> None:
         self.address = address
         self._socket = context().socket(zmq.DEALER)
+        self._file = int(self._socket.getsockopt(zmq.FD))
         self._receive_timeout = -1
-        self._waker: Waker | None = None
+        self._waker = Waker()
+        self._is_woken_at_once = False
+        self._is_lively = False  #: something was sent lately, or asked for
         self._all: selectors.DefaultSelector | None = None  #: of all files that are waited for
         self._beside: dict[Beside, int] = {}  #: other things waited for -> the file of each
         for option, value in _OPTIONS:
@@ -204,6 +219,7 @@ class DealerTransport:
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         """Send, waiting so long for central to be there and take it; whether it left."""
+        self._is_lively = True
         try:
             self._socket.send(packet, DONTWAIT)
         except zmq.Again:
@@ -218,14 +234,18 @@ class DealerTransport:
         if timeout_seconds <= 0:
             # Asking is cheaper than the exception that an empty socket raises.
             return socket.recv(DONTWAIT) if int(socket.getsockopt(EVENTS)) & POLLIN else None
-        if self._waker is not None:
+        if self._is_lively and not (self._beside or self._is_woken_at_once):
+            # ZeroMQ's own wait costs less, but no wake from another thread ends it.
+            if (packet := self._receive_soon(min(timeout_seconds, _LIVELY))) is not None:
+                return packet
+            self._is_lively = False
+            timeout_seconds -= _LIVELY
+        if timeout_seconds > 0:
             wait(self, timeout_seconds)
-            return self.receive(0)
-        if self._beside:
-            if not self.has_arrived():
-                self._together().select(timeout_seconds)
-            return self.receive(0)
-        milliseconds = int(timeout_seconds * 1000) + 1  # rounded up: 0 would be a busy wait
+        return self.receive(0)
+
+    def _receive_soon(self, timeout_seconds: float) -> bytes | None:
+        socket, milliseconds = self._socket, int(timeout_seconds * 1000) + 1  # rounded up: 0 would be a busy wait
         if milliseconds != self._receive_timeout:
             self._receive_timeout = milliseconds
             socket.setsockopt(zmq.RCVTIMEO, milliseconds)
@@ -246,12 +266,12 @@ class DealerTransport:
     def _together(self) -> selectors.DefaultSelector:
         if self._all is None:
             self._all = selectors.DefaultSelector()
-            self._all.register(int(self._socket.getsockopt(zmq.FD)), selectors.EVENT_READ)
+            self._all.register(self._file, selectors.EVENT_READ)
         return self._all
 
     def has_arrived(self) -> bool:
         """Whether there is something to receive, here or beside, or ``wake`` was called since this was asked last."""
-        is_woken = self._waker is not None and self._waker.clear()
+        is_woken = self._waker.clear()
         arrived = [beside.has_arrived() for beside in self._beside]  # all must be asked
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
 
@@ -271,24 +291,25 @@ class DealerTransport:
         """A file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
         return self._together().fileno()
 
+    def files(self) -> Collection[int]:
+        """The files of which one becomes readable when there may be something, or ``wake`` is called."""
+        return self._file, self._waker.fileno(), *self._beside.values()
+
     def waker(self) -> Waker:
         """Ends waits from other threads; from now on ``wake`` takes effect at once."""
-        if self._waker is None:
-            self._waker = Waker()
+        self._is_woken_at_once = True
         return self._waker
 
     def wake(self) -> None:
-        """Let ``receive`` return soon; until somebody asked for the waker, that is when its short waits end."""
-        if self._waker is not None:
-            self._waker.set()
+        """Let ``receive`` return soon: within 0.02 s, until somebody asked for the waker."""
+        self._waker.set()
 
     def close(self) -> None:
         """Close; packets already sent still leave, for a second."""
         if self._all is not None:
             self._all.close()
         self._socket.close()
-        if self._waker is not None:
-            self._waker.close()
+        self._waker.close()
         if self._pulse is not None:
             self._pulse.release()
             self._pulse = None

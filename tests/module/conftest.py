@@ -30,6 +30,7 @@ def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
     that takes up to 0.2 s, and 3.
     """
     monkeypatch.setattr(session, "QUIET", 0.2)
+    monkeypatch.setattr(session, "IDLE", 0.2)
     monkeypatch.setattr(session, "REPEAT", 0.1)
     monkeypatch.setattr(keepalive, "TEND_PERIOD", 0.05)
     monkeypatch.setattr(module, "TEND_PERIOD", 0.05)

@@ -560,11 +560,15 @@ def test_a_module_that_ends_fails_what_it_owes(legs: Module, owed: Owed, user: C
 
 
 def test_an_answer_just_before_the_end_still_leaves(legs: Module, owed: Owed, user: Client) -> None:
+    busy = Gate()
     with legs.running():
         move = user.command(MOVE_LEG, 1)
         later = owed.get(timeout=SOON)
+        legs.after(0.0, busy, resource="legs")
+        assert busy.begun.wait(SOON)
         legs.stop()
         later.reply(Footfall(1, 0.0))
+        busy.go_on.set()
     assert move.result(SOON) == Footfall(1, 0.0)
 
 
