@@ -46,12 +46,12 @@ def make_room() -> None:
 class Door:
     """Watches a socket, in a thread of its own; to be made before the socket is bound, and opened after that."""
 
-    def __init__(self, socket: "zmq.Socket[bytes]", someone_left: Callable[[], None]) -> None:
-        """*someone_left* is called, in that thread, when a connection has closed."""
+    def __init__(self, socket: "zmq.Socket[bytes]", closed: Callable[[int], None]) -> None:
+        """*closed* is called, in that thread, when so many connections have closed."""
         soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
         self.limit = MOST_DESCRIPTORS if soft == resource.RLIM_INFINITY else soft
         self.most = self.limit - min(self.limit // 2, _RUSH)  #: descriptors in use
-        self._someone_left = someone_left
+        self._closed = closed
         self._socket = socket
         socket.monitor(_EVENTS, _WATCHED)
         self._monitor = socket.context.socket(zmq.PAIR)
@@ -103,16 +103,16 @@ class Door:
 
     def _take_events(self) -> bool:
         """False: that was all."""
-        left = False
+        closed = 0
         self._shut_if_full()
         while self._monitor.poll(0):
             event = self._event()["event"]
             self._shut_if_full()
             if event == zmq.EVENT_MONITOR_STOPPED:
                 return False
-            left |= event == zmq.EVENT_DISCONNECTED
-        if left:
-            self._someone_left()
+            closed += event == zmq.EVENT_DISCONNECTED
+        if closed:
+            self._closed(closed)
         return True
 
     def _event(self) -> dict[str, Any]:

@@ -35,7 +35,7 @@ from tca_central.shell.pulses import Pulses
 from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec
-from tca_wire.packets.headers import Beat, Closing, ToModule, Unknown
+from tca_wire.packets.headers import Beat, Bye, Closing, ToModule, Unknown
 from tca_wire.vocabulary import Limit
 
 log = logging.getLogger("tca.central")
@@ -101,7 +101,9 @@ class Server:
         self._pulses = Pulses(lost_after)
         self._lock = _lock_of(endpoint)
         self._context = zmq.Context()
-        self._has_lost = False  #: a connection has closed
+        self._has_lost = False  #: a connection has closed, and it is not known which
+        self._closed = 0  #: lines that have closed, as the door counts them
+        self._expected = 0  #: those whose end was announced, or that have been looked for
         self._wake, self._woken = sockets.socketpair()
         self._wake.setblocking(False)
         self.socket, self._door = self._bind(endpoint)
@@ -115,8 +117,8 @@ class Server:
         self.stopping = why
         self._wake_up()
 
-    def _someone_left(self) -> None:
-        self._has_lost = True
+    def _count_closed(self, lines: int) -> None:
+        self._closed += lines
         self._wake_up()
 
     def _wake_up(self) -> None:
@@ -155,6 +157,8 @@ class Server:
             self._woken.recv(4096)
         if self.socket in ready:
             yield from self._received()
+        if self._closed > self._expected:
+            self._has_lost, self._expected = True, self._closed
         if self._has_lost or self._too_slow or self.now() >= self._next_beat:
             yield from self._lost()
         if self.now() >= self._next_pulse:
@@ -225,6 +229,8 @@ class Server:
                 yield BadBytes(now, connection, str(error))
                 continue
             for header, body in items:
+                if isinstance(header, Bye):
+                    self._expected += self._lines_of(connection)
                 yield RequestReceived(now, connection, header, body)
 
     def _one_frame(self, frame: zmq.Frame) -> bytes:
@@ -241,6 +247,13 @@ class Server:
         if connection not in self.central.registry.connections:
             self._put(connection, Unknown(), b"")
 
+    def _lines_of(self, connection: ConnectionId) -> int:
+        """The number of lines that close with a connection: its own, and its process's pulse with the last one."""
+        known = self.central.registry.connections
+        if (leaving := known.get(connection)) is None:
+            return 0
+        return 1 + (bool(leaving.pulse) and sum(one.pulse == leaving.pulse for one in known.values()) == 1)
+
     def _lost(self) -> Iterator[Event]:
         """Beat to those who wait for an answer; to all when some are gone, for the door does not tell which (the socket
         does), and now and then.
@@ -251,6 +264,7 @@ class Server:
             self._has_lost, self._next_sweep = False, now + PULSE_PERIOD  # the door may be ahead of the socket
         elif is_sweep:
             self._next_sweep = now + SWEEP_PERIOD
+            self._expected = min(self._expected, self._closed)  # some say that they leave, and stay
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
         for stranger in [one for one in self._outboxes if one not in known]:
             self._forget(stranger)
@@ -348,7 +362,7 @@ class Server:
         socket = self._context.socket(zmq.ROUTER)
         for option, value in _OPTIONS:
             socket.setsockopt(option, value)
-        door = Door(socket, self._someone_left)
+        door = Door(socket, self._count_closed)
         try:
             socket.bind(endpoint)
         except zmq.ZMQError as error:

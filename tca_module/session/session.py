@@ -210,7 +210,10 @@ class Session:
 
     def _asks_at(self, since: float, quiet: float) -> float:
         again = self._asked + REPEAT
-        return max(again, max(self.heard, since) + quiet) if self.is_welcome else again
+        if not self.is_welcome:
+            return again
+        silent = max(self.heard, since) + quiet
+        return silent if self.heard >= self._asked else max(silent, again)
 
     def tend(self, now: float, since: float, quiet: float | None = None) -> None:
         """After a silence ask central for a word, every second. *since* is when somebody began to listen, *quiet* the

@@ -96,6 +96,9 @@ class ScriptedCentral:
     def fileno(self) -> int:
         raise AssertionError
 
+    def files(self) -> list[int]:
+        raise AssertionError
+
     def waker(self) -> Waker:
         raise AssertionError
 

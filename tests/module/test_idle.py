@@ -1,0 +1,149 @@
+"""Who has nothing to do does nothing: modules sleep until something is due, and central says nothing to them."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+from module.real_central import SOON, RealCentral, until
+from module.test_connection import HELLO, ScriptedCentral, friendly
+
+from tca_central.shell import server
+from tca_module import Command, Module, connect
+from tca_module.link.connection import Connection
+from tca_module.session.session import IDLE, Session
+from tca_module.sockets.transport import DealerTransport
+from tca_module.testing import LocalCentral
+from tca_wire.packets import codec, headers
+from tca_wire.packets.headers import Accepted, Beat, Hello, Register, Send, Unknown, Welcome
+from tca_wire.points import Moment, Point
+
+WALK = Command("walk")
+
+
+class CountedCentral(ScriptedCentral):
+    """Counts how often a wait has ended."""
+
+    wakes = 0
+
+    def receive(self, timeout_seconds: float) -> bytes | None:
+        self.wakes += timeout_seconds > 0
+        return super().receive(timeout_seconds)
+
+
+def counted() -> tuple[Connection, CountedCentral]:
+    central = CountedCentral(friendly)
+    connection = Connection(central, Session(HELLO), clock=lambda: central.now)
+    connection.open()
+    central.heard.clear()
+    central.wakes = 0
+    return connection, central
+
+
+def test_who_serves_wakes_for_what_central_says_alone() -> None:
+    connection, central = counted()
+    for minute in range(10):
+        central.say(Beat(), at=central.now + 30 * minute)
+    connection.serve(lambda: central.now >= 100 + 270)
+    assert central.wakes == 10
+    assert not central.heard
+
+
+def test_who_serves_and_hears_nothing_asks_now_and_then() -> None:
+    connection, central = counted()
+    connection.serve(lambda: central.now >= 100 + 10 * IDLE)
+    assert central.heard == [Register(0, [], [])] * 9
+    assert central.wakes <= 20  # for the answers, too
+
+
+def test_who_waits_wakes_for_beats_alone() -> None:
+    connection, central = counted()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    for beat in range(50):
+        central.say(Beat(), at=central.now + 2 * beat)
+    assert not connection.wait(request, 99.0, "query")
+    assert central.wakes <= 51
+    assert not [header for header in central.heard if isinstance(header, Register)]
+
+
+@pytest.mark.parametrize("patience", [0.5, 2.0])
+def test_who_has_little_patience_asks_soon(patience: float) -> None:
+    """Central has no reason to beat that often."""
+    central = ScriptedCentral(friendly)
+    connection = Connection(central, Session(HELLO), clock=lambda: central.now, patience=patience)
+    connection.open()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    assert not connection.wait(request, 5.0, "query")
+
+
+def test_nobody_looks_after_a_module_that_has_nothing_to_do() -> None:
+    with LocalCentral() as central, Module("legs", central).running() as legs:
+        kept = legs._keep_alive
+        assert kept is not None
+        until(lambda: kept.due > time.monotonic() + 5.0, "nothing is due for a while")
+
+
+# --- Central ---------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def line_to(central: RealCentral) -> Iterator["zmq.Socket[bytes]"]:
+    """A module's line: central has welcomed it."""
+    with zmq.Context() as context, context.socket(zmq.DEALER) as line:
+        line.linger = 0
+        line.rcvtimeo = int(1000 * SOON)
+        line.connect(central.address)
+        say(line, Hello(1, headers.PROTOCOL_VERSION, "legs", str(id(line))))
+        assert isinstance(heard(line), Welcome)
+        yield line
+
+
+def say(line: "zmq.Socket[bytes]", header: headers.ToCentral) -> None:
+    line.send(codec.pack([(header, b"")]))
+
+
+def heard(line: "zmq.Socket[bytes]") -> Any:
+    ((header, _),) = codec.unpack_to_module(line.recv())
+    return header
+
+
+@pytest.fixture
+def central(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RealCentral]:
+    monkeypatch.setattr(server, "BEAT_PERIOD", 0.05)
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
+        yield central
+
+
+def test_central_beats_to_those_who_wait(central: RealCentral) -> None:
+    with line_to(central) as idle, line_to(central) as waiting:
+        say(waiting, Register(2, [WALK.format]))
+        assert heard(waiting) == Accepted(2)
+        say(waiting, Send(3, WALK.name))
+        task = heard(waiting).id
+        say(waiting, headers.AwaitPoint(4, Point(task, Moment.END_ACHIEVING)))
+        assert [heard(waiting) for _ in range(3)] == [Beat()] * 3
+        say(idle, Register(2, []))
+        assert heard(idle) == Accepted(2)  # and nothing before
+
+
+def test_who_leaves_disturbs_nobody_and_who_is_lost_is_found(central: RealCentral) -> None:
+    with line_to(central) as idle:
+        connect("user", central.address).close()
+        until(lambda: central.server._closed == 2, "its line and its pulse have closed")
+        say(idle, Register(2, []))
+        assert heard(idle) == Accepted(2)
+        with line_to(central):
+            pass
+        assert heard(idle) == Beat()
+        until(lambda: len(central.server.central.registry.connections) == 1, "the other one is lost")
+
+
+def test_who_connects_anew_is_asked_who_he_is(central: RealCentral) -> None:
+    """A module whose central was killed hears at once that there is another one."""
+    line = DealerTransport(central.address)
+    packet = line.receive(SOON)
+    line.close()
+    assert packet == codec.pack_item(Unknown())
