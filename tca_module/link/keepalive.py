@@ -19,16 +19,17 @@ from tca_module.session.session import quiet_within
 from tca_module.sockets.transport import Waker
 
 TEND_PERIOD = 0.5  # seconds between two looks at a connection that its own thread uses, or that central does not answer
+_OTHERS = 1.2  # so many times as long as the first one the others wait for a word from central before they ask, too
 
 
 @dataclass
-class Turn:
-    """One turn of the thread. What is known of a central is so for all modules, so one of them asks it for all."""
+class Look:
+    """One look of the thread at its modules. They share what they hear of a central: one of them asks it for all."""
 
     now: float
     ready: set[int]  #: the files that can be read
     heard: dict[str, float]  #: when a central, by its address, last said anything
-    asked: set[str] = field(default_factory=set)  #: centrals that a module has seen to in this turn
+    asked: set[str] = field(default_factory=set)  #: centrals that one of them asks when that is due
     advice: dict[str, str] = field(default_factory=dict)  #: what to do about one that does not answer
 
 
@@ -55,12 +56,12 @@ class KeepAlive:
         self._keeper.remove(self)
         self._stop.set()
 
-    def is_due(self, turn: Turn) -> bool:
+    def is_due(self, this: Look) -> bool:
         """Whether there is something to do."""
         is_told = self._has_told or not self._stop.is_set()
-        return self.due <= turn.now or not turn.ready.isdisjoint(self.files) or not is_told
+        return self.due <= this.now or not this.ready.isdisjoint(self.files) or not is_told
 
-    def look(self, turn: Turn) -> None:
+    def look(self, this: Look) -> None:
         """Do what is due."""
         link, address = self._link, self._link.transport.address
         if self._stop.is_set() and not self._has_told:
@@ -68,21 +69,21 @@ class KeepAlive:
             self._log.info("module '%s' has stopped, and handles nothing any more", link.session.module)
             link.session.is_to_withdraw = True
             link.transport.wake()  # if its thread waits on the connection, that reports it
-        since = max(self.since, turn.heard.get(address, self.since))
-        quiet = quiet_within(self._patience, is_idle=True) if address not in turn.asked else float("inf")
-        kept = link.keep(since, quiet)
+        since = max(self.since, this.heard.get(address, self.since))
+        quiet = quiet_within(self._patience, is_idle=True)
+        kept = link.keep(since, quiet * _OTHERS if address in this.asked else quiet)
+        this.heard[address] = max(since, link.session.heard)
         if kept is None:
-            self.files, self.due = (), turn.now + TEND_PERIOD
+            self.files, self.due = (), this.now + TEND_PERIOD
             return
-        turn.asked.add(address)
-        turn.heard[address] = max(since, link.session.heard)
+        this.asked.add(address)
         silence, seconds = kept
         is_silent = silence >= self._patience
         self.files = link.transport.files()
-        self.due = turn.now + (seconds if link.session.is_welcome and not is_silent else TEND_PERIOD)
-        self._tell(turn, is_silent=is_silent)
+        self.due = this.now + (seconds if link.session.is_welcome and not is_silent else TEND_PERIOD)
+        self._tell(this, is_silent=is_silent)
 
-    def _tell(self, turn: Turn, *, is_silent: bool) -> None:
+    def _tell(self, this: Look, *, is_silent: bool) -> None:
         link, address = self._link, self._link.transport.address
         if is_silent and not self._reconnect and not self._stop.is_set():
             module, lost = link.session.module, link.line.lost()
@@ -90,9 +91,9 @@ class KeepAlive:
             self._log.error("module '%s' ends: %s", module, lost)
             self._stop.set()
         elif is_silent and not self._warned:
-            if address not in turn.advice:
-                turn.advice[address] = link.line.what_to_do()
-            self._log.warning("central at %s does not answer, and is tried again: %s", address, turn.advice[address])
+            if address not in this.advice:
+                this.advice[address] = link.line.what_to_do()
+            self._log.warning("central at %s does not answer, and is tried again: %s", address, this.advice[address])
         elif not is_silent and self._warned:
             self._log.warning("central at %s is back", address)
         self._warned = is_silent
@@ -102,14 +103,14 @@ class _Keeper:
     """The thread, while there is something to keep alive."""
 
     def __init__(self) -> None:
-        self.lock = threading.Lock()  #: held while connections are looked at
+        self._lock = threading.Lock()  #: held while connections are looked at
         self.waker = Waker()
         self._kept: list[KeepAlive] = []
         self._is_running = False
 
     def add(self, one: KeepAlive) -> None:
         """From now on look after this."""
-        with self.lock:
+        with self._lock:
             self._kept.append(one)
             if not self._is_running:
                 self._is_running = True
@@ -118,7 +119,7 @@ class _Keeper:
 
     def remove(self, one: KeepAlive) -> None:
         """Look after it no longer."""
-        with self.lock:
+        with self._lock:
             self._kept.remove(one)
         self.waker.set()
 
@@ -126,11 +127,11 @@ class _Keeper:
         heard: dict[str, float] = {}
         ready: set[int] = set()
         while True:
-            with self.lock:
-                turn = Turn(time.monotonic(), ready, heard)
+            with self._lock:
+                this = Look(time.monotonic(), ready, heard)
                 for one in self._kept:
-                    if one.is_due(turn):
-                        one.look(turn)
+                    if one.is_due(this):
+                        one.look(this)
                 if not self._kept:
                     self._is_running = False
                     return
@@ -148,7 +149,7 @@ class _Keeper:
         self.waker.clear()
         now = time.monotonic()
         if now - due > STALL:
-            with self.lock:
+            with self._lock:
                 for one in self._kept:
                     one.since = now  # it was this process that stood still
         return {file for file, _ in ready}
