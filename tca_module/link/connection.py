@@ -300,8 +300,9 @@ class Connection:
         """
         header = Release(0, request.header.number, getattr(request.header, "origin", 0))
         if self.is_taken(request) or at_once:
-            self.session.request(header)
-            self.line.flush()
+            with self._lock:
+                self.session.request(header)
+                self.line.flush()
             return not request.taken
         try:
             return bool(self.call(header, f"releasing {what}"))

@@ -12,6 +12,7 @@ from tca_wire.packets.codec import packets, unpack_to_module
 
 SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds at a time that a wait listens while central is not there
+_AT_ONCE = 0.2  # seconds in which a central that lives answers what it can answer at once
 STALL = 2.0  # seconds by which a turn of a wait is never late unless the process itself was stopped
 
 
@@ -30,8 +31,10 @@ class PacketLine:
     @property
     def silence(self) -> str:
         """Why central counts as silent, for errors: it says, or takes, nothing. "" if all is well."""
-        session, silent = self._session, self._clock() - self._session.heard
-        if session.is_welcome and not session.outgoing and silent < QUIET:
+        session, now = self._session, self._clock()
+        silent = now - session.heard
+        is_owed = silent >= QUIET and now - session.asked_since >= _AT_ONCE
+        if session.is_welcome and not session.outgoing and not is_owed:
             return ""
         where = f"central at {self._transport.address}"
         return f"{where} has said nothing for {silent:.1f} s; see with 'tca status' whether it runs"

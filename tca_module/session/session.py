@@ -67,6 +67,7 @@ class Session:
         self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
         self._replies: list[tuple[headers.Reply | headers.Fail, bytes]] = []  #: central may not have got these yet
         self._asked = float("-inf")  #: when central was last asked for a word
+        self.asked_since = float("-inf")  #: when it was first asked for the one that it owes, if it does
         self.heard = float("-inf")  #: when central last said anything
         self.outgoing: list[Item] = []
         self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: not handled yet
@@ -226,6 +227,8 @@ class Session:
         if self.is_welcome:
             self.redeclaration.tend(now)
         if now >= self._asks_at(since, QUIET if quiet is None else quiet):
+            if self.heard >= self._asked:
+                self.asked_since = now
             self._asked = now
             self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
 

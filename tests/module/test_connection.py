@@ -372,3 +372,14 @@ def test_a_central_that_answers_is_not_silent() -> None:
     central.say(Beat())
     connection.tend(central.now)
     assert not connection.silence
+
+
+def test_a_central_that_had_nothing_to_say_is_asked_before_it_counts_as_silent() -> None:
+    """It beats seldom to those who wait for nothing."""
+    connection, central = connected()
+    central.script = lambda _: []
+    central.now += 20.0
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    assert not connection.silence
+    assert not connection.wait(request, 0.3, "query")
+    assert connection.silence.startswith("central at ipc://scripted has said nothing for 20.3 s")
