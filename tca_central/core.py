@@ -305,6 +305,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Fire: monitors.on_fire,
     headers.EndMonitor: monitors.on_end_monitor,
     headers.Keep: keeping.on_keep,
+    headers.Recalled: joining.on_recalled,
     headers.Bye: joining.on_bye,
     headers.GetVariable: variables.on_get_variable,
     headers.SetVariable: variables.on_set_variable,

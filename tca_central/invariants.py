@@ -212,6 +212,7 @@ def _check_resources(central: State) -> None:
         following = resource.next_queued()
         is_message = isinstance(following, Delivery)
         assert following is None or (is_message and not resource.free), f"{name}: {following} waits, it could go on"
+        _check_ahead(resource, name)
         _check_limits(resource, name)
         _check_claims(central, resource, name)
     for message in central.registry.messages.values():
@@ -220,6 +221,18 @@ def _check_resources(central: State) -> None:
         assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
         for wait in message.awaited_by:
             _check_handled_wait(wait)
+
+
+def _check_ahead(resource: ModuleResource, name: str) -> None:
+    """What a slot has ahead waits for nothing else, in its order; the slot is busy, or gives it back."""
+    line = resource.in_line()
+    assert line == sorted(line, key=lambda one: (-one.priority, one.arrival)) or resource.is_recalling, f"{name}: order"
+    for delivery in resource.ahead:
+        assert not delivery.is_task, f"{name}: {delivery} is ahead"
+        assert delivery.queues == (resource,), f"{name}: {delivery} is ahead, and waits elsewhere"
+        assert resource.ahead_at in resource.slots, f"{name}: {delivery} is ahead nowhere"
+        is_free = resource.ahead_at is not None and resource.is_free(resource.ahead_at)
+        assert resource.is_recalling or not is_free, f"{name}: {delivery} is ahead of nothing"
 
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
@@ -273,7 +286,8 @@ def _check_handled_wait(wait: PresenceWait) -> None:
 def _check_limits(resource: ModuleResource, name: str) -> None:
     """Check that no more messages wait than their pending limit allows, and that it counts those that do."""
     for message, limit in resource.limits.items():
-        waiting = {delivery for delivery in resource.queued() if delivery.message.name == message}
+        queued = (delivery for delivery in resource.queued() if delivery not in resource.ahead)
+        waiting = {delivery for delivery in queued if delivery.message.name == message}
         assert limit.waiting.keys() == waiting, f"{name}: counts {len(limit.waiting)} of '{message}'"
         assert len(waiting) <= limit.most, f"{name}: {len(waiting)} of '{message}' wait"
 

@@ -152,13 +152,13 @@ def lose(central: "State", delivery: Delivery, why: str, dropping: Dropping = Dr
     central.facts.append(dropped_fact(delivery, why, dropping=dropping))
 
 
-def deliver_header(delivery: Delivery) -> headers.Deliver:
-    """The header by which a handler gets a delivery."""
+def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
+    """The header by which a handler gets a delivery, to be handled when it has handled so many before it."""
     given_as, name = delivery.given_as, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
         return headers.Deliver(given_as, name, TaskId(delivery.id), context, delivery.suspended)
-    return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery))
+    return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery), ahead=ahead)
 
 
 class State:
@@ -182,7 +182,7 @@ class State:
         self.next_look: Timer | None = None
         self.scan: Any = None  #: a look that goes on then (deadlocks.py)
         self.may_have_closed = False  #: something has happened since it began that may have closed a circle
-        self.dispatcher = Dispatcher(self.facts, self.deliver, self.suspects, self.clock)
+        self.dispatcher = Dispatcher(self.facts, self, self.suspects, self.clock)
         self.variables = Variables()
         self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by claimant and the request's number
         self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
@@ -197,8 +197,8 @@ class State:
         self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
         self.messages: list[Effect] = []
 
-    def deliver(self, delivery: Delivery, slot: Connection) -> None:
-        """Give a message to the handler in a slot: nothing else does."""
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
+        """Give a message, which *is there* already or is sent now, to the handler in a slot: nothing else does."""
         slot.handling[delivery] = self.events
         resource = slot.resource
         assert resource is not None
@@ -214,7 +214,19 @@ class State:
             self.agenda.tap_events.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.mark_started(delivery)
-        self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
+        if not is_there:
+            self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
+
+    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
+        """Send a slot a message that it is to handle when it has handled those before."""
+        assert slot.resource is not None
+        before = len(slot.handling) + len(slot.resource.ahead) - 1
+        self.messages.append(Transmit(slot.id, deliver_header(delivery, before), delivery.body))
+
+    def recall(self, slot: Connection) -> None:
+        """Ask a slot for what it has ahead and has not begun."""
+        assert slot.resource is not None
+        self.tell(slot, headers.Recall([delivery.given_as for delivery in slot.resource.ahead]))
 
     def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
         """A task's outcome, failure's name, text, and data or result. A failure that was dealt with is only named."""

@@ -30,6 +30,7 @@ class ModuleResource(Resource["Connection", "Delivery"]):
         self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
         self.delivered = 0  #: number of messages that were given to it
         self.busy = 0.0  #: seconds in which they were handled, added up over its slots
+        self.quick_runs = 0  #: number of messages, one after the other, that were handled quickly
 
 
 class LostClaim(NamedTuple):
@@ -53,7 +54,7 @@ class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
     __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "lost_claims", "module",
-                 "number", "orphans", "outstanding", "pauses", "pulse", "resource", "routes", "session",
+                 "number", "orphans", "outstanding", "pauses", "prefetch", "pulse", "resource", "routes", "session",
                  "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
@@ -63,6 +64,7 @@ class Connection:
         self.module = module
         self.pulse = b""  #: of its process, for the server
         self.resource: ModuleResource | None = None
+        self.prefetch = 0  #: number of messages that it takes ahead, before it is free
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: deque[tuple[int, ToModule, bytes]] = deque(maxlen=REMEMBERED_ANSWERS)  #: the newest, by number
         self.last_number = 0  #: the highest request number seen
@@ -209,6 +211,8 @@ class Wiretap:
 
 class Delivery:
     """One message on its way to one handler."""
+
+    is_task = False
 
     __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested",
                  "number", "origin", "priority", "queues", "role", "sender", "sent_by", "since", "slot",

@@ -8,11 +8,16 @@ arrival. A claim whose turn has come holds back all behind it until nobody is in
 a lock is held nobody is let in, while a reservation is, only what its owner sends. Where a program runs in several
 copies, each has its slots and its queue; a claim is for all of them, waits in each queue, and is granted when its turn
 has come in each and nobody is in any.
+
+The slot of a resource that has only one may have messages *ahead*: it was sent them before it is free, so that it need
+not wait for the next. They still wait, before all others in the queue, and nothing may come between: if something that
+goes first comes, they are recalled, and nobody is let in until the slot has said which it had not begun.
 """
 
 import heapq
 from collections import OrderedDict
 from collections.abc import Iterator
+from itertools import chain
 from typing import Any, Generic, Protocol, TypeVar
 
 
@@ -133,6 +138,10 @@ class Resource(Generic[S, Q]):
         self.held_by: Claim[S] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
         self.called_back: dict[Q, S] = {}  #: its slots' own questions that a lock keeps out -> the asking slot
+        self.ahead: dict[Q, bool] = {}
+        """Messages that its only slot has already, and has not begun as far as is known -> whether it still is to."""
+        self.ahead_at: S | None = None  #: the slot that has, or had, them
+        self.is_recalling = False  #: the slot has yet to say which of them it had not begun
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S]] = Queue()
         self._sent_by: dict[object, Queue[Q]] | None = None  #: the same messages by sender, once it was reserved
@@ -140,7 +149,7 @@ class Resource(Generic[S, Q]):
     @property
     def waiting(self) -> int:
         """Number of messages that wait."""
-        return self._queue.waiting - len(self.claims)
+        return self._queue.waiting - len(self.claims) + len(self.ahead)
 
     @property
     def capacity(self) -> int:
@@ -162,6 +171,8 @@ class Resource(Generic[S, Q]):
         self.slots.pop(slot, None)
         self.numbers.pop(slot, None)
         self._free.pop(slot, None)
+        if slot is self.ahead_at:
+            self.ahead_at, self.is_recalling = None, False
 
     @property
     def is_locked(self) -> bool:
@@ -174,7 +185,9 @@ class Resource(Generic[S, Q]):
 
     def slot_for(self, message: Q) -> S | None:
         """A free slot for a message that has just come, no longer free; None if it must wait."""
-        if not self._free or not self.admits(message) or (self._queue.waiting and self._is_behind(message)):
+        if not self._free or self.ahead or self.is_recalling or not self.admits(message):
+            return None
+        if self._queue.waiting and self._is_behind(message):
             return None
         return self.take_slot()
 
@@ -189,10 +202,10 @@ class Resource(Generic[S, Q]):
         return first is not None and (-first.priority, first.arrival) < (-message.priority, message.arrival)
 
     def take_slot(self) -> S:
-        """The slot that has been free longest, no longer free."""
-        longest_free = next(iter(self._free))
-        del self._free[longest_free]
-        return longest_free
+        """The slot that has been free longest, or that has the next message already; no longer free."""
+        slot = self.ahead_at if self.ahead and self.ahead_at is not None else next(iter(self._free))
+        del self._free[slot]
+        return slot
 
     def free_slot(self, slot: S) -> None:
         """Mark a slot free: its message is completed."""
@@ -215,8 +228,11 @@ class Resource(Generic[S, Q]):
 
     def leave_queue(self, one: Q) -> None:
         """A message waits no longer; its entries have become void."""
-        self._queue.mark_void()
         self.called_back.pop(one, None)
+        if one in self.ahead:
+            del self.ahead[one]
+            return
+        self._queue.mark_void()
         if self._sent_by is not None:
             of_sender = self._sent_by[one.sent_by]
             of_sender.mark_void()
@@ -225,7 +241,7 @@ class Resource(Generic[S, Q]):
 
     def queued(self) -> Iterator[Q]:
         """The messages that wait, in no particular order."""
-        return (one for one in self._queue if not isinstance(one, Claim))
+        return chain(self.ahead, (one for one in self._queue if not isinstance(one, Claim)))
 
     def first_message(self) -> Q | None:
         """A message that waits before the others, whatever claims do."""
@@ -234,17 +250,50 @@ class Resource(Generic[S, Q]):
 
     def in_line(self) -> list[Q | Claim[S]]:
         """Messages and claims that wait, in their order."""
-        return sorted(self._queue, key=lambda one: (-one.priority, one.arrival))
+        return [*self.ahead, *sorted(self._queue, key=lambda one: (-one.priority, one.arrival))]
 
     def next_queued(self) -> Q | Claim[S] | None:
         """The next that may be let in: a message, or a claim that is to be granted now."""
+        if self.is_recalling:
+            return None
         first = self._first_in_line()
         if isinstance(first, Claim) and not self._may_have(first):
             return None
         return first
 
+    # --- messages ahead --------------------------------------------------------------------------------------------
+
+    def next_ahead(self) -> Q | None:
+        """The message that may be sent ahead next; None if something may come between."""
+        if self.is_recalling or self.claims or self.held_by is not None or self._sent_by is not None:
+            return None
+        first = self._queue.first() if len(self.slots) == 1 else None
+        return None if isinstance(first, Claim) else first
+
+    def send_ahead(self, first: Q) -> S:
+        """The first message in the queue goes to the slot, which is returned."""
+        first.ticket += 1
+        self._queue.mark_void()
+        self.ahead[first] = True
+        self.ahead_at = next(iter(self.slots))
+        return self.ahead_at
+
+    def take_back(self, message: Q) -> bool:
+        """The slot does not have a message any more, which waits as before; whether it still is to be handled."""
+        self._queue.put(message)
+        return self.ahead.pop(message)
+
+    def is_overtaken_by(self, newest: "Q | Claim[S]") -> bool:
+        """Whether what has just come goes before a message that the slot has already."""
+        if not self.ahead:
+            return False
+        last = next(reversed(self.ahead))
+        return (-newest.priority, newest.arrival) < (-last.priority, last.arrival)
+
     def _first_in_line(self) -> Q | Claim[S] | None:
         """The next in line among those that the lock or reservation in force admits."""
+        if self.ahead:
+            return next(iter(self.ahead))
         if self.held_by is None:
             return self._queue.first()
         if not self.held_by.admits_owner:

@@ -67,6 +67,8 @@ class Rare:
 class Task(Delivery):
     """A node of the task tree, from arrival to end. Its state follows from ``reached``, ``returned`` and ``killed``."""
 
+    is_task = True
+
     __slots__ = ("children", "delayed", "failure", "followers", "guard", "held", "ignores_parent",
                  "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
                  "leaders", "parent", "rare", "reached", "recovery", "requested", "result", "retrying",

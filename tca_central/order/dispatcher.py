@@ -1,15 +1,15 @@
 """The dispatcher brings deliveries to handlers: it chooses the resource, queues, and gives freed slots on.
 
-Knows messages' handlers and resources' order; knows nothing of points and constraints. What it delivers and drops it
-reports through the two functions it is given.
+Knows messages' handlers and resources' order; knows nothing of points and constraints. What it delivers it reports
+through the functions it is given.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
 
 from tca_central.model.clock import Clock
-from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_wire.journal.facts import HandlerRemoved, Queued, Unqueued
 
@@ -17,14 +17,30 @@ QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
 refused. Tasks count, but are never refused: they are in the tree anyway."""
 
+QUICK = 0.001
+"""Seconds: messages are sent ahead to slots whose handlers have taken no longer of late."""
+QUICK_RUNS = 8
+"""So many messages must have been handled quickly, one after the other, before one is sent ahead."""
+
+
+class Out(Protocol):
+    """The ways in which the dispatcher's decisions leave central."""
+
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
+        """A slot handles a delivery; whether it *is there* already."""
+
+    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
+        """A slot gets a delivery before it is free."""
+
+    def recall(self, slot: Connection) -> None:
+        """A slot is to give back what it has ahead and has not begun."""
+
 
 class Dispatcher:
     """Every delivery between its start and its handler's return."""
 
-    def __init__(
-        self, facts: list[object], deliver: Callable[[Delivery, Connection], None], suspects: deque[Any], clock: Clock
-    ) -> None:
-        self._facts, self._deliver, self._suspects, self._clock = facts, deliver, suspects, clock
+    def __init__(self, facts: list[object], out: Out, suspects: deque[Any], clock: Clock) -> None:
+        self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
         self._arrivals = 0
         self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
@@ -69,11 +85,13 @@ class Dispatcher:
         goes_on = False
         for resource in resources:
             resource.queue(delivery)
+            self._recall_for(resource, delivery)
             goes_on = goes_on or _is_sure_to_be_handled(resource)
         if not goes_on:
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
+        self._fill(first)
         for resource in resources:
             if limit := resource.limits.get(delivery.message.name):
                 self._keep_within(limit, delivery, resource)
@@ -109,22 +127,26 @@ class Dispatcher:
             why = f"at most {limit.most} of '{what}' may wait for '{where}', and a newer one came"
             self.displaced.append((oldest, why))
 
-    def _give(self, delivery: Delivery, slot: Connection) -> None:
+    def _give(self, delivery: Delivery, slot: Connection, *, is_there: bool = False) -> None:
         delivery.slot = slot
         self.running[delivery.given_as] = delivery
-        self._deliver(delivery, slot)
+        self._out.deliver(delivery, slot, is_there=is_there)
 
-    def complete(self, delivery: Delivery) -> None:
-        """Note that a handler has returned. Its slot is given on last, for what follows may kill or hold the next."""
+    def complete(self, delivery: Delivery, took: float = 0.0) -> None:
+        """Note that a handler has returned, after so many seconds by its own clock (0: not known). Its slot is given on
+        last, for what follows may kill or hold the next.
+        """
         del self.running[delivery.given_as]
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
         del slot.handling[delivery]
         if delivery.nested:
             delivery.nested = False
-        elif slot.resource is not None:
-            slot.resource.busy += self._clock.now - delivery.since
-            self.to_offer.append((slot.resource, slot))
+        elif (resource := slot.resource) is not None:
+            seconds = self._clock.now - delivery.since
+            resource.busy += seconds
+            resource.quick_runs = resource.quick_runs + 1 if (took or seconds) <= QUICK else 0
+            self.to_offer.append((resource, slot))
 
     def offer_next(self) -> None:
         """Let the first resource that may take the next message of its queue, or grant the next claim on it."""
@@ -137,8 +159,7 @@ class Dispatcher:
             self.granted.append(following)
             self.to_offer.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
-            self._leave_queues(following)
-            self._give(following, resource.take_slot())
+            self._give_next(following, resource)
             if resource.free or resource.called_back:
                 self.to_offer.append((resource, None))
         elif not resource.is_locked:
@@ -148,11 +169,77 @@ class Dispatcher:
                     self._give_back(delivery, sender)
             resource.called_back.clear()
 
+    def _give_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
+        """Give a delivery that waits to a free slot."""
+        slot, is_there = resource.take_slot(), delivery in resource.ahead
+        self._leave_queues(delivery)
+        self._give(delivery, slot, is_there=is_there)
+        if slot.resource is not None:
+            self._fill(slot.resource)
+
+    # --- messages ahead (docs/decisions/0068) ----------------------------------------------------------------------
+
+    def _fill(self, resource: ModuleResource) -> None:
+        """Send the slot ahead what it will handle next, where nothing can come between."""
+        if resource.quick_runs < QUICK_RUNS or len(resource.slots) != 1:
+            return
+        (slot,) = resource.slots
+        running = next(iter(slot.handling), None)
+        if running is None or running.is_task or self._clock.now - running.since > QUICK:
+            return
+        while len(resource.ahead) < slot.prefetch and (delivery := resource.next_ahead()) is not None:
+            if not _may_go_ahead(delivery, resource):
+                return
+            resource.send_ahead(delivery)
+            self._out.send_ahead(delivery, slot)
+
+    def _recall_for(self, resource: Resource[Connection, Delivery], newest: Delivery | Claim[Connection]) -> None:
+        if resource.is_overtaken_by(newest):
+            self._recall(resource)
+
+    def _recall(self, resource: Resource[Connection, Delivery]) -> None:
+        """Let nobody in before the slot has said which messages it had not begun."""
+        if resource.ahead and resource.ahead_at is not None and not resource.is_recalling:
+            resource.is_recalling = True
+            self._out.recall(resource.ahead_at)
+
+    def begun_ahead(self, slot: Connection, number: int) -> Delivery | None:
+        """The delivery of that number, which a slot has begun while central waited for what it gives back."""
+        first = next(iter(slot.resource.ahead), None) if slot.resource is not None else None
+        if first is None or first.given_as != number or slot.resource is None or not slot.resource.is_free(slot):
+            return None
+        self._give_next(first, slot.resource)
+        return first
+
+    def take_back(self, slot: Connection, unbegun: Iterable[int]) -> list[Delivery]:
+        """A slot gives back deliveries of these numbers, which wait as before, and has begun what it keeps. Those that it
+        is not to have again are returned, out of their queue.
+        """
+        resource, numbers = slot.resource, set(unbegun)
+        if resource is None or resource.ahead_at is not slot:
+            return []
+        resource.is_recalling = False
+        moved = []
+        for delivery in [one for one in resource.ahead if one.given_as in numbers]:
+            if not resource.take_back(delivery):
+                self.withdraw(delivery)
+            elif not _is_handled_in(resource, delivery, slot.module):
+                self._leave_queues(delivery)
+                moved.append(delivery)
+        if resource.ahead and resource.is_free(slot):
+            self._give_next(next(iter(resource.ahead)), resource)
+        self.to_offer.append((resource, None))
+        return moved
+
+    # --- claims ----------------------------------------------------------------------------------------------------
+
     def claim(self, claim: Claim[Connection]) -> None:
         """Let a claim wait for its turn."""
         self._arrive(claim)
         claim.since = self._clock.now
         claim.resource.add_claim(claim)
+        for resource in claim.resource.copies:
+            self._recall_for(resource, claim)
         self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: Claim[Connection]) -> None:
@@ -161,9 +248,16 @@ class Dispatcher:
         self.to_offer.extend((copy, None) for copy in claim.resource.copies)
 
     def withdraw(self, delivery: Delivery, *, keep_place: bool = False) -> None:
-        """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later."""
+        """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later. What a
+        slot has ahead waits until that gives it back, or has begun it.
+        """
         if delivery.queues is None:
             return
+        for resource in delivery.queues:
+            if delivery in resource.ahead:
+                resource.ahead[delivery] = False
+                self._recall(resource)
+                return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
         if not keep_place:
@@ -193,22 +287,27 @@ class Dispatcher:
         if not resource.capacity:
             self._serve_all(slot, +1)
         resource.add_slot(slot)
+        self._recall(resource)  # what was to be handled next may be another's now
         self.to_offer.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
         """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
+        ahead: list[Delivery] = []
         if slot.resource is not None:
+            ahead = list(slot.resource.ahead) if slot.resource.ahead_at is slot else []
             slot.resource.remove_slot(slot)
             self.to_offer.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
+        for delivery in ahead:
+            self._leave_queues(delivery)
         orphans, slot.handling = list(slot.handling), {}
         for delivery in orphans:
             del self.running[delivery.given_as]
             if slot.resource is not None and not delivery.nested:
                 slot.resource.busy += self._clock.now - delivery.since
             delivery.slot, delivery.nested = None, False
-        return orphans
+        return orphans + ahead
 
     def _serve_all(self, slot: Connection, change: int) -> None:
         """The handlers of a slot's resource can be called from now on, or no longer."""
@@ -238,6 +337,7 @@ class Dispatcher:
 
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
         message = handler.message
+        self._recall(handler.resource)
         queued = self._take_queued(message, handler.resource)
         message.handlers.remove(handler)
         if handler.resource.capacity:
@@ -254,8 +354,11 @@ class Dispatcher:
         self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
 
     def _take_queued(self, message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
-        """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""
-        queued = self.queued(message, only)
+        """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues; but those
+        that a slot has ahead.
+        """
+        ahead = {one for resource in ([only] if only else _resources(message)) for one in resource.ahead}
+        queued = [one for one in self.queued(message, only) if one not in ahead]
         message.waiting.clear()
         for delivery in queued:
             self._leave_queues(delivery)
@@ -264,10 +367,34 @@ class Dispatcher:
     @staticmethod
     def queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """The deliveries of a message that wait (for one resource *only*), oldest first."""
-        resources = [only] if only else {handler.resource: None for handler in message.handlers}
+        resources = [only] if only else _resources(message)
         found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
         found.update(message.waiting)
         return sorted(found.values(), key=lambda delivery: delivery.arrival)
+
+
+def _resources(message: MessageType) -> list[ModuleResource]:
+    """The resources in which a message is handled."""
+    return list({handler.resource: None for handler in message.handlers})
+
+
+def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
+    """Whether nothing but its place in the queue decides when a delivery is handled: it is no task, waits for nothing
+    else, and nobody has to see it before.
+    """
+    message = delivery.message
+    is_plain = not delivery.is_task and not delivery.role and not message.taps
+    return is_plain and delivery.queues == (resource,) and message.name not in resource.limits
+
+
+def _is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:
+    """Whether a message, or the copy for a module, waits there, and nowhere else."""
+    if delivery.message.name in resource.limits:
+        return False
+    if not delivery.message.fans_out:
+        return tuple(delivery.message.candidates()) == (resource,)
+    handler = module.handlers.get(delivery.message.name)
+    return handler is not None and handler.resource is resource
 
 
 def _queued(delivery: Delivery, module: str, resource: str) -> Queued:

@@ -25,6 +25,8 @@ from tca_wire.points import START_HANDLING
 from tca_wire.rules import FAILURE, RETURNED
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
+MOST_AHEAD = 64
+"""Messages that a slot is sent ahead, whatever it takes."""
 MOST_LATE = 8
 """Answers of a lost connection that are expected to come all the same; more than one if nested."""
 
@@ -46,6 +48,8 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello) ->
     else:
         connection = Connection(connection_id, session, module, header.connection)
         connection.entrance = header.entrance if header.resource else None
+        if connection.entrance is None:  # else it may be busy with what central does not know
+            connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
         _join(central, connection, header.resource)
     connection.pulse = header.pulse
     on_hello_again(central, connection, header, b"")
@@ -64,6 +68,12 @@ def _tell_again(central: State, connection: Connection) -> None:
             central.tell(connection, deliver_header(delivery), delivery.body)
             if isinstance(delivery, Task) and (delivery.killed or delivery.retrying):
                 central.tell(connection, cancelled_header(delivery))
+    resource = connection.resource
+    if resource is not None and resource.ahead_at is connection:
+        for place, delivery in enumerate(resource.ahead, len(connection.handling)):
+            central.tell(connection, deliver_header(delivery, place), delivery.body)
+        if resource.is_recalling:
+            central.recall(connection)
 
 
 def _check(header: headers.Hello) -> None:
@@ -244,19 +254,30 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
     central.accept(connection, header.number)
 
 
+def on_recalled(central: State, connection: Connection, header: headers.Recalled, _: bytes) -> None:
+    """A slot gives back what it had ahead; what it is not to handle any more goes elsewhere."""
+    _send_elsewhere(central, central.dispatcher.take_back(connection, header.deliveries), connection.module.name)
+
+
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
     """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
     queued = central.dispatcher.remove_handlers(handlers)
+    if queued:
+        _send_elsewhere(central, queued, handlers[0].module.name)
+    direct_routes.review(central, [handler.message for handler in handlers])
+
+
+def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None:
+    """A module no longer handles what waited for it: that is routed again; what was meant for it alone ends."""
     _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
     for delivery in queued:
         if not delivery.message.fans_out:
             continue
-        why = f"module '{handlers[0].module.name}' no longer handles it"
+        why = f"module '{module}' no longer handles it"
         if delivery.message.message_class.has_reply:
             fail_delivery(central, delivery, RaisedFailure(MODULE_LOST, why))
         else:
             lose(central, delivery, why)
-    direct_routes.review(central, [handler.message for handler in handlers])
 
 
 def _route_again(central: State, queued: list[Delivery]) -> None:

@@ -26,6 +26,8 @@ NIL = b"\xc0"  # None as MessagePack
 def _running_delivery(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
     """The delivery that a handler answers; None if that is too late, and the handler has been told."""
     delivery = central.dispatcher.running.get(delivery_id)
+    if delivery is None:
+        delivery = central.dispatcher.begun_ahead(connection, delivery_id)
     if delivery is None or delivery.slot is not connection:
         if late := connection.late.pop(delivery_id, ""):
             central.facts.append(facts.Ignored(connection.module.name, late))
@@ -43,7 +45,7 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     if delivery is None:
         return
     central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body))
-    central.dispatcher.complete(delivery)
+    central.dispatcher.complete(delivery, header.took)
     fire_after(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
         end_claims_of(central, delivery, "it has ended")

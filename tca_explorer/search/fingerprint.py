@@ -60,7 +60,7 @@ IGNORED = {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
         "delivered", "failed", "dropped",  # only counted, for people
     },
-    "ModuleResource": {"delivered", "busy"},  # likewise
+    "ModuleResource": {"delivered", "busy", "quick_runs"},  # likewise; no slot of a scenario takes anything ahead
     "Module": {"process"},
     "AttachedHandler": {"holders"},  # for people
     "Delivery": {

@@ -447,9 +447,10 @@ class Connection:
             left = max(0.0, deadline - now)
             send_wait = SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
             self.line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
-            step = self._seconds_to(deadline, since, quiet, patience)
+            is_next = idle is not None and bool(session.ahead)
+            step = 0.0 if is_next else self._seconds_to(deadline, since, quiet, patience)
             self.line.listen(0.0 if idle is not None and idle(step) else step)
-            if idle is not None and self.handle_delivery is not None and (message := self.direct.take()) is not None:
+            if idle is not None and self.handle_delivery is not None and (message := self._next_message()) is not None:
                 self.handle_delivery(*message)  # one at a time, and central is heard in between
             before, now = now, self.now()
             if now - before > step + STALL:
@@ -459,6 +460,18 @@ class Connection:
             if now >= max(session.heard, since) + patience:
                 raise self.line.lost()
         return True
+
+    def _next_message(self) -> tuple[Deliver, bytes] | None:
+        """The next message to be handled when nothing else is: one that was sent ahead, or one that came directly."""
+        ahead = self.session.ahead
+        return ahead.popleft() if ahead and not self.session.deliveries else self.direct.take()
+
+    def give_back(self) -> None:
+        """Give back to central the messages that have not begun, and that only this slot has."""
+        with self._lock:
+            if self.session.ahead:
+                self.session.give_back()
+                self.line.flush()
 
     @property
     def silence(self) -> str:

@@ -13,7 +13,7 @@ from tca_module.checks import CENTRAL, check
 from tca_module.direct.messages import DirectMessages, OpenedEntrance
 from tca_module.link.connection import Connection
 from tca_module.session.lasting_attachments import LastingAttachments
-from tca_module.session.session import Session
+from tca_module.session.session import PREFETCH, Session
 from tca_module.sockets.transport import DealerTransport, Transport
 from tca_wire.endpoint import default_endpoint
 from tca_wire.messages.declarations import Message
@@ -72,4 +72,7 @@ def _connection_by_socket(
 def hello(module: str, connection: int = 0, resource: str = "", incarnation: str = "") -> Hello:
     """The introduction of a connection; *incarnation* names one run of a module ("": a new one)."""
     process = f"{socket.gethostname()}:{os.getpid()}"
-    return Hello(0, PROTOCOL_VERSION, module, incarnation or token_hex(8), connection, resource, process)
+    prefetch = PREFETCH if resource else 0
+    return Hello(
+        0, PROTOCOL_VERSION, module, incarnation or token_hex(8), connection, resource, process, prefetch=prefetch
+    )

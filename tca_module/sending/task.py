@@ -35,6 +35,7 @@ class Task(Sender, SteerableTask):
         origin = max(0, delivery.delivery)  # central knows no direct delivery
         Sender.__init__(self, task_id, with_epoch(origin, epoch, what or f"'{message.name}'"))
         SteerableTask.__init__(self, task_id)
+        self.began = connection.now()
         self.later: LaterReply[Any] | None = None  #: answers for the handler, if it said so
 
     def __repr__(self) -> str:

@@ -99,6 +99,7 @@ class Slot:
             self._say_goodbye(connection)
 
     def _say_goodbye(self, connection: Connection, error: BaseException | None = None) -> None:
+        connection.give_back()
         while connection.session.news:  # answers of others, perhaps
             connection.session.news.popleft()()
         for later in self._owed:
@@ -183,6 +184,8 @@ class Slot:
             header, body = Fail(task.delivery, MODULE_LOST, f"its module ended while {handler.name} ran"), b""
         if isinstance(header, Fail) and header.failure == HANDLER_ERROR:
             self._log.error("handler %s failed: %s", handler.name, header.text)
+        if isinstance(header, Reply):
+            header = Reply(task.delivery, self._connection.now() - task.began)
         self._connection.reply(header, body)
 
 

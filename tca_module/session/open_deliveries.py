@@ -42,8 +42,8 @@ class OpenDeliveries:
     def __contains__(self, delivery: int) -> bool:
         return delivery in self._known
 
-    def __bool__(self) -> bool:
-        return bool(self._known)
+    def __len__(self) -> int:
+        return len(self._known)
 
     def knows(self, one: OpenDelivery | None) -> bool:
         """Whether a handler is still at its delivery, and central has not forgotten it."""

@@ -10,7 +10,7 @@ not leave, or left once and were answered by Unknown. Messages and handlers are 
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, ClassVar
 from weakref import WeakValueDictionary
 
@@ -39,7 +39,8 @@ QUIET = 2.5  # seconds without a word after which who waits for central asks it 
 IDLE = 45.0  # the same for who waits for nothing in particular: central beats every 30 seconds
 REPEAT = 1.0  # seconds between two such questions
 CONFIRM_EVERY = 100  # statements that may be on their way before central is asked for a word
-_REPLIES_KEPT = 8  # to be said again after a break, until a further delivery shows that they arrived
+PREFETCH = 64  # messages that a slot takes ahead
+_REPLIES_KEPT = PREFETCH + 8  # to be said again after a break, until a further delivery shows that they arrived
 
 # Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
 _ARE_YOU_THERE = headers.Register(0, [], [])
@@ -65,12 +66,14 @@ class Session:
         self._is_ready = False  #: central was told that all is attached that is attached at the start
         self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
         self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
-        self._replies: list[tuple[headers.Reply | headers.Fail, bytes]] = []  #: central may not have got these yet
+        self._replies: dict[int, tuple[headers.Reply | headers.Fail, bytes]] = {}
+        """By delivery, oldest first: central may not have got these yet."""
         self._asked = float("-inf")  #: when central was last asked for a word
         self.asked_since = float("-inf")  #: when it was first asked for the one that it owes, if it does
         self.heard = float("-inf")  #: when central last said anything
         self.outgoing: list[Item] = []
-        self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: not handled yet
+        self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: to be handled now, within a wait as well
+        self.ahead: deque[tuple[headers.Deliver, bytes]] = deque()  #: to be handled when all before them have been
         self.news: deque[Callable[[], None]] = deque()  #: to be called by the thread that owns the connection, soon
         self.routing: deque[headers.Welcome | Route | EntranceGone] = deque()  #: headers about direct messages
         self.complaints: list[str] = []  #: central's complaints that answer no request; for the log
@@ -78,7 +81,7 @@ class Session:
         self.doubtful = 0  #: and those that were on their way when the connection broke
         self._posted = self._arrived = 0  #: statements sent on this connection; those of which central has had word
         self._confirming: Request | None = None  #: asks central for a word
-        self._replies_before: list[tuple[headers.Reply | headers.Fail, bytes]] = []  #: those sent before that
+        self._replies_before: list[int] = []  #: the deliveries that were answered before that
         self.is_welcome = False
         self.is_to_withdraw = False  #: central is to be told that nothing is handled any more; set by any thread
         self.breaks = 0  #: how often the connection has broken
@@ -94,6 +97,8 @@ class Session:
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Make a numbered request of central. Raises MisuseError if central could not read it."""
         check_fields(header)
+        if isinstance(header, headers.Lock) and self.ahead:
+            self.give_back()  # or a claim on its own resource would wait for them
         request = Request(header, body, wants_answer=wants_answer)
         self.adopt(request)
         return request
@@ -150,10 +155,23 @@ class Session:
         """A handler ended. Nothing is said of a delivery that central has forgotten."""
         if not self.open_deliveries.end(header.delivery):
             return
-        self._replies.append((header, body))
-        del self._replies[:-_REPLIES_KEPT]
+        self._replies[header.delivery] = (header, body)
+        self._keep_replies(_REPLIES_KEPT)
         if self.is_welcome:
             self.outgoing.append((header, body))
+
+    def _keep_replies(self, number: int) -> None:
+        """Forget all but the newest; central has got the others."""
+        while len(self._replies) > number:
+            del self._replies[next(iter(self._replies))]
+
+    def give_back(self, wanted: Collection[int] | None = None) -> None:
+        """Give back the deliveries that came ahead and have not begun, of those *wanted* (None: of all)."""
+        back = [header.delivery for header, _ in self.ahead if wanted is None or header.delivery in wanted]
+        self.ahead = deque(one for one in self.ahead if one[0].delivery not in back)
+        for delivery in back:
+            self.open_deliveries.end(delivery)
+        self.post(headers.Recalled(back))
 
     def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool = False) -> None:
         """Remember what central has accepted, to declare it again after a restart."""
@@ -272,7 +290,7 @@ class Session:
         for request in self._requests.values():
             request.repeated = request.was_sent
             self._send(request)
-        self.outgoing += self._replies
+        self.outgoing += self._replies.values()
 
     def _renew(self) -> None:
         """Redeclare to a new central before all else, under the lowest numbers."""
@@ -306,6 +324,7 @@ class Session:
         self._replies.clear()
         self.open_deliveries.forget()
         self.deliveries.clear()
+        self.ahead.clear()
 
     def _answered(self, number: int) -> Request | None:
         """The request that central answers; what was sent before it has arrived."""
@@ -313,7 +332,8 @@ class Session:
         if request is not None:
             self._arrived = max(self._arrived, request.mark)
             if request is self._confirming:
-                self._replies = [reply for reply in self._replies if reply not in self._replies_before]
+                for delivery in self._replies_before:
+                    self._replies.pop(delivery, None)
         return request
 
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
@@ -386,11 +406,12 @@ class Session:
             self.news.append(request.notify)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
-        if header.delivery in self.open_deliveries or any(one.delivery == header.delivery for one, _ in self._replies):
+        if header.delivery in self.open_deliveries or header.delivery in self._replies:
             return  # after a reconnect central repeats deliveries it is not sure of
-        self._replies.clear()  # a slot gets its next message only after the reply to the one before
+        # Central knows of so many without an answer; it has got the answers of all before these.
+        self._keep_replies(max(0, header.ahead - len(self.open_deliveries)))
         self.open_deliveries.add(header.delivery, is_suspended=header.suspended)
-        self.deliveries.append((header, body))
+        (self.ahead if header.ahead else self.deliveries).append((header, body))
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         if (lock := self._locks.pop(header.number, None)) is not None:
@@ -417,6 +438,7 @@ class Session:
         headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
             header.delivery, is_suspended=header.is_suspended
         ),
+        headers.Recall: lambda self, header, _: self.give_back(header.deliveries),
         headers.Taken: _on_taken,
         headers.Beat: lambda *_: None,
         headers.Unknown: _on_unknown,

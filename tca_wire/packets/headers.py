@@ -16,7 +16,7 @@ from tca_wire.packets.routes import Entrance, EntranceGone, Noted, Route, WatchE
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
-PROTOCOL_VERSION = 4
+PROTOCOL_VERSION = 5
 """Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
 
@@ -47,6 +47,8 @@ class Hello(_Header, frozen=True, forbid_unknown_fields=False, tag=1):
     """This slot's entrance for direct messages, if it takes any."""
     pulse: bytes = b""
     """Routing id of the socket on which this process sends back central's beats, if it has one."""
+    prefetch: int = 0
+    """Number of messages that this slot takes ahead, before it has handled the one it has."""
 
 
 class Register(_Header, frozen=True, tag=2):
@@ -103,6 +105,8 @@ class Reply(_Header, frozen=True, tag=5):
     """The handler of a delivery returned; the body is its reply or result."""
 
     delivery: int
+    took: float = 0
+    """Seconds that it ran, by its own clock (0: not said)."""
 
 
 class Fail(_Header, frozen=True, tag=6):
@@ -115,6 +119,12 @@ class Fail(_Header, frozen=True, tag=6):
     """The more general failures that this one is a kind of, nearest first."""
     reissue: bool = False
     """The handler of a failure cannot deal with it: search on, above it."""
+
+
+class Recalled(_Header, frozen=True, tag=29):
+    """This slot gives back what it had ahead and had not begun: it never begins it. Answers Recall, or goes unasked."""
+
+    deliveries: list[int]
 
 
 class Constrain(_Header, frozen=True, tag=7):
@@ -384,7 +394,7 @@ ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | AwaitPoint | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
     | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
-    | WatchEntrance
+    | WatchEntrance | Recalled
 )  # fmt: skip
 
 
@@ -439,6 +449,8 @@ class Deliver(_Header, frozen=True, tag=37):
     suspended: bool = False
     own: bool = False
     """A slot of its resource waits for the answer, and this one takes messages directly: handle it within another."""
+    ahead: int = 0
+    """So many deliveries, which are not answered yet as far as central knows, are to be handled before it."""
 
 
 class Cancelled(_Header, frozen=True, tag=38):
@@ -480,7 +492,13 @@ class Taken(_Header, frozen=True, tag=43):
     text: str
 
 
+class Recall(_Header, frozen=True, tag=44):
+    """Give back those of these deliveries, which you have ahead, that you have not begun; answered by Recalled."""
+
+    deliveries: list[int]
+
+
 ToModule = (
     Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended | Taken | Route
-    | EntranceGone
+    | EntranceGone | Recall
 )  # fmt: skip

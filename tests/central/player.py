@@ -27,6 +27,9 @@ SAYS_ITSELF = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVari
 class Player:
     """One central and any number of modules, named by single words. Invariants are checked after every event."""
 
+    prefetch = 0
+    """Messages that each slot takes ahead."""
+
     def __init__(self, *, check: bool = True) -> None:
         self.central = Central()
         self.time = 0.0
@@ -48,12 +51,15 @@ class Player:
         effects = self.central.handle(event)
         if self.check:
             check_invariants(self.central)
+        self.note(effects)
+        return effects
+
+    def note(self, effects: list[Effect]) -> None:
         for effect in effects:
             if isinstance(effect, Record):
                 self.entries.append(effect.entry)
             elif isinstance(effect, Transmit):
                 self.inbox.setdefault(effect.connection.decode(), []).append((effect.header, effect.body))
-        return effects
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
         """Let central receive a message; the headers that it sent to anyone."""
@@ -83,6 +89,7 @@ class Player:
                 resource,
                 "here:1",
                 Entrance(f"ipc:///{connection}", f"key of {connection}") if direct else None,
+                prefetch=self.prefetch,
             ),
         )
 

@@ -54,10 +54,11 @@ class JudgedLife(Life):
     modules = JUDGED
     messages = [message for handled in JUDGED.values() for message in handled] + ["command later"]
     pending = (0,)
+    player_class = JudgedPlayer
 
     def __init__(self) -> None:
         self.timers = 0
-        super().__init__(JudgedPlayer())
+        super().__init__(self.player_class())
 
     def seconds(self, number: int) -> float:
         self.timers += 1

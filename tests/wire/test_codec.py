@@ -80,7 +80,7 @@ def test_bad_packets_are_refused_in_words(packet: bytes, why: str) -> None:
 
 def test_the_bytes_are_those_of_the_documentation() -> None:
     reply = codec.pack([(headers.Reply(7), b"\xc0")])
-    assert reply.hex(" ") == "00 00 00 03 00 00 00 01 92 05 07 c0"
+    assert reply.hex(" ") == "00 00 00 04 00 00 00 01 93 05 07 00 c0"
 
 
 def test_a_hello_of_a_later_version_can_be_read() -> None:

@@ -1,0 +1,117 @@
+"""A quick handler has messages ahead, over real sockets: all are handled once, in order, and nobody gets in between."""
+
+import threading
+
+import pytest
+from integration.commanded import SOON
+from module.real_central import RealCentral
+
+from tca_central.order import dispatcher
+from tca_module import Client, Inform, Module, Query, Task, connect
+from tca_wire.journal.facts import Delivered, Granted, Returned
+
+pytestmark = pytest.mark.slow
+MANY = 2000
+NOTE, HEARD = Inform("note", int), Query("heard", reply=list[int])
+DOUBLE, REST = Query("double", int, reply=int), Query("rest", reply=bool)
+
+
+class Quick:
+    """A module whose handlers take no time."""
+
+    def __init__(self, address: str) -> None:
+        self.heard: list[int] = []
+        self.most = 0  #: messages that were ahead
+        self.module = Module("quick", address)
+        self.module.handles(NOTE, resource="ear")(self.note)
+        self.module.handles(HEARD, resource="ear")(lambda _: self.heard)
+        self.module.handles(DOUBLE, resource="ear")(self.double)
+        self.module.handles(REST, resource="ear")(self.rest)
+
+    def note(self, task: Task, number: int) -> None:
+        self.look(task)
+        self.heard.append(number)
+
+    def double(self, task: Task, number: int) -> int:
+        self.look(task)
+        return 2 * number
+
+    def look(self, task: Task) -> None:
+        self.most = max(self.most, len(task._connection().session.ahead))
+
+    def rest(self, task: Task) -> bool:
+        """With its own resource locked nothing that is ahead is begun within the wait."""
+        before = len(self.heard)
+        with task.lock("ear"):
+            return len(self.heard) == before
+
+
+@pytest.fixture
+def quick(address: str, monkeypatch: pytest.MonkeyPatch) -> Quick:
+    monkeypatch.setattr(dispatcher, "QUICK", 10.0)  # whatever else the machine does
+    return Quick(address)
+
+
+def test_informs_are_all_handled_in_order(quick: Quick, user: Client) -> None:
+    with quick.module.running():
+        for number in range(MANY):
+            user.inform(NOTE, number)
+        assert user.query(HEARD, timeout=SOON) == list(range(MANY))
+    assert quick.most > 1
+
+
+def test_queries_get_their_own_answers(quick: Quick, user: Client) -> None:
+    with quick.module.running():
+        asked = [user.query_send(DOUBLE, number) for number in range(MANY)]
+        assert [one.receive(timeout=SOON) for one in asked] == [2 * number for number in range(MANY)]
+    assert quick.most > 1
+
+
+def test_the_handlers_own_lock_goes_before_what_is_ahead(quick: Quick, user: Client) -> None:
+    with quick.module.running():
+        for number in range(MANY):
+            user.inform(NOTE, number)
+        rests = [user.query_send(REST) for _ in range(5)]
+        for number in range(MANY):
+            user.inform(NOTE, number)
+        assert all(one.receive(timeout=SOON) for one in rests)
+        assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
+
+
+def test_nothing_is_handled_while_others_hold_the_lock(quick: Quick, user: Client, daemon: RealCentral) -> None:
+
+    def send() -> None:
+        with connect("other", daemon.address) as other:
+            for number in range(MANY):
+                other.inform(NOTE, number)
+
+    sending = threading.Thread(target=send)
+    with quick.module.running():
+        with connect("locker", daemon.address) as locker:
+            sending.start()
+            for _ in range(20):
+                with locker.lock("ear", priority=1):
+                    before = len(quick.heard)
+                    locker.modules()
+                    assert len(quick.heard) == before
+            sending.join(SOON)
+        assert user.query(HEARD, timeout=SOON) == list(range(MANY))
+    facts = [fact for fact in daemon.facts(object) if isinstance(fact, Delivered | Returned | Granted)]
+    inside: set[int] = set()
+    for fact in facts:
+        assert not (isinstance(fact, Granted) and inside), "granted while somebody was in it"
+        if isinstance(fact, Delivered):
+            inside.add(fact.id)
+        elif isinstance(fact, Returned):
+            inside.discard(fact.id)
+
+
+def test_a_module_that_leaves_loses_nothing(quick: Quick, user: Client, address: str) -> None:
+    """What it had ahead and not begun goes to the next."""
+    with quick.module.running():
+        for number in range(MANY):
+            user.inform(NOTE, number)
+    after = Quick(address)
+    with after.module.running():
+        assert user.query(HEARD, timeout=SOON) == after.heard
+    assert sorted(quick.heard + after.heard) == list(range(MANY))

@@ -1,0 +1,293 @@
+"""A slot that has messages ahead of the one that it handles: every run is one that could have happened without."""
+
+import random
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from central.player import Player
+from central.test_oracle import NO_SMALLER_SEED, JudgedLife, JudgedPlayer
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import operation
+
+from tca_central.core import Central
+from tca_central.events import ConnectionId, Effect, RequestReceived, Tick
+from tca_central.invariants import check_invariants
+from tca_central.model.deliveries import Connection, Delivery
+from tca_central.order import dispatcher
+from tca_module.session.session import Session
+from tca_wire.journal.facts import Delivered
+from tca_wire.packets import headers
+from tca_wire.packets.parts import HandlerFormat
+
+
+@pytest.fixture(autouse=True, scope="module")
+def every_handler_is_quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dispatcher, "QUICK", float("inf"))
+        patch.setattr(dispatcher, "QUICK_RUNS", 0)
+        yield
+
+
+HANDLERS_CHANGE = headers.Hello | headers.Register | headers.Unregister | headers.Bye
+
+
+class ToldLate:
+    """Shows what slots get when their turn comes, as if they had nothing ahead."""
+
+    def __init__(self, central: Central) -> None:
+        self.central = central
+        self.recalled: list[Connection] = []
+        self.most = self.recalls = 0
+
+    def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
+        del is_there
+        self.central.deliver(delivery, slot, is_there=False)
+
+    def send_ahead(self, _: Delivery, slot: Connection) -> None:
+        assert slot.resource is not None
+        self.most = max(self.most, len(slot.resource.ahead))
+
+    def recall(self, slot: Connection) -> None:
+        self.recalls += 1
+        self.recalled.append(slot)
+
+
+class PrefetchPlayer(JudgedPlayer):
+    """Each slot takes messages ahead, and gives back at once what is recalled: the oracle, which knows nothing of that,
+    finds everything as ever.
+    """
+
+    prefetch = 3
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.out = self.central.dispatcher._out = ToldLate(self.central)
+
+    def _judged(self, event: Any) -> list[Effect]:
+        effects = []
+        for slot in list(self.central.registry.connections.values()):
+            if self._gives_back_before(event, slot):
+                effects += self._give_back(slot, event.time)
+        effects += self.central.handle(event)
+        while self.out.recalled:
+            effects += self._give_back(self.out.recalled.pop(), event.time)
+        check_invariants(self.central)
+        self.note(effects)
+        self.oracle.judge(event, effects)
+        return effects
+
+    @staticmethod
+    def _gives_back_before(event: Any, slot: Connection) -> bool:
+        """Whether what a slot has ahead would come too late if it gave that back later: when it claims something itself,
+        and when handlers come or go.
+        """
+        if slot.resource is None or not slot.resource.ahead or isinstance(event, Tick):
+            return False
+        is_own = isinstance(event, RequestReceived) and event.connection == slot.id
+        if isinstance(event, RequestReceived) and not isinstance(event.header, HANDLERS_CHANGE):
+            return is_own and isinstance(event.header, headers.Lock)
+        return True
+
+    def _give_back(self, slot: Connection, time: float) -> list[Effect]:
+        ahead = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
+        event = RequestReceived(time, slot.id, headers.Recalled(ahead))
+        return self.central._receive(event)
+
+
+class PrefetchLife(JudgedLife):
+    """Most of what is sent may be ahead, and is sent to few."""
+
+    player_class = PrefetchPlayer
+
+    def join(self, module: str) -> None:
+        self.generation += 1
+        pool = "all" if self.generation % 5 == 0 else ""
+        self.player.module(f"{module}{self.generation}", *self.modules[module], pool=pool)
+
+    def sent_name(self, b: int) -> str:
+        return super().sent_name(b) if b % 4 == 0 else ("note", "pose", "all", "where")[b // 4 % 4]
+
+    def join_(self, a: int, *others: int) -> None:
+        if len(self.connections()) < 10:
+            super().join_(a, *others)
+
+
+@given(st.lists(operation, max_size=60))
+@settings(max_examples=20)
+def test_the_oracle_sees_no_difference_in_short_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
+    life = PrefetchLife()
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=6, phases=NO_SMALLER_SEED)
+def test_the_oracle_sees_no_difference_in_lives_of_hundreds_of_events(seed: int) -> None:
+    PrefetchLife().go_on(seed, 400)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=200, phases=NO_SMALLER_SEED)
+def test_the_oracle_sees_no_difference_in_many_lives(seed: int) -> None:
+    PrefetchLife().go_on(seed, 2000)
+
+
+def test_in_these_lives_messages_are_ahead_and_are_recalled() -> None:
+    life = PrefetchLife()
+    life.go_on(0, 400)
+    assert isinstance(life.player, PrefetchPlayer)
+    assert life.player.out.most == 3
+    assert life.player.out.recalls > 0
+
+
+# --- packets take their time -----------------------------------------------------------------------------------------
+
+
+class Worker:
+    """A slot of the library's own session, with packets under way in both directions."""
+
+    def __init__(self, town: "Town", name: str) -> None:
+        self.town, self.name = town, name
+        town.player.hello(name)
+        town.player.receive(name, headers.Register(town.player.number(name), [*FORMATS], HANDLERS))
+        self.slot = ConnectionId(f"{name}/1".encode())
+        self.session = Session(headers.Hello(0, headers.PROTOCOL_VERSION, name, f"run of {name}", 1, "it", prefetch=4))
+        self.to_central: deque[tuple[Any, bytes]] = deque()
+        self.from_central: deque[tuple[Any, bytes]] = deque()
+        self.handling = 0
+        self.session.tend(0.0, 0.0)
+
+    def post(self) -> None:
+        """What the session says is on its way, in order."""
+        self.to_central.extend(self.session.outgoing)
+        self.session.outgoing.clear()
+
+    def listen(self) -> None:
+        if self.from_central:
+            self.session.receive(*self.from_central.popleft(), 0.0)
+            self.post()
+
+    def begin(self) -> None:
+        """Begin with the next message, as a slot does that handles nothing."""
+        waiting = self.session.deliveries or self.session.ahead
+        if not self.handling and waiting:
+            self.handling = waiting.popleft()[0].delivery
+            self.town.begins(self, self.handling)
+
+    def end(self) -> None:
+        if self.handling:
+            self.session.reply(headers.Reply(self.handling), b"\x07")
+            self.handling = 0
+            self.post()
+
+
+FORMATS = [Player.format(words) for words in ("query ask", "inform note", "broadcast all")]
+HANDLERS = [HandlerFormat(message.name, "it", "") for message in FORMATS]
+
+
+class Town:
+    """Workers of one program, and those who send to it, give up and lock it; who comes last gets what waits."""
+
+    def __init__(self, seed: int) -> None:
+        self.dice = random.Random(seed)
+        self.player = Player()
+        self.begun: list[tuple[bytes, int]] = []
+        self.workers: list[Worker] = []
+        self.player.module("user")
+        self.work()
+
+    def work(self) -> None:
+        if len(self.workers) < 3:
+            self.workers.append(Worker(self, f"worker{len(self.workers)}"))
+            self.workers[-1].post()
+
+    def begins(self, worker: Worker, delivery: int) -> None:
+        assert delivery not in [one for _, one in self.begun], f"{delivery} is begun twice"
+        self.begun.append((worker.slot, delivery))
+        held_by = self.player.central.registry.connections[worker.slot].resource.held_by  # type: ignore[union-attr]
+        assert held_by is None, f"{delivery} is begun while others have the resource"
+
+    def step(self) -> None:
+        player, dice = self.player, self.dice
+        worker = dice.choice(self.workers)
+        what = dice.choice(["send"] * 4 + ["hear"] * 6 + ["listen"] * 6 + ["begin"] * 6 + ["end"] * 6 + ["lock", "unlock",
+                           "give up", "work"])  # fmt: skip
+        if what == "send":
+            player.send("user", dice.choice(FORMATS).name, priority=dice.choice((0, 0, 0, 1)))
+        elif what == "hear" and worker.to_central:
+            self.hear(worker)
+        elif what in ("listen", "begin", "end"):
+            getattr(worker, what)()
+        elif what == "lock":
+            number = player.number("user")
+            player.receive("user", headers.Lock(number, "it", worker.name, timeout=-1, priority=dice.choice((0, 1))))
+        elif what in ("unlock", "give up"):
+            central = player.central
+            due = central.registry.connections[ConnectionId(b"user")].outstanding
+            asked = [number for number, one in due.items() if isinstance(one, Delivery)]
+            if numbers := [number for _, number in central.claims] if what == "unlock" else asked:
+                player.receive("user", headers.GiveUp(dice.choice(numbers)))
+        elif what == "work" and dice.random() < 0.2:
+            self.work()
+
+    def hear(self, worker: Worker) -> None:
+        """Central gets the next thing from a worker."""
+        header, body = worker.to_central.popleft()
+        self.player.receive(worker.slot.decode(), header, body)
+
+    def deliver(self) -> None:
+        """What central has said is on its way."""
+        for worker in self.workers:
+            said = self.player.inbox.get(worker.slot.decode(), [])
+            worker.from_central.extend(said)
+            said.clear()
+
+    def finish(self) -> None:
+        """Let all that is under way come to its end."""
+        for _, number in list(self.player.central.claims):
+            self.player.receive("user", headers.GiveUp(number))
+        for _ in range(200):
+            self.deliver()
+            for worker in self.workers:
+                worker.begin()
+                worker.end()
+                worker.listen()
+                while worker.to_central:
+                    self.hear(worker)
+
+
+def live(seed: int, steps: int) -> Town:
+    town = Town(seed)
+    for _ in range(steps):
+        town.step()
+        town.deliver()
+    town.finish()
+    central = town.player.central
+    assert not central.dispatcher.running
+    assert not central.registry.connections[ConnectionId(b"user")].outstanding
+    assert [
+        name for module in central.registry.modules.values() for name, one in module.resources.items() if one.waiting
+    ] == []
+    given = [fact.id for fact in town.player.facts(Delivered)]
+    for worker in town.workers:
+        mine = [delivery for slot, delivery in town.begun if slot == worker.slot]
+        assert mine == [delivery for delivery in given if delivery in mine], "begun in another order than central says"
+    assert sorted(given) == sorted(delivery for _, delivery in town.begun)
+    return town
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=15, phases=NO_SMALLER_SEED)
+def test_what_is_recalled_is_not_begun_and_all_else_is_in_order(seed: int) -> None:
+    live(seed, 250)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=500, phases=NO_SMALLER_SEED)
+def test_what_is_recalled_is_not_begun_in_many_lives(seed: int) -> None:
+    live(seed, 1000)
