@@ -212,8 +212,8 @@ class Dispatcher:
         return first
 
     def take_back(self, slot: Connection, unbegun: Iterable[int]) -> list[Delivery]:
-        """A slot gives back deliveries of these numbers, which wait as before, and has begun what it keeps. Those that it
-        is not to have again are returned, out of their queue.
+        """A slot gives back deliveries of these numbers, which wait as before, and has begun what it keeps. Those that
+        it is not to have again are returned, out of their queue.
         """
         resource, numbers = slot.resource, set(unbegun)
         if resource is None or resource.ahead_at is not slot:
