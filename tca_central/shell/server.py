@@ -64,7 +64,7 @@ BEAT_PERIOD = 2.0  # to connections that wait for an answer
 SWEEP_PERIOD = 30.0  # to all of them
 LOST_AFTER = 5
 """Beats on a pulse without a word from a process that has a pulse: it stands still, and counts as lost."""
-PACKETS_PER_TURN = 256
+PACKETS_PER_TURN = 64  # so many that who sends much does not outrun a slot, which gets its next messages once a turn
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
 OUTBOX_BYTES = 64 << 20
 PACKET_BYTES = 64 << 10  # a packet is closed when it holds this much
