@@ -94,7 +94,9 @@ class PrefetchPlayer(JudgedPlayer):
     def _give_back(self, slot: Connection, time: float) -> list[Effect]:
         ahead = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
         event = RequestReceived(time, slot.id, headers.Recalled(ahead))
-        return self.central._receive(event)
+        effects: list[Effect] = []
+        self.central._receive(event, effects)  # timers that are due have an event of their own
+        return effects
 
 
 class PrefetchLife(JudgedLife):
@@ -137,11 +139,15 @@ def test_the_oracle_sees_no_difference_in_many_lives(seed: int) -> None:
 
 
 def test_in_these_lives_messages_are_ahead_and_are_recalled() -> None:
-    life = PrefetchLife()
-    life.go_on(0, 400)
-    assert isinstance(life.player, PrefetchPlayer)
-    assert life.player.out.most == 3
-    assert life.player.out.recalls > 0
+    most = recalls = 0
+    for seed in range(30):
+        if most == PrefetchPlayer.prefetch and recalls:
+            return
+        life = PrefetchLife()
+        life.go_on(seed, 400)
+        assert isinstance(life.player, PrefetchPlayer)
+        most, recalls = max(most, life.player.out.most), recalls + life.player.out.recalls
+    pytest.fail(f"at most {most} were ahead, {recalls} recalls: these lives test nothing")
 
 
 # --- packets take their time -----------------------------------------------------------------------------------------

@@ -67,7 +67,7 @@ def item(header: bytes, body: bytes = b"") -> bytes:
         (item(b""), "truncated"),
         (item(b"\xc1"), "malformed"),
         (item(msgspec.msgpack.encode([99, 1])), "Invalid value 99"),
-        (item(msgspec.msgpack.encode([5, 1, 2])), "at most length 1"),
+        (item(msgspec.msgpack.encode([5, 1, 2, 3])), "at most length 2"),
         (item(msgspec.msgpack.encode([5, "one"])), "Expected `int`, got `str`"),
         (item(b"\x92\x05" + b"\x91" * 100_000), "no message to central"),
         (item(b"\x92\x05\xa2\xff\xfe"), "no message to central"),
