@@ -13,6 +13,7 @@ what each message means to them, and this file decides when.
 from collections import deque
 from collections.abc import Callable
 from functools import partial
+from itertools import compress
 from operator import attrgetter
 from typing import Any
 
@@ -154,8 +155,9 @@ class Central(State):
                 deadlocks.note_event(self)
             entry = facts.Entry(self.events, time, self.facts[:], cause)
             self.facts.clear()
-            failed, self.failed = self.failed, {}
-            effects.append(Record(entry, failed))
+            effects.append(Record(entry, self.failed) if self.failed else Record(entry))
+            if self.failed:
+                self.failed = {}
         effects += self.messages
         self.messages.clear()
 
@@ -201,7 +203,7 @@ class Central(State):
                 return
 
     def _take_outputs(self) -> None:
-        for queue, take in self._outputs:
+        for queue, take in compress(self._outputs, self._output_queues):  # a queue is looked at when its turn comes
             while queue:
                 take(queue.popleft())
 
@@ -319,23 +321,21 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
 """One row per message: what happens when it arrives."""
 
 
-class _Kind(msgspec.Struct, frozen=True):
+class _Kind:
     """A message of the protocol, as far as the core needs to know it."""
 
-    name: str
-    has_number: bool
-    origin: Callable[[Any], int] | None
-    """Reads the delivery whose handler sends such a header; None if it has none."""
+    __slots__ = ("has_number", "name", "origin")
+
+    def __init__(self, header: type[msgspec.Struct]) -> None:
+        fields = header.__struct_fields__
+        origin = next((name for name in ("origin", "delivery") if name in fields), "")
+        self.name: str = header.__name__
+        self.has_number = "number" in fields
+        self.origin: Callable[[Any], int] | None = attrgetter(origin) if origin else None
+        """Reads the delivery whose handler sends such a header; None if it has none."""
 
 
-def _kind_of(header: type[msgspec.Struct]) -> _Kind:
-    fields = header.__struct_fields__
-    origin = next((name for name in ("origin", "delivery") if name in fields), "")
-    read = attrgetter(origin) if origin else None
-    return _Kind(header.__name__, "number" in fields, read)
-
-
-KINDS = {header: _kind_of(header) for header in HANDLERS}
+KINDS = {header: _Kind(header) for header in HANDLERS}
 
 
 TIMERS: dict[Due, Callable[[Central, Any], None]] = {

@@ -7,8 +7,6 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import msgspec
-
 from tca_central.events import ConnectionId
 from tca_central.model.resources import PendingLimit, Resource
 from tca_wire.messages.notices import NOTICES
@@ -41,7 +39,7 @@ class LostClaim(NamedTuple):
     text: str  #: by whom, or why
 
 
-class Blocking(msgspec.Struct, frozen=True):
+class Blocking(NamedTuple):
     """A wait: a connection, or the coroutine of a handler, does nothing until its request is answered."""
 
     origin: int  #: the delivery whose handler waits (0: none)
