@@ -74,7 +74,7 @@ IGNORED = {
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
     "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
     "PendingDelay": {"constraint"},  # as it is recorded
-    "Dispatcher": {"_clock", "_facts", "_deliver", "_arrivals"},  # arrivals are compared, not counted: see add_rank
+    "Dispatcher": {"_clock", "_facts", "_out", "_arrivals"},  # arrivals are compared, not counted: see add_rank
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""
 
