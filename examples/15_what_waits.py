@@ -30,5 +30,6 @@ if __name__ == "__main__":
             user.inform(POSE, x)
         last = user.command(SHOW, "the weather", sequential=False)
         user.command(SHOW, "a warning", sequential=False, priority=10)
+        user.modules()  # a question: when it is answered, central has all that was sent before
         go_on.set()
         last.wait(timeout=10)

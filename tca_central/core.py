@@ -39,7 +39,7 @@ from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection, Wiretap
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability, direct_routes
-from tca_central.requests import joining, replying, sending, variables, waiting
+from tca_central.requests import joining, naming, replying, sending, variables, waiting
 from tca_central.state import State
 from tca_central.status import topics
 from tca_central.watching import taps
@@ -88,6 +88,14 @@ class Central(State):
             self._on_line(event, effects)
         return effects
 
+    def tell_all(self) -> list[Effect]:
+        """Messages for those who were not told yet of the quiet tasks that they have sent. Changes nothing else."""
+        for connection in list(self.untold):
+            self.tell_tasks(connection)
+        told = self.messages[:]
+        self.messages.clear()
+        return told
+
     # --- an event --------------------------------------------------------------------------------------------------
 
     def _let_fire(self, timer: Timer, time: float, effects: list[Effect]) -> None:
@@ -132,8 +140,12 @@ class Central(State):
                     asking = self.dispatcher.running.get(origin)
                     is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
                     self.origin = origin if is_its else 0
+                if kind.names_tasks:
+                    header = naming.with_ids(connection, header)
                 HANDLERS[type(header)](self, connection, header, event.body)
         except RequestError as error:
+            if isinstance(header, headers.Send) and header.quiet and self.origin:
+                sending.note_refusal(self, header, error.text)
             self._refuse(event.connection, number, error.refusal, error.text)
         self._settle()
         module, place = _named(connection)
@@ -175,8 +187,9 @@ class Central(State):
         header, body = connection.answer(number)
         if header is None:
             known = connection.outstanding.get(number)
-            header = Accepted(number, getattr(known, "id", 0))
-            if known is None:
+            made = connection.tasks.get(number, 0)
+            header = Accepted(number, made or getattr(known, "id", 0))
+            if known is None and not made:
                 text = f"request {number} is not open: it was answered long ago, or dropped when the connection broke"
                 header = Refused(number, Refusal.TOO_LATE, text)
         self.messages.append(Transmit(connection.id, header, body))
@@ -324,13 +337,14 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
 class _Kind:
     """A message of the protocol, as far as the core needs to know it."""
 
-    __slots__ = ("has_number", "name", "origin")
+    __slots__ = ("has_number", "name", "names_tasks", "origin")
 
     def __init__(self, header: type[msgspec.Struct]) -> None:
         fields = header.__struct_fields__
         origin = next((name for name in ("origin", "delivery") if name in fields), "")
         self.name: str = header.__name__
         self.has_number = "number" in fields
+        self.names_tasks = bool(naming.NAMING[header])
         self.origin: Callable[[Any], int] | None = attrgetter(origin) if origin else None
         """Reads the delivery whose handler sends such a header; None if it has none."""
 

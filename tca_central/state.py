@@ -6,7 +6,15 @@ from typing import Any, NamedTuple
 
 from tca_central.events import Effect, Transmit
 from tca_central.model.clock import Clock, Timer
-from tca_central.model.deliveries import AttachedHandler, Blocking, Connection, Delivery, MessageType, Wiretap
+from tca_central.model.deliveries import (
+    TOLD_TOGETHER,
+    AttachedHandler,
+    Blocking,
+    Connection,
+    Delivery,
+    MessageType,
+    Wiretap,
+)
 from tca_central.model.registry import Registry, Variables
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import KeptTask, Task, TaskTree, taps_of
@@ -195,6 +203,7 @@ class State:
         self.keep_count = 0  #: number of tasks, living or ended, that each module keeps, added up
         self.events = 0  #: number of events handled, and of timers
         self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
+        self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
         self.messages: list[Effect] = []
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
@@ -260,12 +269,31 @@ class State:
         """Answer a request, for good; the answer is kept in case the request is repeated."""
         if connection.waits or connection.pauses:
             self.unblock(connection, number)
+        if connection.untold:
+            self.tell_tasks(connection)
         connection.answers.append((number, header, body))
         self.messages.append(Transmit(connection.id, header, body))
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:
         """Answer that a request was done; *made* is the id that it made, or is about."""
         self.send(connection, number, headers.Accepted(number, TaskId(made)))
+
+    def accept_task(self, connection: Connection, number: int, task: TaskId, *, quiet: bool) -> None:
+        """Answer that a request has sent a task: at once or, if it was *quiet*, soon and with others."""
+        connection.remember_task(number, task)
+        if not quiet:
+            self.accept(connection, number, task)
+            return
+        connection.untold.append((number, task))
+        self.untold[connection] = None
+        if len(connection.untold) >= TOLD_TOGETHER:
+            self.tell_tasks(connection)
+
+    def tell_tasks(self, connection: Connection) -> None:
+        """Tell a connection of the quiet tasks that it has sent."""
+        told, connection.untold = connection.untold, []
+        del self.untold[connection]
+        self.tell(connection, headers.TasksMade(told))
 
     def living(self, connection: Connection, number: int, task_id: TaskId, refused: str) -> Task | None:
         """The task of that id; None, and the request is ignored, if it has ended or was killed."""

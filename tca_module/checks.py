@@ -38,6 +38,18 @@ EXECUTED: dict[type[Message[Any, Any]], str] = {
 """The classes of messages that are sent, and the calls that do it."""
 
 
+class LateText:
+    """A text that is only made when somebody reads it: for an error, mostly."""
+
+    __slots__ = ("_make",)
+
+    def __init__(self, make: Callable[[], str]) -> None:
+        self._make = make
+
+    def __str__(self) -> str:
+        return self._make()
+
+
 class ArgumentKind(NamedTuple):
     """The kind of value that an argument must be: in words, and as a test."""
 
@@ -45,7 +57,7 @@ class ArgumentKind(NamedTuple):
     fits: Callable[[Any], bool]
 
 
-def check(call: str, kind: ArgumentKind, **values: Any) -> None:
+def check(call: object, kind: ArgumentKind, **values: Any) -> None:
     """Raise MisuseError for the first of these named values that is of another kind."""
     for name, value in values.items():
         if not kind.fits(value):
@@ -145,7 +157,7 @@ CENTRAL = ArgumentKind(
 )
 
 
-def is_brief(call: str, timeout: float | None) -> bool:
+def is_brief(call: object, timeout: float | None) -> bool:
     """Whether a wait is too short to be a deadlock. Raises MisuseError for a wrong *timeout*."""
     check(call, TIMEOUT, timeout=timeout)
     return timeout is not None and timeout < BRIEF

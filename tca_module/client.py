@@ -12,7 +12,7 @@ import msgspec
 
 from tca_module import checks
 from tca_module.checks import check
-from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent
+from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Refused
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, PATIENCE, Connection, ask
 from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.sending.sender import Sender
@@ -56,8 +56,8 @@ class Client(Sender):
         return msgspec.msgpack.decode(answer)
 
     def close(self) -> None:
-        """Say goodbye to central when all that was sent has arrived. Raises NotSent if something may not have; twice
-        does no harm.
+        """Say goodbye to central when all that was sent has arrived. Raises NotSent if something may not have, Refused
+        if a task that was sent was refused; twice does no harm.
         """
         link, self._link = self._link, None
         _open.discard(self)
@@ -71,7 +71,7 @@ class Client(Sender):
         link = self._link
         try:
             self.close()
-        except NotSent as lost:
+        except (CentralLost, Refused) as lost:
             if link is None or error is None or (isinstance(error, SystemExit) and not error.code):
                 raise
             link.log.error("%s", lost)  # noqa: TRY400 - the other error has the traceback
@@ -136,7 +136,7 @@ def _close_abandoned() -> None:
     for client in [client for client in list(_open) if client._is_abandoned]:  # noqa: SLF001
         try:
             client.close()
-        except NotSent as lost:
+        except (CentralLost, Refused) as lost:
             logging.getLogger("tca").error("%s", lost)  # noqa: TRY400 - nobody here could catch it
 
 
@@ -146,7 +146,7 @@ def _close_all() -> str:
     while _open:
         try:
             _open.pop()._close_at_exit()  # noqa: SLF001
-        except NotSent as error:
+        except (CentralLost, Refused) as error:
             lost.append(str(error))
     return "\n".join(lost)
 

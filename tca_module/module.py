@@ -11,7 +11,7 @@ from typing import Any, TypeVar, overload
 
 from tca_module import checks
 from tca_module.checks import check, check_function
-from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Stopped
+from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Refused, Stopped
 from tca_module.link.connection import LINGER, PATIENCE, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
 from tca_module.link.opening import CentralAddress, hello, open_connection
@@ -299,7 +299,7 @@ class Module(Sender):
         is_in_vain = any(isinstance(error, NotSent) for error in errors)
         try:
             link.close(0.0 if is_in_vain else self._linger, link.lost)
-        except NotSent as error:
+        except (CentralLost, Refused) as error:
             errors.append(error)
         if self._keep_alive is not None and self._keep_alive.error is not None:
             errors.insert(0, self._keep_alive.error)

@@ -15,8 +15,7 @@ from tca_central.state import RaisedFailure, State
 from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Accepted
-from tca_wire.points import ROOT, Point, TaskId, describe_moments
+from tca_wire.points import ROOT, THIS, Point, TaskId, describe_moments
 from tca_wire.vocabulary import Due, Refusal, Role, Scope
 
 MOST_PENDING = 1000
@@ -82,9 +81,9 @@ class PendingKill:
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
     """A module ends a task, its descendants or its siblings; now, some time from now, or after a point."""
-    if header.request:
-        header = msgspec.structs.replace(header, task=_sent_with(connection, header.request))
-        if not header.task:  # it has not come, and never will: it would have come before this
+    if header.task < THIS:
+        header = msgspec.structs.replace(header, task=connection.tasks.get(-header.task, ROOT))
+        if not header.task:  # it has not come, and never will: it would have come before this; or it was refused
             central.accept(connection, header.number)
             return
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
@@ -110,12 +109,6 @@ def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
     _check_pending(kill.task)
     task, (why, by, *_) = TaskId(kill.task.id), kill.verdict
     central.facts.append(facts.KillPlanned(task, kill.scope, after, kill.delay, why, by))
-
-
-def _sent_with(connection: Connection, request: int) -> TaskId:
-    """The task that came with a request of a connection; 0: none did."""
-    answer, _ = connection.answer(request)
-    return TaskId(answer.id if isinstance(answer, Accepted) else 0)
 
 
 # --- deadlines -------------------------------------------------------------------------------------------------------

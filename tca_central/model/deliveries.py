@@ -13,11 +13,18 @@ from tca_wire.messages.notices import NOTICES
 from tca_wire.packets.headers import ToModule
 from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.packets.routes import Entrance
+from tca_wire.points import TaskId
 from tca_wire.rules import rules_of
 from tca_wire.vocabulary import Condition, Role
 
 REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""
+
+REMEMBERED_TASKS = 128
+"""Tasks kept per connection that it may name by the requests that sent them."""
+
+TOLD_TOGETHER = 32
+"""Quiet tasks of which a connection is told at once, if it gets no other answer before."""
 
 
 class ModuleResource(Resource["Connection", "Delivery"]):
@@ -53,7 +60,7 @@ class Connection:
 
     __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "lost_claims", "module",
                  "number", "orphans", "outstanding", "pauses", "prefetch", "pulse", "resource", "routes", "session",
-                 "waits", "watchers", "watches")  # fmt: skip
+                 "tasks", "untold", "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
@@ -65,6 +72,8 @@ class Connection:
         self.prefetch = 0  #: number of messages that it takes ahead, before it is free
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: deque[tuple[int, ToModule, bytes]] = deque(maxlen=REMEMBERED_ANSWERS)  #: the newest, by number
+        self.tasks: dict[int, TaskId] = {}  #: the newest that it has sent, by request, oldest first
+        self.untold: list[tuple[int, TaskId]] = []  #: those of which it is to be told, with their requests
         self.last_number = 0  #: the highest request number seen
         self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
         self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
@@ -80,6 +89,13 @@ class Connection:
     def answer(self, number: int) -> tuple[ToModule | None, bytes]:
         """The answer that a request had lately, which is repeated; None if it is not known."""
         return next(((header, body) for its, header, body in reversed(self.answers) if its == number), (None, b""))
+
+    def remember_task(self, number: int, task: TaskId) -> None:
+        """Keep the task that a request has sent: others may name it so."""
+        tasks = self.tasks
+        tasks[number] = task
+        if len(tasks) > REMEMBERED_TASKS:
+            del tasks[next(iter(tasks))]
 
 
 class Module:
@@ -207,13 +223,24 @@ class Wiretap:
         self.holders: dict[str, Holder] = {}  #: by name: the modules that added it and have not taken it away
 
 
+class Refusals(NamedTuple):
+    """Quiet tasks that the handler of a delivery has sent, and that were refused."""
+
+    delivery: int = 0
+    number: int = 0
+    text: str = ""  #: of the last one
+
+
+NOTHING_REFUSED = Refusals()
+
+
 class Delivery:
     """One message on its way to one handler."""
 
     is_task = False
 
     __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested",
-                 "number", "origin", "priority", "queues", "role", "sender", "sent_by", "since", "slot",
+                 "number", "origin", "priority", "queues", "refused", "role", "sender", "sent_by", "since", "slot",
                  "ticket")  # fmt: skip
 
     def __init__(
@@ -238,6 +265,7 @@ class Delivery:
         self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
+        self.refused = NOTHING_REFUSED  #: what its handler has sent quietly, in vain
 
     def __repr__(self) -> str:
         return f"{self.message.message_class} {self.id} '{self.message.name}'"

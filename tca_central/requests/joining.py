@@ -94,6 +94,7 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
         connection.answers, connection.last_number = before.answers, before.last_number
+        connection.tasks = before.tasks
         connection.orphans, connection.late, connection.lost_claims = before.orphans, before.late, before.lost_claims
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
@@ -119,6 +120,7 @@ def on_bye(central: State, connection: Connection, _header: headers.Bye, _: byte
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
     """A connection is gone. Its unfinished messages have failed (*lost*) or go to another handler."""
     module = connection.module
+    central.untold.pop(connection, None)
     central.registry.forget_connection(connection)
     direct_routes.forget_sender(connection)
     for number in list(connection.outstanding):

@@ -11,7 +11,7 @@ from tca_central.needs.texts import end_of_multi_query
 from tca_central.state import Collector, RaisedFailure, State, lose
 from tca_central.watching.taps import fire_after
 from tca_wire.journal import facts
-from tca_wire.messages.failures import OVERLOAD
+from tca_wire.messages.failures import HANDLER_ERROR, OVERLOAD
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
 from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
@@ -43,6 +43,10 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     """A handler returned."""
     delivery = _running_delivery(central, connection, header.delivery)
     if delivery is None:
+        return
+    refused = delivery.refused
+    if refused.delivery == header.delivery and refused.number > header.refusals:
+        on_fail(central, connection, headers.Fail(header.delivery, HANDLER_ERROR, refused.text), b"")
         return
     central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body))
     central.dispatcher.complete(delivery, header.took)

@@ -7,7 +7,7 @@ from tca_central.control.steering import check_farewell, keep_for_termination, s
 from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
 from tca_central.model.clock import checked_seconds
-from tca_central.model.deliveries import Connection, Delivery, MessageType
+from tca_central.model.deliveries import Connection, Delivery, MessageType, Refusals
 from tca_central.model.task_tree import Task
 from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import at_birth, copies, route_statement, suspend, why_nobody_has_room
@@ -137,7 +137,14 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
     if header.deadline:
         set_deadline(central, task, END_ACHIEVING, header.deadline)
     if header.number:
-        central.accept(connection, header.number, task.id)
+        central.accept_task(connection, header.number, TaskId(task.id), quiet=header.quiet)
+
+
+def note_refusal(central: State, header: Send, text: str) -> None:
+    """A quiet task is refused: the handler that has sent it fails, unless it says in the end that it knows."""
+    delivery = central.dispatcher.running[central.origin]
+    before = delivery.refused.number if delivery.refused.delivery == delivery.given_as else 0
+    delivery.refused = Refusals(delivery.given_as, before + 1, f"'{header.message}' was refused: {text}")
 
 
 def _check_extras(central: State, header: Send) -> None:

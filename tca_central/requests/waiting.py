@@ -36,6 +36,8 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
     """A sender now waits for its answer. That is no suspect: its own resource may answer within the wait."""
+    if connection.untold:
+        central.tell_tasks(connection)
     due = connection.outstanding.get(header.request)
     if not isinstance(due, Delivery | Collector):
         return

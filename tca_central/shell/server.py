@@ -268,6 +268,7 @@ class Server:
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
         for stranger in [one for one in self._outboxes if one not in known]:
             self._forget(stranger)
+        self._perform(self.central.tell_all())
         for connection, why in self._too_slow.items():
             yield ConnectionLost(now, connection, why)
             self._greet(connection)
@@ -377,6 +378,7 @@ class Server:
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
         self._lines.losses.tell()
+        self._perform(self.central.tell_all())
         for connection in self.central.registry.connections:
             self._put(connection, Closing(self.stopping), b"")
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported

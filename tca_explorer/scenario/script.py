@@ -161,6 +161,7 @@ class Program:
                 return Fail(BAD_DATA, str(error))
         try:
             result = self._function(script, *arguments[: self._arguments - 1])
+            link.settle()
             return Return(message.encode_reply(result) if message is not None else b"")
         except FailureRaised as failure:
             return Fail(failure.name, failure.text, failure.body, tuple(failure.kinds))

@@ -12,12 +12,16 @@ from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from tca_explorer.errors import ScenarioError
-from tca_explorer.scenario.steps import Ask, Await, GiveUp, Got, Hang, History, Know, Step
+from tca_explorer.scenario.steps import HERE, Ask, Await, GiveUp, Got, Hang, History, Know, Step
 from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN
 from tca_module.sending.replies import QUERY_TIMEOUT
+from tca_module.session.epoch_numbers import numbers_in
+from tca_module.session.request import Request
+from tca_module.session.sent_tasks import SentId, TaskSends
 from tca_wire.messages.declarations import Message
 from tca_wire.packets import headers
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 
 CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
@@ -88,6 +92,7 @@ class ScriptConnection:
         self.stopped: StepReached | DecisionReached | None = None  #: where the run ended, or shall end
         self.error: ScenarioError | None = None  #: the call that can't be played
         self._on_caught = on_caught  #: called if the script never lets it end
+        self._sends = TaskSends()
         self._history = history
         self._at = 0
         self._is_told = False  #: that its task was killed, or its module ends
@@ -164,10 +169,33 @@ class ScriptConnection:
         del within
         self._declared.update({message.name: message for message in messages})
 
-    def call(self, header: Any, what: str, body: bytes = b"", within: float = 0) -> int:
+    def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
         """Have central do something."""
         del within
         return _checked(self.do(self._ask(header, body)), what).id
+
+    def send_task(self, header: Any, body: bytes, what: str) -> TaskId:
+        """Send a task; central's word is there at once, and an error is raised as soon as the script goes on with it,
+        or with anything else.
+        """
+        got = self.do(self._ask(header, body))
+        if got.refusal is None:
+            return got.id
+        request = Request(header, body, wants_answer=False)
+        request.what, request.refused, request.is_over = what, headers.Refused(0, got.refusal, got.text), True
+        self._sends.add(request)
+        return TaskId(SentId(self, request))
+
+    def acknowledged(self, request: Request) -> NoReturn:
+        """Raise the error that a send came to."""
+        self._sends.discard(request)
+        request.check(request.what)
+        raise AssertionError
+
+    def settle(self) -> None:
+        """Raise the error of what the script has sent: it returns, or goes on."""
+        self._sends.check(0)
+        self._sends.check(HERE)
 
     def post(self, header: Any, body: bytes) -> None:
         """Say something that has no answer."""
@@ -247,16 +275,23 @@ class ScriptConnection:
         del delivery
         return bool(self.decide(SUSPENDED, ("not suspended", "suspended")))
 
+    def _check_sends(self, header: Any) -> None:
+        self.settle()
+        for number in numbers_in(header):
+            if isinstance(number, SentId):
+                number.be_nameable(self)
+
     def now(self) -> float:
         """Time does not pass for a script."""
         return 0.0
 
     def _ask(self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False) -> Ask:
+        self._check_sends(header)
         declares, self._declared = tuple(self._declared.values()), {}
         return Ask(header, body, declares, wants_answer, is_told)
 
 
-def _checked(got: Got, what: str) -> Got:
+def _checked(got: Got, what: object) -> Got:
     if got.refusal is not None:
-        raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(what, got.refusal, got.text)
+        raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(str(what), got.refusal, got.text)
     return got

@@ -32,6 +32,7 @@ IGNORED = {
         "epoch",  # the same for all
         "events",  # numbers the journal's entries
         "facts", "failed", "messages", "origin",  # empty between events
+        "untold",  # scripts are told at once
         "suspects", "blocked", "look_after", "next_look", "scan", "may_have_closed",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached
@@ -54,6 +55,7 @@ IGNORED = {
     },
     "Connection": {
         "id", "session", "number", "answers", "last_number", "orphans", "late",  # addresses; scripts repeat nothing
+        "tasks", "untold",  # nor name they anything by its request
         "handling", "waits", "pauses", "lost_claims",  # met as what is handled and asked
     },
     "MessageType": {

@@ -16,14 +16,16 @@ from tca_module.checks import TIMEOUT, check, check_message, name_of
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped, Timeout
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
-from tca_module.session.epoch_numbers import RESTARTED, check_epoch, first_foreign, numbers_in
+from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
 from tca_module.session.open_deliveries import KILLED, wake_error, working_on
 from tca_module.session.request import Request, refers_to_tasks, waits_for_others
+from tca_module.session.sent_tasks import SentId
 from tca_module.session.session import Session, quiet_within
 from tca_module.sockets.transport import Transport, is_anybody_there
 from tca_wire.messages.declarations import Message
-from tca_wire.packets.headers import Await, Bye, Deliver, Register, Release, ToCentral, Unregister
+from tca_wire.packets.headers import Await, Bye, Deliver, Register, Release, Send, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
+from tca_wire.points import TaskId
 
 PATIENCE = 10.0  # seconds without a word from central after which a wait ends with CentralLost
 ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse a request while it says other things
@@ -31,6 +33,7 @@ LINGER = 10.0  # seconds that a program which leaves waits for what it sent to a
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
 _FOR_EVER = float("inf")
+MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
 SEND_WITH_YOUR_OWN = "a handler sends with its task, other threads with a client of their own: connect()"
 
 
@@ -92,6 +95,7 @@ class Connection:
                 self.drop()
             if number:
                 raise NotSent(number, f"{self.messages(number)} may not have reached {why}")
+            session.sends.check(0)
 
     def take_over(self, within: float) -> bool:
         """Stop its own thread at its next use, for ever, so that another may close it at the end of the process. False
@@ -108,7 +112,7 @@ class Connection:
     @property
     def not_sent(self) -> int:
         """The number of messages that may not have arrived."""
-        return self.lost + self.session.unheard + self.direct.unheard
+        return self.lost + self.session.unheard + self.session.sends.untold + self.direct.unheard
 
     def messages(self, number: int) -> str:
         """So many messages of this module, for errors."""
@@ -122,7 +126,9 @@ class Connection:
     def _settle(self, within: float, before: int) -> None:
         """Wait until all that was sent has arrived, unless central is gone."""
         session, since = self.session, self.now()
-        is_waited_for = not session.is_settled and (session.is_welcome or self.lost > before)
+        is_waited_for = not session.is_settled and (
+            session.is_welcome or self.lost > before or session.sends.untold > 0
+        )
         if is_waited_for:
             session.confirm()
         self.direct.confirm()
@@ -169,17 +175,81 @@ class Connection:
         check_message(message)
         return self._declared.get(message.name) is not message
 
-    def call(self, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
+    def call(self, header: ToCentral, what: object, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
         """Have central do something; the id of the resulting task or message. *what* names it in errors."""
         self.check_thread()
         with self._lock:
             request = self.request(header, body, is_awaited=True)
-            if not self.wait(request, within, what):
-                self.abandon(request)
-                where = f"though central at {self.transport.address} is alive: it is overloaded"
-                fate = f"{what} {self.session.fate_of(request)}"
-                raise Timeout(f"{what} was not acknowledged within {within:g} s, {where}; {fate}")
+            self._wait_for_word(request, what, within)
             return request.accepted or 0
+
+    def _wait_for_word(self, request: Request, what: object, within: float = ACKNOWLEDGED_WITHIN) -> None:
+        """Wait until central has accepted a request."""
+        if not self.wait(request, within, what):
+            self.abandon(request)
+            where = f"though central at {self.transport.address} is alive: it is overloaded"
+            fate = f"{what} {self.session.fate_of(request)}"
+            raise Timeout(f"{what} was not acknowledged within {within:g} s, {where}; {fate}")
+
+    # --- tasks -----------------------------------------------------------------------------------------------------
+
+    def send_task(self, header: Send, body: bytes, what: str) -> TaskId:
+        """Send a goal, command or monitor. Waits neither for its id nor for central's word, unless central is away: an
+        error is raised by whatever uses the id, by the next call of the same sender, or by ``settle``.
+        """
+        self.check_thread()
+        with self._lock:
+            self._catch_up_for(header)
+            session = self.session
+            if session.sends.untold >= MOST_UNTOLD:
+                self._wait(lambda: session.sends.untold < MOST_UNTOLD, None)
+            if not session.is_welcome:
+                return TaskId(self.call(header, what, body))
+            request = session.send_task(header, body, what)
+            self.line.flush()
+            return TaskId(SentId(self, request))
+
+    def acknowledged(self, request: Request) -> EpochNumber:
+        """The id of a task that was sent, once central has told it. Raises the error that the send came to."""
+        if not self.is_mine:
+            self._overhear(request)
+        try:
+            if self.is_mine:
+                self._wait_for_word(request, request.what)
+        finally:
+            self.session.sends.discard(request)
+        request.check(request.what)
+        assert request.accepted is not None
+        return request.accepted
+
+    def _overhear(self, request: Request) -> None:
+        """Wait in another thread until central has said what became of a task that was sent."""
+        self.call_soon(lambda: self.announce(request))  # if the thread that has sent it waits for something else
+        until = self.now() + ACKNOWLEDGED_WITHIN
+        while not request.is_over:
+            if self._lock.acquire(timeout=STEP):
+                try:
+                    self.announce(request)
+                    self.line.listen(STEP)
+                finally:
+                    self._lock.release()
+            if self.now() > until:
+                raise Timeout(f"{request.what} was not acknowledged within {ACKNOWLEDGED_WITHIN:g} s")
+
+    def settle(self, origin: int, *, wait: bool) -> None:
+        """Raise the first error of the tasks that were sent for *origin*; with *wait* when central has spoken of all.
+
+        Of what a handler has sent central itself sees to it that no refusal is lost: see Reply.
+        """
+        with self._lock:
+            session = self.session
+            if session.sends.untold:
+                self.line.catch_up()
+            if wait and session.sends.untold:
+                session.confirm()
+                self.line.flush()
+                self._wait(lambda: not session.sends.untold, None)
+            session.sends.check(origin)
 
     def request(
         self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
@@ -198,7 +268,11 @@ class Connection:
         """Take in what central has said. Raises CentralLost if a header is for the central before it."""
         session, epoch = self.session, self.session.epoch
         self.line.catch_up()
+        session.sends.check(getattr(header, "origin", None))
         numbers = numbers_in(header)
+        for number in numbers:
+            if isinstance(number, SentId):
+                number.be_nameable(self)
         if first_foreign(numbers, session.epoch) is not None:
             with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
                 self.call(Register(0, []), "a word of central's")
@@ -207,7 +281,7 @@ class Connection:
             raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
 
     def wait(
-        self, request: Request, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
+        self, request: Request, timeout: float | None, what: object, is_over: Callable[[], bool] | None = None
     ) -> bool:
         """Wait until a request is over, or *is_over* says that enough has come; whether it did in time.
 
@@ -228,11 +302,13 @@ class Connection:
             except BaseException:
                 self.abandon(request)
                 raise
+            if request.refused is not None and not request.what:  # perhaps because of what was sent before
+                self.session.sends.check(getattr(request.header, "origin", None))
             request.check(what)
             return came
 
     def _wait_for(
-        self, is_over: Callable[[], bool], timeout: float | None, what: str, request: Request | None = None
+        self, is_over: Callable[[], bool], timeout: float | None, what: object, request: Request | None = None
     ) -> bool:
         """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
         open_deliveries, one = self.session.open_deliveries, self.session.open_deliveries.waiting_handler()
@@ -241,14 +317,14 @@ class Connection:
         why = open_deliveries.wake_reason(one) if wakes else ""
         if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
             open_deliveries.mark_told(one)
-            raise wake_error(one, why, self.session.module, what)
+            raise wake_error(one, why, self.session.module, str(what))
         return came
 
     def mark_told(self) -> None:
         """The waiting handler is about to get an error, and so has been told of a kill."""
         self.session.open_deliveries.mark_told(self.session.open_deliveries.waiting_handler())
 
-    def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
+    def until_over(self, request: Request, what: object) -> Generator[Any, None, None]:
         """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait`` does."""
         if self.await_news is None:
             msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
@@ -494,7 +570,7 @@ class Connection:
 
 
 def ask(
-    connection: Connection, header: ToCentral, what: str, body: bytes = b"",
+    connection: Connection, header: ToCentral, what: object, body: bytes = b"",
     within: float | None = ACKNOWLEDGED_WITHIN,
 ) -> bytes:  # fmt: skip
     """The immediate answer of central itself. Raises Timeout if it does not come *within* so many seconds."""
@@ -502,7 +578,7 @@ def ask(
 
 
 def answered(
-    connection: Connection, header: ToCentral, what: str, body: bytes = b"",
+    connection: Connection, header: ToCentral, what: object, body: bytes = b"",
     within: float | None = ACKNOWLEDGED_WITHIN,
 ) -> Request:  # fmt: skip
     """A question that central itself answers, with the answer. Raises what ``ask`` does."""

@@ -2,7 +2,7 @@
 
 from typing import Any, Generic, TypeVar, overload
 
-from tca_module.checks import name_of
+from tca_module.checks import LateText, name_of
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued
@@ -66,19 +66,20 @@ class MonitorRef(TaskRef, Generic[D]):
         Returns False if the monitor has ended or does not watch yet (TCM: a warning). Raises MisuseError for another
         message than its action.
         """
-        check_action(str(self), self.action, action)
+        check_action(LateText(lambda: str(self)), self.action, action)
         name, body = "", b""
         if action is not None:
             name, body = action.name, action.encode_data(data)
             self._connection().declare(action)
-        return self._steer(Fire(0, self.id, name, self._origin), f"firing {self}", body)
+        header = Fire(0, self._node(), name, self._origin)
+        return self._steer(header, LateText(lambda: f"firing {self._in_words}"), body)
 
     def end(self) -> bool:
         """End the monitor; the tasks it has sent go on. Returns False if it had ended."""
-        return self._steer(EndMonitor(0, self.id, self._origin), f"ending {self}")
+        return self._steer(EndMonitor(0, self._node(), self._origin), LateText(lambda: f"ending {self._in_words}"))
 
 
-def check_action(what: str, wanted: str, action: Any) -> None:
+def check_action(what: object, wanted: str, action: Any) -> None:
     """Raises MisuseError if a monitor is not fired with *action*, but with the message called *wanted*, or none."""
     if action is None and not wanted:
         return

@@ -172,6 +172,7 @@ class Notification(Generic[R]):
                 self._on_failure(sender, error)
             else:
                 self._callback(sender, reply)
+            self._connection.settle(0, wait=True)
         except ORDINARY:  # its author reads the log
             self._log.exception("callback %s failed", getattr(self._callback, "__qualname__", self._callback))
         finally:

@@ -5,12 +5,12 @@ from contextlib import AbstractContextManager
 from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import EXECUTED, check, check_class, check_function, check_options, is_brief, name_of
+from tca_module.checks import EXECUTED, LateText, check, check_class, check_function, check_options, is_brief, name_of
 from tca_module.errors import Refused, Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_ref import Recovery, SentTask, TaskRef
+from tca_module.sending.task_ref import Recovery, SentTask, TaskRef, node_of
 from tca_module.sending.watching import WatchingServices
 from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before
@@ -108,10 +108,11 @@ class Sender(WatchingServices):
     @overload
     def goal(self, message: Goal[D], data: D, **options: Unpack[TaskOptions]) -> SentTask[None]: ...
     def goal(self, message: Goal[Any], data: Any = None, **options: Unpack[TaskOptions]) -> SentTask[None]:
-        """Make a subtask that expands into subtasks of its own. Returns when central has taken it.
+        """Make a subtask that expands into subtasks of its own. Returns at once; central may have yet to take it.
 
-        Raises BadData if *data* does not fit, FormatRefused if others declare the message differently, Refused if the
-        constraints can never be met.
+        Raises BadData if *data* does not fit, FormatRefused if others declare the message differently. Refused, if the
+        constraints can never be met, is raised by whatever uses the task first (``task.id`` waits for central's word),
+        by the next call of this Sender, or at the latest when the handler returns, which then has failed.
         """
         check_class(message, Goal)
         return self._task(message, data, options)
@@ -147,8 +148,9 @@ class Sender(WatchingServices):
             deadline=options.get("deadline") or 0, if_handled=handled,
             keep=options.get("keep", False), suspended=options.get("suspended", False),
         )  # fmt: skip
-        task_id = TaskId(connection.call(header, name_of(message), body))
-        if not task_id:
+        if not handled:
+            task_id = connection.send_task(header, body, name_of(message))
+        elif not (task_id := TaskId(connection.call(header, name_of(message), body))):
             return None
         self._ordering.add(task_id, sequential=sequential)
         return SentTask(connection, message, task_id, self._origin)
@@ -188,7 +190,7 @@ class Sender(WatchingServices):
             check("constrain()", checks.CONSTRAINT, each=constraint)
         if constraints:
             header = Constrain(0, list(constraints), self._origin)
-            self._connection().call(header, f"constraint {', '.join(map(str, constraints))}")
+            self._connection().call(header, LateText(lambda: f"constraint {', '.join(map(str, constraints))}"))
 
     # --- questions -------------------------------------------------------------------------------------------------
 
@@ -434,7 +436,7 @@ class _Under(Sender):
     """Sends under a task that others may handle."""
 
     def __init__(self, sender: Sender, origin: int, task: TaskRef) -> None:
-        super().__init__(task.id, origin, is_shared=True)
+        super().__init__(node_of(task), origin, is_shared=True)
         self._sender = sender
 
     def _connection(self) -> Connection:

@@ -1,14 +1,16 @@
 """The order of a Sender's children: the constraints that the next one needs, inside and outside of blocks.
 
 A block (``sequence``, ``parallel``) is one element of the block around it. Each element has *first* tasks, with which
-it begins, and *last* tasks, whose ends are its end. Knows task ids only.
+it begins, and *last* tasks, whose ends are its end. Knows task ids only. One that is refused afterwards is as if it had
+never been sent.
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from tca_module.checks import PLAN_AHEAD, check
+from tca_module.session.sent_tasks import SentId
 from tca_wire.constraints import Constraint, Flags, plan_ahead, sequential_achievement
 from tca_wire.points import THIS, TaskId
 
@@ -41,6 +43,15 @@ class _Block:
             self._starts.append(first)
 
 
+def _standing(tasks: Iterable[TaskId]) -> Iterator[TaskId]:
+    """Those tasks; instead of one that was refused, those that it was to come after."""
+    for task in tasks:
+        if isinstance(task, SentId) and task.request.has_failed:
+            yield from _standing(task.request.after)
+        else:
+            yield task
+
+
 class SiblingOrder:
     """The order among the children of one Sender."""
 
@@ -60,6 +71,7 @@ class SiblingOrder:
             self.forget()
         self._epoch = epoch
         block = self._blocks[-1]
+        block.after = list(_standing(block.after))
         flags, constraints = Flags.NONE, []
         if sequential:
             if self._follows_last_sibling(block):
@@ -67,7 +79,7 @@ class SiblingOrder:
             else:
                 constraints = [sequential_achievement(before, THIS) for before in block.after]
         if is_goal:  # a command is not planned
-            constraints += [plan_ahead(behind, THIS) for behind in block.next_planned_after()]
+            constraints += [plan_ahead(behind, THIS) for behind in _standing(block.next_planned_after())]
             flags |= Flags.DELAY_PLANNING if block.delays_planning else Flags.NONE
         return flags, constraints
 
@@ -80,6 +92,8 @@ class SiblingOrder:
     def add(self, child: TaskId, *, sequential: bool) -> None:
         """A child was made."""
         self._newest = child
+        if isinstance(child, SentId):
+            child.request.after = self._blocks[-1].after[:]
         # Outside of blocks the next one follows the last sibling alone, as TCA's flags say.
         self._blocks[-1].add([child], [child], sequential=sequential or len(self._blocks) == 1)
 

@@ -119,6 +119,13 @@ class Task(Sender, SteerableTask):
             self.later = LaterReply(connection, self._message, self._delivery)
         return self.later
 
+    def check_sent(self) -> None:
+        """The handler is about to return: raises the error of a task that it has sent, if one is known. If a message
+        came directly, waits until central has spoken of all: it does not know whose they are.
+        """
+        if self._link is not None:
+            self._link.settle(self._origin, wait=self.delivery < 0)
+
     def returned(self) -> None:
         """The handler has returned: this sends nothing more."""
         self._link = None

@@ -1,22 +1,24 @@
 """A task of the tree, as anybody who knows its number can use it, and as its sender can."""
 
 from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from typing import Any, Generic, NamedTuple, overload
 
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import check, check_class, check_handles, check_message, is_brief, name_of
+from tca_module.checks import LateText, check, check_class, check_handles, check_message, is_brief, name_of
 from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
 from tca_module.link.connection import Connection, answered
 from tca_module.sending.task_points import TaskIntervals
 from tca_module.session.epoch_numbers import first_foreign, with_epoch
 from tca_module.session.request import Request
+from tca_module.session.sent_tasks import SentId
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Command, D, Failure, FailureRaised, Goal, Message, R
 from tca_wire.packets import headers
 from tca_wire.packets.parts import Attachment
-from tca_wire.points import ROOT, Point, TaskId
+from tca_wire.points import Point, TaskId, describe_moments
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Scope
 
@@ -104,6 +106,11 @@ class Recovery:
         self.attachment = Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
 
 
+def node_of(task: "TaskRef") -> TaskId:
+    """A task as requests name it: its id may yet be unknown."""
+    return task._node()  # noqa: SLF001
+
+
 class SteerableTask(TaskIntervals):
     """A task of the tree that can be steered, by its handler too: kill, suspend or retry it, look at its relatives.
 
@@ -128,8 +135,15 @@ class SteerableTask(TaskIntervals):
         raise NotImplementedError
 
     def _node(self) -> TaskId:
-        """The number of the task that is steered. Raises MisuseError where there is none."""
+        """The task that is steered, as requests name it: its id may yet be unknown. Raises MisuseError where there is
+        none.
+        """
         return self._task_id
+
+    @property
+    def _in_words(self) -> str:
+        """The task for people, with its id if that is known: nobody waits for it."""
+        return str(self)
 
     # --- stopping --------------------------------------------------------------------------------------------------
 
@@ -140,7 +154,7 @@ class SteerableTask(TaskIntervals):
         Running handlers are told and woken from their waits, but not interrupted. Returns False if the task had ended;
         a killed task whose handler still runs has not.
         """
-        what = f"killing {self}"
+        what = LateText(lambda: f"killing {self._in_words}")
         check(what, checks.TEXT, why=why)
         check(what, checks.SECONDS, delay=delay)
         check(what, checks.SCOPE, scope=scope)
@@ -161,14 +175,14 @@ class SteerableTask(TaskIntervals):
         body = message.encode_data(data)
         header = headers.Send(0, message.name, self._node(), self._origin, when_killed=True)
         self._connection().declare(message)
-        self._connection().call(header, f"on termination of {self}", body)
+        self._connection().call(header, LateText(lambda: f"on termination of {self._in_words}"), body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
         """Raise the failure "timeout" on the task if *point* (its end) is not reached within *seconds* from now.
 
         Every deadline counts: a later one extends nothing. Returns False if the point's task had ended or been killed.
         """
-        what = f"a deadline of {self}"
+        what = LateText(lambda: f"a deadline of {self._in_words}")
         check(what, checks.DURATION, seconds=seconds)
         check(what, checks.POINT_OR_NONE, point=point)
         return self._steer(headers.Deadline(0, point or self.achieving.end, seconds, self._origin), what)
@@ -183,7 +197,8 @@ class SteerableTask(TaskIntervals):
             hint = f"'{failure.name}' is only declared, call it" if isinstance(failure, Failure) else "COLLISION(data)"
             raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
         header = headers.Raise(0, self._node(), failure.name, failure.text, failure.kinds, self._origin)
-        return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
+        what = LateText(lambda: f"raising '{failure.name}' on {self._in_words}")
+        return self._steer(header, what, failure.body)
 
     @overload
     def retry(self, message: Message[None, Any] | None = None, data: None = None) -> bool: ...
@@ -201,19 +216,20 @@ class SteerableTask(TaskIntervals):
         if message is not None and message.name != self.message:
             raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
         body = message.encode_data(data) if message is not None else b""
-        return self._steer(
-            headers.Retry(0, self._node(), message is not None, self._origin), f"a retry of {self}", body
-        )
+        header = headers.Retry(0, self._node(), message is not None, self._origin)
+        return self._steer(header, LateText(lambda: f"a retry of {self._in_words}"), body)
 
     # --- suspending ------------------------------------------------------------------------------------------------
 
     def suspend(self) -> bool:
         """Start nothing more of the task and its subtasks. Handlers are told. False if the task had ended."""
-        return self._steer(headers.Suspend(0, self._node(), origin=self._origin), f"suspending {self}")
+        header = headers.Suspend(0, self._node(), origin=self._origin)
+        return self._steer(header, LateText(lambda: f"suspending {self._in_words}"))
 
     def resume(self) -> bool:
         """Let a suspended task go on; does no harm to one that was not. Returns False if the task had ended."""
-        return self._steer(headers.Suspend(0, self._node(), resume=True, origin=self._origin), f"resuming {self}")
+        header = headers.Suspend(0, self._node(), resume=True, origin=self._origin)
+        return self._steer(header, LateText(lambda: f"resuming {self._in_words}"))
 
     # --- kept tasks ------------------------------------------------------------------------------------------------
 
@@ -225,11 +241,13 @@ class SteerableTask(TaskIntervals):
         At most 10,000 tasks, living ones too, may be kept; Refused ("overload") for one more, ("too late") if the task
         has ended. Beyond 64 MiB the oldest records are forgotten, with all under them.
         """
-        self._connection().call(headers.Keep(0, self._node(), origin=self._origin), f"keeping {self}")
+        header = headers.Keep(0, self._node(), origin=self._origin)
+        self._connection().call(header, LateText(lambda: f"keeping {self._in_words}"))
 
     def release(self) -> None:
         """Undo ``keep`` for this module; does no harm to a task that was not kept."""
-        self._connection().call(headers.Keep(0, self._node(), release=True, origin=self._origin), f"releasing {self}")
+        header = headers.Keep(0, self._node(), release=True, origin=self._origin)
+        self._connection().call(header, LateText(lambda: f"releasing {self._in_words}"))
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
         """The ended tasks under it that are kept, in the order of their ends."""
@@ -268,17 +286,18 @@ class SteerableTask(TaskIntervals):
     def _relatives(
         self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskRef]]":
-        check(f"the tasks of {self}", checks.MESSAGE_OR_NAME, message=message)
+        check(LateText(lambda: f"the tasks of {self}"), checks.MESSAGE_OR_NAME, message=message)
         name = message.name if isinstance(message, Message) else message or ""
         header = headers.Inspect(0, self._node(), relation, name)
-        asked = f"{_RELATIONS.get(relation, relation)} of {self}" if self.id != ROOT else "tasks"
+        asked = _RELATIONS.get(relation, relation)
+        what = LateText(lambda: f"the question for the {f'{asked} of {self._in_words}' if self._node() else 'tasks'}")
         connection = self._connection()
-        request = answered(connection, header, f"the question for the {asked}")
+        request = answered(connection, header, what)
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             info = TaskInfo.known_from(row, request.epoch)
             yield info, TaskRef(connection, info.message, info.id, self._origin)
 
-    def _steer(self, header: Any, what: str, body: bytes = b"") -> bool:
+    def _steer(self, header: Any, what: LateText, body: bytes = b"") -> bool:
         """Call central; whether that changed anything: else it answers with id 0."""
         return bool(self._connection().call(header, what, body))
 
@@ -299,6 +318,19 @@ class TaskRef(SteerableTask):
 
     def __repr__(self) -> str:
         return numbered(self.message or "task", self.id)
+
+    @property
+    def id(self) -> TaskId:
+        """The task's number, as in the journal. Of a task that was just sent, waits until central has told it."""
+        if isinstance(self._task_id, SentId):
+            self._task_id = TaskId(self._task_id.known)
+        return self._task_id
+
+    @property
+    def _in_words(self) -> str:
+        """The task for people, with its id if that is known: nobody waits for it."""
+        task = self._task_id
+        return task.what if isinstance(task, SentId) else str(self)
 
     @property
     def message(self) -> str:
@@ -323,29 +355,51 @@ class TaskRef(SteerableTask):
         return self._reached(point, timeout)[0].outcome
 
     def _ended(self, timeout: float | None) -> tuple[headers.Answer, bytes]:
-        check(f"the wait for {self}", checks.TIMEOUT, timeout=timeout)
+        check(LateText(lambda: f"the wait for {self}"), checks.TIMEOUT, timeout=timeout)
         if self._end is None:
             self._end = self._reached(self.achieving.end, timeout)
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
-        what, request = self._ask(
-            point, blocking=True, brief=is_brief(f"the wait for {self}", timeout), is_awaited=True
-        )
-        if not self._connection().wait(request, timeout, f"the wait for {what}"):
+        brief = is_brief(LateText(lambda: f"the wait for {self}"), timeout)
+        request = self._ask(point, blocking=True, brief=brief, is_awaited=True)
+        with self._called_back():
+            is_over = self._connection().wait(
+                request, timeout, LateText(lambda: f"the wait for {self._words_of(point)}")
+            )
+        if not is_over:
             why = self._connection().give_up(request)
             where = f": {why}" if why else ""
-            raise Timeout(f"{what} was not reached within {timeout:g} s{where}", can_wait=True)
+            raise Timeout(f"{self._words_of(point)} was not reached within {timeout:g} s{where}", can_wait=True)
         return request.answers[-1]
 
-    def _ask(
-        self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
-    ) -> tuple[str, Request]:
-        """Ask to be told when a point is reached: its name for people, and the request."""
-        check(f"the wait for {self}", checks.POINT, point=point)
-        what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
+    @contextmanager
+    def _called_back(self) -> Iterator[None]:
+        """A wait in which a task of which central has said nothing yet is called back, if it can't be waited for."""
+        try:
+            yield
+        except CentralLost as error:
+            task = self._task_id
+            if not isinstance(task, SentId):
+                raise
+            self._link.session.sends.discard(task.request)
+            if task.request.is_over:
+                raise
+            self._link.abandon(task.request)
+            fate = f"{task.what} {self._link.session.fate_of(task.request)}"
+            raise CentralLost(f"{error}; {fate}") from None
+
+    def _ask(self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False) -> Request:
+        """Ask to be told when a point is reached."""
+        check(LateText(lambda: f"the wait for {self}"), checks.POINT, point=point)
         header = headers.AwaitPoint(0, point, self._origin, blocking, brief)
-        return what, self._connection().request(header, wants_answer=True, is_awaited=is_awaited)
+        return self._connection().request(header, wants_answer=True, is_awaited=is_awaited)
+
+    def _words_of(self, point: Point) -> str:
+        """A point for people: nobody waits for the id of its task."""
+        if isinstance(point.task, SentId) and not point.task.request.is_over:
+            return f"{describe_moments(point.moment)[0]} of {point.task.what}"
+        return f"{point} ('{self.message}')" if point.task == self._node() else str(point)
 
     # --- failures --------------------------------------------------------------------------------------------------
 
@@ -357,8 +411,8 @@ class TaskRef(SteerableTask):
         """
         wanted = Recovery(failure, handler, maximum=maximum).attachment
         self._connection().declare(handler)
-        header = headers.Attach(0, wanted, self.id, origin=self._origin)
-        number = self._connection().call(header, f"attaching '{handler.name}' to {self}")
+        header = headers.Attach(0, wanted, self._node(), origin=self._origin)
+        number = self._connection().call(header, LateText(lambda: f"attaching '{handler.name}' to {self._in_words}"))
         return AttachmentRef(self._connection(), number, header)
 
 
@@ -382,8 +436,11 @@ class SentTask(TaskRef, Generic[R]):
 
     def __await__(self) -> Generator[Any, None, R]:
         if self._end is None:
-            what, request = self._ask(self.achieving.end, blocking=False)
-            yield from self._connection().until_over(request, f"the wait for {what}")
+            point = self.achieving.end
+            request = self._ask(point, blocking=False)
+            with self._called_back():
+                what = LateText(lambda: f"the wait for {self._words_of(point)}")
+                yield from self._connection().until_over(request, what)
             self._end = request.answers[-1]
         return self._result(*self._end)
 

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import check, check_class, check_message, check_options, name_of
+from tca_module.checks import LateText, check, check_class, check_message, check_options, name_of
 from tca_module.errors import MisuseError
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import A, MonitorRef, check_action
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_ref import AttachmentRef, Recovery, TaskRef
+from tca_module.sending.task_ref import AttachmentRef, Recovery, TaskRef, node_of
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, Monitor, PointMonitor, PollingMonitor
 from tca_wire.messages.declarations import D, Failure, Message
@@ -130,15 +130,16 @@ class WatchingServices(CentralServices):
             raise MisuseError(f"tap(): {min(options)} is for monitors that listen, not for {listener!r:.60}")
         check("tap()", checks.FLAG, at_once=at_once)
         if isinstance(tapped, TaskRef):
-            connection, where = self._declare(listener), str(tapped)
+            connection, where = self._declare(listener), LateText(lambda: str(tapped))
             of = tapped.message if at_once else ""
-            header = Tap(0, condition, listener.name, "", tapped.id, watch, self._origin, at_once, of)
+            header = Tap(0, condition, listener.name, "", node_of(tapped), watch, self._origin, at_once, of)
         elif at_once:
             raise MisuseError("tap(): at_once is for one task, such as tasks(WALK)[0], not for all of a message")
         else:
-            connection, where = self._declare(listener, tapped), f"'{tapped.name}'"
+            connection, where = self._declare(listener, tapped), LateText(lambda: f"'{tapped.name}'")
             header = Tap(0, condition, listener.name, tapped.name, ROOT, watch, self._origin)
-        return AttachmentRef(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
+        what = LateText(lambda: f"tapping {where} with '{listener.name}'")
+        return AttachmentRef(connection, connection.call(header, what), header)
 
     @overload
     def monitor(
@@ -163,7 +164,7 @@ class WatchingServices(CentralServices):
         header = Send(
             0, monitor.name, self._parent, self._origin, flags, constraints, watch=watch, suspended=is_suspended
         )
-        task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
+        task_id = connection.send_task(header, body, f"monitor '{monitor.name}'")
         if is_task:
             self._ordering.add(task_id, sequential=sequential)
         return MonitorRef(connection, monitor.name, task_id, self._origin, fired_with(monitor))
@@ -182,12 +183,17 @@ class WatchingServices(CentralServices):
         """
         if isinstance(monitor, MonitorRef):
             return monitor.fire(action, data)
-        which, message = (monitor.id, "") if isinstance(monitor, TaskRef) else (ROOT, name_of_monitor(monitor, action))
+        which, message = ROOT, ""
+        if isinstance(monitor, TaskRef):
+            which = node_of(monitor)
+        else:
+            message = name_of_monitor(monitor, action)
         if action is not None:
             check_message(action)
         name, body = (action.name, action.encode_data(data)) if action is not None else ("", b"")
         connection = self._declare(*(one for one in (monitor, action) if isinstance(one, Message)))
-        return bool(connection.call(Fire(0, which, name, self._origin, message), f"firing {monitor}", body))
+        header = Fire(0, which, name, self._origin, message)
+        return bool(connection.call(header, LateText(lambda: f"firing {monitor}"), body))
 
 
 def name_of_monitor(monitor: Monitor[Any], action: Any) -> str:

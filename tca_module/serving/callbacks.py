@@ -224,6 +224,8 @@ class Callbacks:
     def _call(self, callback: Callback) -> None:
         try:
             callback.function(*(callback,)[: callback.arguments])
+            if self.connection is not None:
+                self.connection.settle(0, wait=True)
         except ORDINARY:  # its author reads the log
             self._log.exception("%s failed", callback)
 

@@ -105,6 +105,7 @@ class Handler:
             raise Misfit(str(error)) from None
 
     def _answer(self, task: Task, returned: Any) -> Answer:
+        task.check_sent()
         later = task.later
         if isinstance(returned, LaterReply) or later is not None:
             if later is None or returned is not later:

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused
+from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, TcaError
 from tca_module.session.epoch_numbers import EpochNumber, forgotten_text
 from tca_module.session.lasting_attachments import is_lasting
 from tca_wire.packets import headers
@@ -36,9 +36,9 @@ class Request:
     it was lost with central's memory. A query that was not sent, because nobody handles it, is accepted with id 0.
     """
 
-    __slots__ = ("__weakref__", "accepted", "answers", "body", "epoch", "gone", "header", "is_announced", "is_over",
-                 "lost", "mark", "notify", "number", "path", "refused", "repeated", "settled", "taken", "wants_answer",
-                 "was_sent")  # fmt: skip
+    __slots__ = ("__weakref__", "accepted", "after", "answers", "body", "epoch", "gone", "header",
+                 "is_announced", "is_over", "lost", "mark", "notify", "number", "path", "refused", "repeated",
+                 "settled", "taken", "wants_answer", "was_sent", "what")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -57,14 +57,18 @@ class Request:
         self.taken = ""  #: of a lock that was granted: how it was lost
         self.path: Any = None  #: the way that it went directly, under that way's *number*
         self.number = 0
+        self.what = ""  #: of a task that was sent without waiting: its name, for people
+        self.after: list[Any] = []  #: and the siblings that it was to come after, until it is accepted
         self.mark = 0  #: how many statements had been sent before it
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
         self.settled: Callable[[Request], None] | None = None  #: called by the session itself, when it is over
 
     @property
     def is_unannounced(self) -> bool:
-        """Whether it is an open question, and central does not know if its sender waits by now."""
+        """Whether it is open, and central does not know if its sender waits by now."""
         header = self.header
+        if self.what:
+            return not self.is_over and header.quiet and not self.is_announced
         is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
         return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
 
@@ -74,11 +78,25 @@ class Request:
         is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
         return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
 
-    def check(self, what: str) -> None:
+    @property
+    def has_failed(self) -> bool:
+        """Whether it was refused or lost."""
+        return self.is_over and (self.refused is not None or bool(self.lost))
+
+    @property
+    def why_failed(self) -> str:
+        """The error that it came to, in words."""
+        try:
+            self.check(self.what)
+        except TcaError as error:
+            return str(error)
+        return ""
+
+    def check(self, what: object) -> None:
         """Raise the error it came to, if any; *what* names the request."""
         if self.refused is not None:
             kind = _KINDS.get(self.refused.refusal, Refused)
-            raise kind(what, self.refused.refusal, self.refused.text)
+            raise kind(str(what), self.refused.refusal, self.refused.text)
         if self.gone:
             raise CentralLost(forgotten_text(self.gone))
         if self.lost:

@@ -27,10 +27,11 @@ from tca_module.session.request import (
     is_for_any_central,
     refers_to_tasks,
 )
+from tca_module.session.sent_tasks import TaskSends
 from tca_wire.packets import headers
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import EntranceGone, Route
-from tca_wire.points import ROOT
+from tca_wire.points import TaskId
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
 
@@ -44,6 +45,8 @@ _REPLIES_KEPT = PREFETCH + 8  # to be said again after a break, until a further 
 
 # Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
 _ARE_YOU_THERE = headers.Register(0, [], [])
+
+_SPENT = headers.Send(0, "")
 
 Item = tuple[headers.ToCentral, bytes]
 
@@ -64,6 +67,7 @@ class Session:
         self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
         self._is_ready = False  #: central was told that all is attached that is attached at the start
+        self.sends = TaskSends()  #: tasks that were sent without waiting
         self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
         self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
         self._replies: dict[int, tuple[headers.Reply | headers.Fail, bytes]] = {}
@@ -100,6 +104,15 @@ class Session:
         if isinstance(header, headers.Lock) and self.ahead:
             self.give_back()  # or a claim on its own resource would wait for them
         request = Request(header, body, wants_answer=wants_answer)
+        self.adopt(request)
+        return request
+
+    def send_task(self, header: headers.Send, body: bytes, what: str) -> Request:
+        """Send a task, *what*, for whose id nobody waits yet; what it comes to is among ``sends`` if that is bad."""
+        check_fields(header)
+        request = Request(msgspec.structs.replace(header, quiet=True), body, wants_answer=False)
+        request.what = what
+        self.sends.untold += 1
         self.adopt(request)
         return request
 
@@ -143,18 +156,24 @@ class Session:
 
     @property
     def lost(self) -> int:
-        """The number of statements that did not reach central, or may not have when the connection broke."""
-        return self.dropped + self.doubtful
+        """The number of statements that did not reach central, or may not have when the connection broke; and of tasks
+        that may not have when central ended.
+        """
+        return self.dropped + self.doubtful + len(self.sends.lost)
 
     @property
     def is_settled(self) -> bool:
         """Whether central has had all that was sent."""
-        return self.is_welcome and not (self.unheard or self._replies)
+        return self.is_welcome and not (self.unheard or self._replies or self.sends.untold)
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
         """A handler ended. Nothing is said of a delivery that central has forgotten."""
         if not self.open_deliveries.end(header.delivery):
             return
+        refusals, errors = self.sends.end(header.delivery)
+        self.complaints += errors
+        if refusals and isinstance(header, headers.Reply):
+            header = msgspec.structs.replace(header, refusals=refusals)
         self._replies[header.delivery] = (header, body)
         self._keep_replies(_REPLIES_KEPT)
         if self.is_welcome:
@@ -193,9 +212,12 @@ class Session:
             request.path.abandon(request)
         elif self._requests.pop(number, None) is not None and request.wants_answer:
             self.post(headers.GiveUp(number, origin=origin))
-        elif self.is_recalled(request.header):
+        elif self.is_recalled(request.header) and not (request.what and request.is_over):
             why = "its sender has given it up, and does not know it"
-            self.request(headers.Kill(0, ROOT, why, request=number, origin=origin))
+            self.request(headers.Kill(0, TaskId(-number), why, origin=origin))
+            if request.what:
+                self.sends.untold -= 1
+                request.is_over, request.lost = True, "it was given up"
 
     def give_up(self, request: Request) -> Request | None:
         """Give up a request that took too long; the request that asks central why, None for a direct one."""
@@ -210,6 +232,8 @@ class Session:
         """The fate of a request that was given up, in words."""
         if self.is_recalled(request.header):
             return "is killed as soon as central answers, if it had heard of it"
+        if isinstance(request.header, HARMLESS):
+            return "is given up"
         return "may yet be done, if central had heard of it"
 
     def is_recalled(self, header: Any) -> bool:
@@ -289,6 +313,8 @@ class Session:
             self.outgoing.append((headers.Register(0, messages, handlers, is_over and self._is_ready), b""))
         for request in self._requests.values():
             request.repeated = request.was_sent
+            if request.what:  # it is answered by itself
+                request.header = msgspec.structs.replace(request.header, quiet=False)
             self._send(request)
         self.outgoing += self._replies.values()
 
@@ -323,6 +349,7 @@ class Session:
         self._locks.clear()
         self._replies.clear()
         self.open_deliveries.forget()
+        self.sends.forget()
         self.deliveries.clear()
         self.ahead.clear()
 
@@ -346,6 +373,10 @@ class Session:
             if request.settled is None and is_lasting(asked):
                 self.attachments.add(asked, self._messages, number)
             self._end(request)
+
+    def _on_tasks_made(self, header: headers.TasksMade, _: bytes) -> None:
+        for number, task in header.tasks:
+            self._on_accepted(headers.Accepted(number, task), b"")
 
     def _on_refused(self, header: headers.Refused, _: bytes) -> None:
         request = self._answered(header.number)
@@ -400,10 +431,25 @@ class Session:
     def end(self, request: Request) -> None:
         """A request is over: call those who want to know."""
         request.is_over = True
+        if request.what:
+            self._end_send(request)
         if request.settled is not None:
             request.settled(request)
         if request.notify is not None:
             self.news.append(request.notify)
+
+    def _end_send(self, request: Request) -> None:
+        """Central's word of a task that was sent is there, or never will be."""
+        self.sends.untold -= 1
+        origin = request.header.origin
+        if request.lost:
+            self.sends.lost.append(request)
+        elif request.refused is None:
+            request.header, request.body, request.after = _SPENT, b"", []  # its id may be kept for ever
+        elif not origin or origin in self.open_deliveries:
+            self.sends.add(request)
+        else:  # its handler has returned: central has let that fail
+            self.complaints.append(request.why_failed)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
         if header.delivery in self.open_deliveries or header.delivery in self._replies:
@@ -431,6 +477,7 @@ class Session:
     _ON: ClassVar[dict[type, Callable[["Session", Any, bytes], None]]] = {
         headers.Welcome: _on_welcome,
         headers.Accepted: _on_accepted,
+        headers.TasksMade: _on_tasks_made,
         headers.Refused: _on_refused,
         headers.Answer: _on_answer,
         headers.Deliver: _on_deliver,

@@ -20,9 +20,9 @@ _LONGEST = int(Limit.PACKET)
 
 
 def plain(value: Any) -> int:
-    """A number of a type of its own, as programs have them, goes as a plain one."""
+    """A number of a type of its own, as programs have them, goes as a plain one: the one it has *on the wire*."""
     if isinstance(value, int):
-        return int(value)
+        return getattr(value, "on_wire", None) or int(value)
     msg = f"Encoding objects of type {type(value).__name__} is unsupported"
     raise TypeError(msg)
 

@@ -3,7 +3,8 @@
 A header travels with a body of opaque bytes (user data as MessagePack; central never looks inside). Types named in the
 imperative are sent by a module, the others by central; routes.py has those about direct messages, docs/protocol.md the
 bytes. ``number`` counts a connection's requests: the answer to a request carries the same number, and 0 means that no
-answer is wanted. ``origin`` is the delivery whose handler asks (0: code outside of handlers does).
+answer is wanted. ``origin`` is the delivery whose handler asks (0: code outside of handlers does). A task below -1 is
+the one that this connection has sent with that request: -7 is that of request 7.
 """
 
 from typing import Literal
@@ -99,6 +100,8 @@ class Send(_Header, frozen=True, tag=4):
     """The *blocking* wait is too short to be checked for a deadlock."""
     suspended: bool = False
     """The new task is suspended from its birth on, by the sender: it is not started before it is resumed."""
+    quiet: bool = False
+    """Of a task: instead of Accepted comes TasksMade, with others and at the latest before the next other answer."""
 
 
 class Reply(_Header, frozen=True, tag=5):
@@ -107,6 +110,8 @@ class Reply(_Header, frozen=True, tag=5):
     delivery: int
     took: float = 0
     """Seconds that it ran, by its own clock (0: not said)."""
+    refusals: int = 0
+    """How many refusals of *quiet* tasks that it has sent the handler knows: if there were more, it has failed."""
 
 
 class Fail(_Header, frozen=True, tag=6):
@@ -158,7 +163,9 @@ class GiveUp(_Header, frozen=True, tag=9):
 
 
 class Await(_Header, frozen=True, tag=26):
-    """The sender of query or multi-query *request*, who went on, now waits for its answer. Nothing answers this."""
+    """The sender of query or multi-query *request*, who went on, now waits for its answer; or that of a *quiet* task
+    for its id. Nothing else answers this.
+    """
 
     request: int
     blocking: bool = True
@@ -175,8 +182,6 @@ class Kill(_Header, frozen=True, tag=10):
     scope: Scope = Scope.TASK
     after: Point | None = None
     delay: float = 0
-    request: int = 0
-    """Instead of *task*: the one that this connection has sent with that request, if it has come (0: no)."""
     origin: int = 0
 
 
@@ -417,6 +422,12 @@ class Accepted(_Header, frozen=True, tag=34):
     id: int = 0
 
 
+class TasksMade(_Header, frozen=True, tag=45):
+    """The *quiet* requests that were taken since the last such message, and the tasks that they became."""
+
+    tasks: list[tuple[int, TaskId]]
+
+
 class Refused(_Header, frozen=True, tag=35):
     """The request was not taken, and nothing of it remains."""
 
@@ -499,6 +510,6 @@ class Recall(_Header, frozen=True, tag=44):
 
 
 ToModule = (
-    Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended | Taken | Route
-    | EntranceGone | Recall
+    Welcome | Accepted | TasksMade | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
+    | Taken | Route | EntranceGone | Recall
 )  # fmt: skip

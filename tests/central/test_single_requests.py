@@ -79,7 +79,7 @@ def test_who_comes_back_after_its_loss_is_told_why_its_answer_is_too_late(
 def recall(player: Player, request: int) -> list[int]:
     """What central says was killed."""
     number = player.number("user")
-    answers = player.receive("user", Kill(number, ROOT, "given up", request=request))
+    answers = player.receive("user", Kill(number, TaskId(-request), "given up"))
     return [answer.id for answer in answers if isinstance(answer, Accepted) and answer.number == number]
 
 
@@ -121,7 +121,7 @@ def test_said_again_after_a_break_it_is_done_once() -> None:
     request = player.numbers["user"]
     recall(player, request)
     number = player.numbers["user"]
-    (answer,) = player.receive("user", Kill(number, ROOT, "given up", request=request))
+    (answer,) = player.receive("user", Kill(number, TaskId(-request), "given up"))
     assert answer == Accepted(number, first)
     assert len(player.facts(facts.Killed)) == 1
 
@@ -130,7 +130,7 @@ def test_the_requests_of_others_are_theirs() -> None:
     player = Player.of("legs: goal walk", "user", "thief")
     player.task("user", "walk")
     number = player.number("thief")
-    assert player.receive("thief", Kill(number, ROOT, request=player.numbers["user"])) == [Accepted(number)]
+    assert player.receive("thief", Kill(number, TaskId(-player.numbers["user"]))) == [Accepted(number)]
 
 
 def declare(player: Player, *formats: MessageFormat) -> Refused:

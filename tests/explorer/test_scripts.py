@@ -11,9 +11,22 @@ from explorer.accepting import those
 from explorer.scenarios import HEIGHTS, LIFT, NOTE, REST, SLIPPED, STEP, WALK, WHERE, found, good, slips
 
 import tca_explorer as tca
-from tca_explorer import achieved, begun, eventually, failed, handled, killed, never, never_stuck, within
+from tca_explorer import (
+    achieved,
+    at_most,
+    at_most_in_all,
+    begun,
+    eventually,
+    failed,
+    handled,
+    killed,
+    never,
+    never_stuck,
+    sent,
+    within,
+)  # fmt: skip
 from tca_explorer.scenario.script_connection import ScriptConnection
-from tca_module import QueryFailed, Refused, Stopped, TaskKilled
+from tca_module import QueryFailed, Refused, SentTask, Stopped, TaskKilled, this
 from tca_wire.constraints import sequential_achievement
 from tca_wire.messages.declarations import Command, Goal
 from tca_wire.points import THIS
@@ -111,6 +124,41 @@ def test_a_refusal_can_be_caught() -> None:
 
     good(one(circle, never_stuck()))
     assert refusals == {Refusal.TOO_LATE}
+
+
+def under_what_has_ended(task: tca.Task) -> SentTask[Any]:
+    """Sends in vain."""
+    first = task.command(STEP)
+    first.wait()
+    return task.under(first).command(STEP)
+
+
+@pytest.mark.parametrize("ending", ["returns", "goes on", "orders", "waits"])
+def test_a_handler_that_does_not_care_for_a_refused_send_fails(ending: str) -> None:
+    """Whether it goes on with it, or with something else, or returns; and what it was to send then is not sent."""
+
+    def walk(task: tca.Task) -> None:
+        refused = under_what_has_ended(task)
+        if ending == "goes on":
+            task.command(STEP)
+        elif ending == "orders":
+            task.command(STEP, constraints=[refused.achieving.end <= this.achieving.start])
+        elif ending == "waits":
+            refused.wait()
+
+    good(one(walk, eventually(failed(WALK)), at_most_in_all(1, sent(STEP)), never_stuck()))
+
+
+def test_a_refused_send_is_as_if_it_had_never_been_sent() -> None:
+    def walk(task: tca.Task) -> None:
+        with task.sequence():
+            refused = under_what_has_ended(task)
+            with pytest.raises(Refused, match=r"command 'step' was refused: task .* has ended"):
+                refused.id  # noqa: B018
+            task.command(STEP)
+            task.command(STEP)
+
+    good(one(walk, eventually(achieved(WALK)), at_most(1, begun(STEP)), never_stuck()))
 
 
 def uses_what_nobody_handles(task: tca.Task) -> None:

@@ -280,7 +280,7 @@ def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
     def watch(me: tca.Script) -> None:
         for step in me.tasks(STEP):
             try:
-                me.under(step).monitor(GAUGE, period=1.0)
+                me.under(step).monitor(GAUGE, period=1.0).id  # noqa: B018
             except Refused as refused:
                 too_late.append(refused.text)
 

@@ -291,7 +291,7 @@ def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(t
         with pytest.raises(
             CentralLost, match="command 'rest' is killed as soon as central answers, if it had heard of"
         ):
-            user.command(REST)
+            user.command(REST).wait()
         with pytest.raises(CentralLost, match="setting variable 'pose' may yet be done, if central had heard of it"):
             user.set_variable(POSE, 2)
         daemon.signal(signal.SIGCONT)

@@ -270,7 +270,7 @@ def test_a_coroutine_does_not_await_a_central_that_is_silent(legs: Module, user:
             raise
 
     with legs.running(patience=0.5):
-        user.goal(REST)
+        assert user.goal(REST).id == 1
         assert "does not answer: start it with 'tca central'" in ended.get(timeout=SOON)
 
 

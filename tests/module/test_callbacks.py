@@ -13,8 +13,10 @@ from module.robot import MOVE_LEG, STANCE, TEMPERATURE, Footfall
 from tca_module import Callback, Client, MisuseError, Module, Task
 from tca_module.link.connection import Connection
 from tca_module.serving.callbacks import Callbacks, Timers
+from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received
+from tca_wire.packets.headers import PROTOCOL_VERSION, Hello
 
 
 @pytest.fixture
@@ -44,6 +46,8 @@ class Clock:
     def begin(self) -> None:
         connection = Connection.__new__(Connection)
         connection.transport = self  # type: ignore[assignment]
+        connection.session = Session(Hello(0, PROTOCOL_VERSION, "legs", "run"))
+        connection._lock = threading.RLock()
         self.callbacks.begin(connection)
 
     def pass_by(self, seconds: float, ready: dict[int, bool] | None = None) -> None:

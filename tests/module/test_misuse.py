@@ -266,9 +266,11 @@ def sender(central: LocalCentral, legs: Module) -> Iterator[Client]:
 
 def outcome(call: Callable[[Any], object], wrong: Any) -> tuple[object, Exception | None]:
     try:
-        return call(wrong), None
+        made = call(wrong)
+        getattr(made, "id", None)  # what was sent may be refused afterwards
     except (TcaError, BadData) as error:
         return None, error
+    return made, None
 
 
 def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:

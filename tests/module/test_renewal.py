@@ -232,7 +232,7 @@ A_REST = Send(0, "rest")
 
 
 def callback(number: int, request: int) -> Kill:
-    return Kill(number, ROOT, "its sender has given it up, and does not know it", request=request)
+    return Kill(number, TaskId(-request), "its sender has given it up, and does not know it")
 
 
 @pytest.fixture

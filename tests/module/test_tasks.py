@@ -121,7 +121,7 @@ def test_a_circle_is_refused_and_nothing_of_it_remains(robot: Robot, user: Clien
     with pytest.raises(Refused, match=r"constraint .* was refused: .* would be a circle"):
         user.constrain(second.achieving.end <= first.achieving.start)
     with pytest.raises(Refused, match=r"goal 'rest' was refused: .* would be a circle"):
-        user.goal(REST, constraints=[this.achieving.end <= this.achieving.start])
+        user.goal(REST, constraints=[this.achieving.end <= this.achieving.start]).id  # noqa: B018
     user.constrain()
     assert user.status()["tasks"] == 2
 
@@ -461,7 +461,7 @@ def test_what_is_promised_for_later_is_refused(resting_legs: Legs, supervisor: C
         ref.keep,
         lambda: ref.on_failure(STUCK, SHRUG),
         lambda: ref.on_termination(STOP),
-        lambda: supervisor.under(ref).command(STOP),
+        lambda: supervisor.under(ref).command(STOP).id,
     ]
     for promise in promises:
         with pytest.raises(Refused, match="has ended"):

@@ -67,7 +67,7 @@ def item(header: bytes, body: bytes = b"") -> bytes:
         (item(b""), "truncated"),
         (item(b"\xc1"), "malformed"),
         (item(msgspec.msgpack.encode([99, 1])), "Invalid value 99"),
-        (item(msgspec.msgpack.encode([5, 1, 2, 3])), "at most length 2"),
+        (item(msgspec.msgpack.encode([5, 1, 2, 3, 4])), "at most length 3"),
         (item(msgspec.msgpack.encode([5, "one"])), "Expected `int`, got `str`"),
         (item(b"\x92\x05" + b"\x91" * 100_000), "no message to central"),
         (item(b"\x92\x05\xa2\xff\xfe"), "no message to central"),
@@ -80,7 +80,7 @@ def test_bad_packets_are_refused_in_words(packet: bytes, why: str) -> None:
 
 def test_the_bytes_are_those_of_the_documentation() -> None:
     reply = codec.pack([(headers.Reply(7), b"\xc0")])
-    assert reply.hex(" ") == "00 00 00 04 00 00 00 01 93 05 07 00 c0"
+    assert reply.hex(" ") == "00 00 00 05 00 00 00 01 94 05 07 00 00 c0"
 
 
 def test_a_hello_of_a_later_version_can_be_read() -> None:

@@ -1,0 +1,66 @@
+"""Tasks that a connection names by the requests that sent them, for it has not been told of their ids yet."""
+
+from collections.abc import Callable
+from typing import Any, get_type_hints
+
+import msgspec
+
+from tca_central.errors import RequestError
+from tca_central.model.deliveries import Connection
+from tca_wire.constraints import Constraint
+from tca_wire.packets import headers
+from tca_wire.packets.headers import ToCentral
+from tca_wire.packets.parts import WatchOptions
+from tca_wire.points import THIS, Point, TaskId
+from tca_wire.vocabulary import Refusal
+
+
+def with_ids(connection: Connection, header: Any) -> Any:
+    """A header whose tasks all go by their ids. Raises RequestError where one was never made."""
+    changes = {}
+    for field, resolve in NAMING[type(header)]:
+        named = getattr(header, field)
+        if named and (known := resolve(connection, named)) is not named:
+            changes[field] = known
+    return msgspec.structs.replace(header, **changes) if changes else header
+
+
+def _task(connection: Connection, task: TaskId) -> TaskId:
+    if task >= THIS:
+        return task
+    known = connection.tasks.get(-task)
+    if known is None:
+        text = f"there is no task of request {-task}: that was refused, or 128 others have been sent since"
+        raise RequestError(Refusal.UNKNOWN, text)
+    return known
+
+
+def _point(connection: Connection, point: Point) -> Point:
+    return point if point.task >= THIS else Point(_task(connection, point.task), point.moment)
+
+
+def _constraints(connection: Connection, constraints: list[Constraint]) -> list[Constraint]:
+    if all(one.before.task >= THIS and one.after.task >= THIS for one in constraints):
+        return constraints
+    return [Constraint(_point(connection, one.before), _point(connection, one.after), one.delay) for one in constraints]
+
+
+def _watch(connection: Connection, watch: WatchOptions) -> WatchOptions:
+    until = _point(connection, watch.until) if watch.until is not None else None
+    return watch if until is watch.until else msgspec.structs.replace(watch, until=until)
+
+
+_RESOLVERS: dict[Any, Callable[[Connection, Any], Any]] = {
+    TaskId: _task, Point: _point, Point | None: _point, list[Constraint]: _constraints, WatchOptions | None: _watch,
+}  # fmt: skip
+
+
+def _naming(header: type) -> tuple[tuple[str, Callable[[Connection, Any], Any]], ...]:
+    fields = get_type_hints(header).items()
+    found = tuple((name, _RESOLVERS[hint]) for name, hint in fields if hint in _RESOLVERS)
+    # A kill of what was never made has nothing to do: on_kill says so.
+    return found if header is not headers.Kill else tuple(one for one in found if one[0] != "task")
+
+
+NAMING = {header: _naming(header) for header in ToCentral.__args__}
+"""The fields of each header that name tasks, and how they are resolved."""
