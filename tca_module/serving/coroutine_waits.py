@@ -8,7 +8,7 @@ may bring it on by itself: then central is told nothing.
 
 import asyncio
 import inspect
-from collections.abc import Collection, Coroutine, Iterator
+from collections.abc import Callable, Collection, Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary, WeakSet
@@ -31,7 +31,9 @@ _Standing = tuple[int, ...]
 class CoroutineWaits:
     """The asyncio tasks of the handlers of one event loop, and what they await."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, connection: Connection) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, connection: Connection, on_change: Callable[[], None]) -> None:
+        """*on_change* is called when a handler goes on of which central was told that it stands."""
+        self._on_change = on_change
         self._connection = connection
         self._loop = loop
         self._begun: dict[OpenDelivery, WeakSet[asyncio.Task[Any]]] = {}  #: by handler: all begun in it
@@ -76,8 +78,10 @@ class CoroutineWaits:
         finally:
             self._suspended.pop(task, None)
 
-    def look(self, now: float) -> None:
-        """Tell central of handlers that have stood for a while. To be called from time to time."""
+    def look(self, now: float) -> bool:
+        """Tell central of handlers that have stood for a while. To be called from time to time; False: once something
+        has changed.
+        """
         session = self._connection.session
         for handler in list(self._begun):
             standing = self._standing(handler)
@@ -88,10 +92,12 @@ class CoroutineWaits:
             elif now - since >= BRIEF and session.is_welcome and self._told.get(handler) != session.breaks:
                 self._told[handler] = session.breaks
                 self._tell(handler, standing)
+        return any(self._told.get(handler) != session.breaks for handler in self._begun)
 
     def _goes_on(self, handler: OpenDelivery) -> None:
         if self._told.pop(handler, None) is not None:
             self._tell(handler, ())
+            self._on_change()
 
     def _tell(self, handler: OpenDelivery, standing: _Standing) -> None:
         """Tell central where a handler stands, unless a restarted central has forgotten it."""

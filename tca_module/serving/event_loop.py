@@ -16,9 +16,12 @@ from tca_module.link.packet_line import STALL, STEP
 from tca_module.serving.coroutine_waits import CoroutineWaits
 from tca_module.session.open_deliveries import OpenDelivery
 from tca_module.session.request import Request
+from tca_module.session.session import quiet_within
 from tca_wire.packets.headers import Deliver
 
 T = TypeVar("T")
+
+_CALM = 1.0  # seconds between two looks at central while nothing but its answers can change anything
 
 
 class EventLoop:
@@ -31,12 +34,13 @@ class EventLoop:
         self._waiting: dict[Request, list[asyncio.Future[None]]] = {}  #: for news of a request
         self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
         self._is_closing = False
+        self._beat: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
         self._fatal: BaseException | None = None  #: an exception of a handler that is to end the module
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
         selector = _Selector(files[0], self._has_news, connection.transport.pausing)
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
-        self._awaiting = CoroutineWaits(self._loop, connection)
+        self._awaiting = CoroutineWaits(self._loop, connection, partial(self._beat_in, STEP))
         for file in files:
             self._loop.add_reader(file, self._on_news)
         self._since = self._turned = self._loop.time()
@@ -55,6 +59,7 @@ class EventLoop:
             return self._run_until(self.start(delivery, coroutine))
         finally:
             self._beat.cancel()
+            self._beat = None
 
     def _run_until(self, future: asyncio.Future[T]) -> T:
         """Run until a future is done. Raises also the error of a handler beside it, which asyncio would only keep."""
@@ -144,14 +149,22 @@ class EventLoop:
 
     def _keep_alive(self) -> None:
         """Show central that we live, and give up on one that is silent, as every wait does."""
-        self._beat = self._loop.call_later(STEP, self._keep_alive)
+        self._beat_in(STEP)
         before, self._turned = self._turned, self._loop.time()
         if self._turned - before > STALL:
             self._since = self._turned
         if self._listen() > self._connection.patience:
             for request in list(self._waiting):
                 self._heard(request, self._connection.line.lost())
-        self._awaiting.look(self._turned)
+        if not self._awaiting.look(self._turned):
+            calm = min(_CALM, quiet_within(self._connection.patience))
+            self._beat_in(max(STEP, self._connection.direct.patience(calm)))
+
+    def _beat_in(self, seconds: float) -> None:
+        """Let ``_keep_alive`` be called then, if a coroutine is run."""
+        if self._beat is not None:
+            self._beat.cancel()
+            self._beat = self._loop.call_later(seconds, self._keep_alive)
 
     def _await_news(self, request: Request) -> Generator[Any, None, None]:
         """Await news of a request."""

@@ -12,8 +12,9 @@ from module.real_central import SOON, RealCentral, until
 from module.test_connection import HELLO, ScriptedCentral, friendly
 
 from tca_central.shell import server
-from tca_module import Command, Module, connect
+from tca_module import Command, Module, Query, Task, connect
 from tca_module.link.connection import Connection
+from tca_module.serving import coroutine_waits
 from tca_module.session.session import IDLE, Session
 from tca_module.sockets.transport import DealerTransport
 from tca_module.testing import LocalCentral
@@ -21,7 +22,7 @@ from tca_wire.packets import codec, headers
 from tca_wire.packets.headers import Accepted, Beat, Hello, Register, Send, Unknown, Welcome
 from tca_wire.points import Moment, Point
 
-WALK = Command("walk")
+WALK, NOBODY = Command("walk"), Query("nobody", reply=int)
 
 
 class CountedCentral(ScriptedCentral):
@@ -84,6 +85,26 @@ def test_nobody_looks_after_a_module_that_has_nothing_to_do() -> None:
         kept = legs._keep_alive
         assert kept is not None
         until(lambda: kept.due > time.monotonic() + 5.0, "nothing is due for a while")
+
+
+def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
+    with LocalCentral() as central, connect("user", central) as user:
+        legs = Module("legs", central)
+
+        @legs.handles(WALK)
+        async def walk(task: Task) -> None:
+            await task.query_send(NOBODY)
+
+        with legs.running():
+            user.command(WALK)
+            (slot,) = legs._slots._slots
+
+            def is_calm() -> bool:
+                beat = slot._loop._beat if slot._loop is not None else None
+                return beat is not None and beat.when() > time.monotonic() + 0.5
+
+            until(is_calm, "central knows where it stands")
 
 
 # --- Central ---------------------------------------------------------------------------------------------------------
