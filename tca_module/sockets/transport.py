@@ -57,7 +57,7 @@ class Transport(Beside, Protocol):
         """Send, waiting so long for central to be there and take it; whether it left."""
 
     def receive(self, timeout_seconds: float) -> bytes | None:
-        """The next packet; None if there is none in time."""
+        """The next packet; None if there is none in time, or something else has happened."""
 
     def files(self) -> Collection[int]:
         """The files of which one becomes readable when there may be something, or ``wake`` is called."""
@@ -229,7 +229,7 @@ class DealerTransport:
         return True
 
     def receive(self, timeout_seconds: float) -> bytes | None:
-        """The next packet; None if there is none in time."""
+        """The next packet; None if there is none in time, or something else has happened."""
         socket = self._socket
         if timeout_seconds <= 0:
             # Asking is cheaper than the exception that an empty socket raises.
