@@ -25,6 +25,7 @@ from tca_wire.messages.declarations import D, Message, R
 from tca_wire.packets.headers import WaitUntilHandled
 
 _WARN_AFTER = 5.0  # seconds that a module waits for required messages without a word
+_SIGNALS_PERIOD = 5.0  # seconds after which a signal is noticed that another thread got, as under a debugger
 
 CallbackFunction = Callable[[Callback], object] | Callable[[], object]
 F = TypeVar("F", bound=CallbackFunction)
@@ -190,7 +191,8 @@ class Module(Sender):
         """
         running = self.running(patience=patience, reconnect=reconnect, linger=linger)
         with _stopped_by_signals(self._stop), contextlib.suppress(Stopped), running:
-            self._stop.wait()
+            while not self._stop.wait(_SIGNALS_PERIOD):
+                pass
 
     @contextmanager
     def running(
