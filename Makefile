@@ -1,5 +1,5 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
-# check  format, lint, types, tests with coverage                    bench   what things cost here
+# check  format, lint, types, tests with coverage                    bench   what messages cost here
 # soak   all tests, the long ones too, on new random lives            clean   away with what the others made
 PYTHON ?= python3
 BIN := .venv/bin
@@ -23,7 +23,7 @@ check: $(READY)
 	$(BIN)/python -m pytest $(AT_ONCE) --cov --cov-report=term:skip-covered
 
 bench: $(READY)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m tca_bench
 
 soak: $(READY)
 	$(BIN)/python -m pytest -m "" --new-lives

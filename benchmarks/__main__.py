@@ -1,8 +1,8 @@
-"""All benchmarks, one after the other: ``make bench``."""
+"""All benchmarks for developers, one after the other: ``python -m benchmarks``."""
 
 import subprocess
 import sys
 
-for name in ("core_events", "core_control", "waits", "messaging", "handlers", "direct", "journals"):
+for name in ("core_events", "core_control", "waits", "handlers", "journals"):
     print(f"== {name}", flush=True)
     subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], check=True)

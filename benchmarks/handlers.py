@@ -13,8 +13,7 @@ import threading
 from functools import partial
 from pathlib import Path
 
-from benchmarks import rounds_of
-from benchmarks.messaging import BODY, central, process, rate
+from benchmarks import BODY, central, process, rate, rounds_of
 from tca_module import Client, LaterReply, Module, Query, Task, connect
 
 KINDS = ("plain", "beside a timer", "async", "later")

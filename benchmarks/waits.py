@@ -14,7 +14,7 @@ import threading
 import time
 from pathlib import Path
 
-from benchmarks.messaging import central
+from benchmarks import central
 from tca_module import Client, Command, Goal, Module, Query, Task, Timeout, connect
 
 WALK, MOVE = Goal("walk", int), Command("move", int)

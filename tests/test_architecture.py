@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = (
-    "tca_wire", "tca_central", "tca_module", "tca_tools", "tca_properties", "tca_explorer", "tca_live", "robots",
+    "tca_wire", "tca_central", "tca_module", "tca_tools", "tca_properties", "tca_explorer", "tca_live", "tca_bench", "robots",
 )  # fmt: skip
 OURS = set(PACKAGES)
 
@@ -41,6 +41,7 @@ MAY_IMPORT = {
     },
     "tca_live": {"tca_wire", "tca_module", "msgspec", "click", "rich"},
     "tca_explorer": {"tca_central", "tca_module", "tca_properties", "tca_wire", "msgspec", "click"},
+    "tca_bench": {"tca_module", "tca_wire", "msgspec", "zmq", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
 }
 """Beside the package itself and the standard library."""
@@ -52,6 +53,8 @@ ONLY_IN = {
         "tca_module/sockets/transport.py",
         "tca_module/sockets/direct.py",
         "tca_module/sockets/pulse.py",
+        "tca_bench/own/zeromq.py",
+        "tca_bench/own/bare.py",
     },
     "pybullet": {"robots/ambler_sim/physics.py"},
     "perfetto": {"tca_tools/export/trace/packets.py"},
@@ -89,6 +92,20 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "algebra": {"predicates", "world"},
         "language": {"algebra", "field_values", "predicates", "world"},
         "__init__": {"algebra", "language", "predicates", "world"},
+    },
+    "tca_bench": {
+        "processes": set(),
+        "contestant": {"processes"},
+        "cases": {"contestant"},
+        "driver": {"cases", "contestant"},
+        "running": {"cases", "driver", "processes"},
+        "results": {"cases", "running"},
+        "table": {"results"},
+        "command": {"cases", "results", "running", "table"},
+        "__main__": {"command"},
+        "own": {"contestant", "processes"},
+        "peers": {"contestant", "processes"},
+        "__init__": set(),
     },
     "tca_explorer": {
         "errors": set(),

@@ -9,7 +9,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("tca_central", "tca_explorer", "tca_live", "tca_module", "tca_properties", "tca_tools", "tca_wire")
+PACKAGES = (
+    "tca_bench",
+    "tca_central",
+    "tca_explorer",
+    "tca_live",
+    "tca_module",
+    "tca_properties",
+    "tca_tools",
+    "tca_wire",
+)
 TAKING_APART = {"startswith", "endswith", "partition", "rpartition", "split", "rsplit", "removeprefix", "removesuffix"}
 NAMES_OF_WORDS = {"why", "text", "words", "reason", "told", "said"}
 WITH_PATTERNS = {
@@ -21,6 +30,7 @@ WITH_PATTERNS = {
 """Files that read what is no text of ours: names of files, what users type, foreign messages, pictures of libraries."""
 ROOMS = (*(room for room in PACKAGES if room not in ("tca_wire", "tca_module")), "tca_wire/text")
 TAKEN_APART = {
+    "tca_bench/processes.py": 1,
     "tca_central/__main__.py": 6, "tca_central/failing/failures.py": 4, "tca_central/model/registry.py": 1,
     "tca_central/needs/texts.py": 1, "tca_central/outgoing/direct_routes.py": 1, "tca_central/requests/joining.py": 1,
     "tca_central/requests/replying.py": 1, "tca_central/requests/waiting.py": 1, "tca_central/shell/server.py": 2,

@@ -1,0 +1,60 @@
+"""``tca bench``: what messages and tasks cost here."""
+
+from pathlib import Path
+
+import click
+import msgspec
+
+from tca_bench.cases import MESSAGE_PEERS, ROBOT_BUS, STAGES, TASK_PEERS, Entrant, chosen, small
+from tca_bench.results import reported
+from tca_bench.running import run
+from tca_bench.table import lines
+
+_PEERS = {entry.title for entry in (*MESSAGE_PEERS, ROBOT_BUS, *TASK_PEERS)}
+
+
+@click.command()
+@click.option("--only", metavar="CASE", multiple=True, help="Only cases, or groups of them, of this name (repeatable).")
+@click.option(
+    "--rounds", default=5, show_default=True, type=click.IntRange(min=1), help="Each case is measured so often."
+)
+@click.option(
+    "--seconds", default=0.5, show_default=True, type=click.FloatRange(min=0, min_open=True),
+    help="For each contestant in each round.",
+)  # fmt: skip
+@click.option("--peers", is_flag=True, help="Other programs, too, as far as they are installed.")
+@click.option("--quick", is_flag=True, help="Few messages: whether all works. The figures mean nothing.")
+@click.option("--list", "listing", is_flag=True, help="Name the cases and those who take part, and measure nothing.")
+@click.option(
+    "--json", "path", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path), help="Write all figures."
+)
+def bench(
+    only: tuple[str, ...], rounds: int, seconds: float, path: Path | None, *, peers: bool, quick: bool, listing: bool
+) -> None:
+    """Measure what messages and tasks cost on this machine.
+
+    Central runs beside zmq.proxy, which is the limit of what ZeroMQ allows, and with --peers beside NATS, Redis and
+    others. All take turns in each round, so ratios hold on a busy machine, too; absolute figures are this machine's.
+    """
+    known = [name for stage in STAGES for name in (stage.title, *(case.name for case in stage.cases))]
+    if unknown := [name for name in only if name not in known]:
+        raise click.UsageError(f"no case '{unknown[0]}': 'tca bench --list' names them")
+    stages = chosen(
+        small(STAGES) if quick else STAGES,
+        lambda name: not only or name in only,
+        lambda one: peers or not _is_peer(one),
+    )
+    if listing:
+        for stage in stages:
+            click.echo(f"{stage.title}: {', '.join(case.name for case in stage.cases)}")
+            click.echo(f"    of {', '.join(entry.title for entry in stage.entries)}")
+        return
+    report = reported(run(stages, rounds, seconds, lambda text: click.echo(text, err=True)), rounds, seconds)
+    if path:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
+    for line in lines(report):
+        click.echo(line)
+
+
+def _is_peer(entry: Entrant) -> bool:
+    return entry.title in _PEERS

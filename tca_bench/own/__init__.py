@@ -1,0 +1,1 @@
+"""The contestants that need nothing but us: ZeroMQ alone, and central."""

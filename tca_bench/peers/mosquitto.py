@@ -1,0 +1,135 @@
+"""Mosquitto with paho: quality of service 0, which is the fastest; each client has the thread that paho gives it."""
+
+import getpass
+import queue
+import threading
+from typing import Any
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+
+from tca_bench.contestant import (
+    COUNT,
+    ECHO,
+    LISTENERS,
+    MARK,
+    OPEN,
+    Contestant,
+    NotThere,
+    body_of,
+    check_arrived,
+    timed,
+    until,
+)
+from tca_bench.processes import program_path
+
+CONFIGURATION = """
+listener 0 {path}
+allow_anonymous true
+persistence false
+max_queued_messages 0
+max_queued_bytes 0
+user {user}
+"""
+
+
+def joined(path: str, topic: str, handle: Any, *, own_thread: bool = True) -> Client:
+    """A client that hears a topic."""
+    client = Client(CallbackAPIVersion.VERSION2, transport="unix")
+    client.on_message = handle
+    client.on_connect = lambda *_: client.subscribe(topic)
+    try:
+        client.connect(path)
+    except OSError as error:
+        raise NotThere("mosquitto does not answer") from error
+    if own_thread:
+        client.loop_start()
+    return client
+
+
+def _handler(answers: str) -> Any:
+    count = 0
+
+    def handle(client: Client, _: Any, message: Any) -> None:
+        nonlocal count
+        kind = message.payload[:1]
+        if kind == COUNT:
+            count += 1
+            return
+        client.publish(answers, message.payload if kind == ECHO else str(count))
+        count = 0
+
+    return handle
+
+
+def serve(path: str) -> None:
+    """The server."""
+    joined(path, "work", _handler("replies"), own_thread=False).loop_forever()
+
+
+def listen(path: str) -> None:
+    """The clients that hear a broadcast."""
+    ears = [joined(path, "tick", _handler("replies")) for _ in range(LISTENERS)]
+    threading.Event().wait()
+    del ears
+
+
+class Mosquitto(Contestant):
+    """Client, broker, server."""
+
+    def start(self) -> None:
+        path = f"{self.folder}/mosquitto.sock"
+        configuration = self.folder / "mosquitto.conf"
+        configuration.write_text(CONFIGURATION.format(path=path, user=getpass.getuser()))
+        self.children.program(program_path("mosquitto"), "-c", configuration)
+        self.answers = queue.SimpleQueue[bytes]()
+        until(lambda: self._connect(path))
+        self.children.serve(serve, path)
+        self.children.serve(listen, path)
+
+    def _connect(self, path: str) -> None:
+        self.line = joined(path, "replies", lambda _, __, message: self.answers.put(message.payload))
+
+    def ready(self) -> None:
+        until(lambda: self._check_answered("work", ECHO, 1))
+        until(lambda: self._check_answered("tick", MARK, LISTENERS))
+
+    def _check_answered(self, topic: str, body: bytes, number: int) -> None:
+        self.line.publish(topic, body)
+        try:
+            for _ in range(number):
+                self.answers.get(timeout=0.3)
+        except queue.Empty as error:
+            raise NotThere("not all are connected yet") from error
+
+    def round_trip(self, number: int, size: int) -> list[float]:
+        body = body_of(size)
+
+        def exchange() -> None:
+            self.line.publish("work", body)
+            self.answers.get()
+
+        return timed(number, exchange)
+
+    def pipelined(self, number: int, slots: int) -> None:
+        del slots
+        body = body_of(100)
+        for one in range(number):
+            if one >= OPEN:
+                self.answers.get()
+            self.line.publish("work", body)
+        for _ in range(min(number, OPEN)):
+            self.answers.get()
+
+    def oneway(self, number: int) -> None:
+        self._flood("work", number, 1)
+
+    def fanout(self, number: int) -> None:
+        self._flood("tick", number, LISTENERS)
+
+    def _flood(self, topic: str, number: int, ears: int) -> None:
+        body = body_of(100, COUNT)
+        for _ in range(number):
+            self.line.publish(topic, body)
+        self.line.publish(topic, MARK)
+        check_arrived(number, *(int(self.answers.get()) for _ in range(ears)))

@@ -1,0 +1,66 @@
+"""The benchmark works: all cases of our own contestants have figures. What these are is nobody's business here."""
+
+import math
+from pathlib import Path
+
+import msgspec
+import pytest
+from click.testing import CliRunner
+
+from tca_bench.cases import MESSAGE_PEERS, STAGES, TASK_PEERS, Entrant, Needs, Stage, Trial, chosen
+from tca_bench.command import bench
+from tca_bench.results import Report
+from tca_bench.running import Results, lacking, run
+
+QUICK = ("--quick", "--rounds", "1", "--seconds", "0.001")
+
+
+@pytest.mark.slow
+def test_each_case_has_figures_and_finite_ratios(tmp_path: Path) -> None:
+    path = tmp_path / "figures.json"
+    result = CliRunner().invoke(bench, [*QUICK, "--json", str(path)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    report = msgspec.json.decode(path.read_bytes(), type=Report)
+    assert report.missing == {}
+    assert [(table.stage, table.case) for table in report.tables] == [
+        (stage.title, case.name) for stage in STAGES for case in stage.cases
+    ]
+    for table in report.tables:
+        assert len(table.rows) >= 2, table.case
+        for row in table.rows:
+            figures = [row.median, row.best, row.worst, *row.rounds]
+            assert all(map(math.isfinite, figures)), row
+            assert row.ratio is None or 0 < row.ratio < math.inf, row
+            assert (row.ratio is not None) == bool(table.reference), row
+    assert "round trip" in result.stdout
+
+
+def test_what_is_not_installed_is_left_out_by_name() -> None:
+    needs = Needs(("no_such_package", "no.such.package"), ("no-such-program",), "pip install it")
+    assert lacking(needs) == "package no_such_package, package no.such.package, program no-such-program"
+    assert not lacking(Needs(("zmq", "msgspec.msgpack"), ("sh",)))
+    entry, said = Entrant("Nobody", "peers.nobody", "Nobody", needs=needs), list[str]()
+    result = run(
+        [Stage("any", (Trial("round trip", "round_trip", arguments=(100,)),), (entry,), "")], 1, 0.001, said.append
+    )
+    assert result.missing["Nobody"].endswith("not installed: pip install it")
+    assert any("Nobody is left out" in line for line in said)
+
+
+@pytest.mark.slow
+def test_one_that_breaks_is_out_and_the_others_go_on() -> None:
+    (stage,) = chosen(STAGES, lambda name: name == "round trip", lambda entry: entry.title == "zmq.proxy")[:1]
+    broken = Entrant("broken", "own.library", "Library", {"journal": "no such journal"})
+    result: Results = run([Stage("any", stage.cases, (broken, *stage.entries), "zmq.proxy")], 1, 0.001, lambda _: None)
+    assert result.missing["broken"].startswith("it broke: KeyError")
+    assert list(result.measured[0].rows) == ["zmq.proxy"]
+
+
+def test_cases_are_chosen_by_name() -> None:
+    found = chosen(STAGES, lambda name: name == "sizes", lambda entry: not entry.needs.packages)
+    assert [stage.title for stage in found] == ["sizes"]
+    assert {entry.title for entry in (*MESSAGE_PEERS, *TASK_PEERS)}.isdisjoint(one.title for one in found[0].entries)
+    result = CliRunner().invoke(bench, ["--only", "nonsense"])
+    assert result.exit_code == 2
+    assert "no case 'nonsense': 'tca bench --list' names them" in result.output
+    assert "commands, 100 open" in CliRunner().invoke(bench, ["--list"]).stdout
