@@ -13,8 +13,9 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Refused
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, PATIENCE, Connection, ask
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, LINGER, PATIENCE, Connection
 from tca_module.link.opening import CentralAddress, hello, open_connection
+from tca_module.link.questions import ask
 from tca_module.sending.sender import Sender
 from tca_wire.packets.headers import Ask
 

@@ -259,6 +259,7 @@ class Connection:
         with self._lock:
             self._catch_up_for(header)
             if wants_answer and (asked := self.direct.ask(header, body)) is not None:
+                self.line.flush(wait_seconds=0)
                 return asked
             request = self.session.request(header, body, wants_answer=wants_answer)
             self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
@@ -266,8 +267,16 @@ class Connection:
 
     def _catch_up_for(self, header: ToCentral) -> None:
         """Take in what central has said. Raises CentralLost if a header is for the central before it."""
-        session, epoch = self.session, self.session.epoch
-        self.line.catch_up()
+        epoch = self.session.epoch
+        self.line.catch_up(is_sending=True)
+        try:
+            self._check_header(header, epoch)
+        except BaseException:
+            self.line.flush(wait_seconds=0)
+            raise
+
+    def _check_header(self, header: ToCentral, epoch: str) -> None:
+        session = self.session
         session.sends.check(getattr(header, "origin", None))
         numbers = numbers_in(header)
         for number in numbers:
@@ -342,12 +351,18 @@ class Connection:
         """Tell central, if it does not know, that the answer to a question is waited for from now on."""
         with self._lock:
             if request.is_unannounced:
-                self.line.catch_up()
+                self.line.catch_up(is_sending=not blocking)
             if request.is_unannounced:
                 request.is_announced = self.session.post(
                     Await(request.header.number, blocking, getattr(request.header, "origin", 0))
                 )
-                self.line.flush()
+                if blocking:  # else its event loop sends what has come together
+                    self.line.flush()
+
+    def flush(self) -> None:
+        """Send what is to be said."""
+        with self._lock:
+            self.line.flush()
 
     def abandon(self, request: Request) -> None:
         """Give a request up: nobody waits for its answer any more."""
@@ -400,6 +415,7 @@ class Connection:
         with self._lock:
             self._catch_up_for(header)
             if self.direct.tell(header, body):
+                self.line.flush(wait_seconds=0)
                 return
             dropped = self.session.dropped
             self.session.post(header, body)
@@ -567,23 +583,3 @@ class Connection:
             what = used or f"a connection of module '{self.session.module}'"
             where = f"is used in thread '{threading.current_thread().name}'"
             raise MisuseError(f"{what} {where}, but belongs to thread '{self._owner_name}', which {owns}: {remedy}")
-
-
-def ask(
-    connection: Connection, header: ToCentral, what: object, body: bytes = b"",
-    within: float | None = ACKNOWLEDGED_WITHIN,
-) -> bytes:  # fmt: skip
-    """The immediate answer of central itself. Raises Timeout if it does not come *within* so many seconds."""
-    return answered(connection, header, what, body, within).answers[-1][1]
-
-
-def answered(
-    connection: Connection, header: ToCentral, what: object, body: bytes = b"",
-    within: float | None = ACKNOWLEDGED_WITHIN,
-) -> Request:  # fmt: skip
-    """A question that central itself answers, with the answer. Raises what ``ask`` does."""
-    request = connection.request(header, body, wants_answer=True, is_awaited=True)
-    if not connection.wait(request, within, what):
-        connection.abandon(request)
-        raise Timeout(f"{what} was not answered within {within:g} s, though central is alive: it is overloaded")
-    return request

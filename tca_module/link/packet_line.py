@@ -57,19 +57,20 @@ very long; or no central listens there, but another program"
             )
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
 
-    def catch_up(self) -> None:
+    def catch_up(self, *, is_sending: bool = False) -> None:
         """Take in arrived packets. So a caller that never waits notices a cut, and comes back."""
-        self.tend(float("-inf"))
+        self.tend(float("-inf"), is_sending=is_sending)
 
-    def tend(self, since: float, quiet: float | None = None) -> float:
+    def tend(self, since: float, quiet: float | None = None, *, is_sending: bool = False) -> float:
         """Keep the line alive; the seconds of central's silence, at most since then. After *quiet* seconds it is asked
-        for a word.
+        for a word. A caller that *is_sending* flushes right after that, with what it has to say itself.
         """
         while self.listen(0.0):
             pass
         now = self._clock()
         self._session.tend(now, since, quiet)
-        self.flush(wait_seconds=0)
+        if not is_sending:
+            self.flush(wait_seconds=0)
         return now - max(self._session.heard, since)
 
     def listen(self, timeout: float) -> bool:

@@ -9,7 +9,8 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import check, is_brief, name_of
 from tca_module.errors import LockLost, MisuseError, NotDeclared, Timeout, VariableNotSet
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection, ask
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.link.questions import ask
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import cached_property
 from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
@@ -99,7 +100,12 @@ class Sender(WatchingServices):
         """*is_shared*: others send under the same *parent*, as everybody does under the root."""
         self._parent = parent
         self._origin = origin
-        self._ordering = SiblingOrder(is_shared=is_shared or parent == ROOT)
+        self._is_shared = is_shared or parent == ROOT
+
+    @cached_property
+    def _ordering(self) -> SiblingOrder:
+        """Made when it is first needed: most handlers send no tasks."""
+        return SiblingOrder(is_shared=self._is_shared)
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
@@ -133,17 +139,20 @@ class Sender(WatchingServices):
 
     def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> SentTask[R] | None:
         """The new task; None if *handled* and nobody handles the message."""
-        check_options(name_of(message), options, _OPTIONS)
+        if options:
+            check_options(name_of(message), options, _OPTIONS)
         body, recoveries = message.encode_data(data), options.get("on_failure", ())
         connection = self._declare(message, *(one.handler for one in recoveries))
         sequential = options.get("sequential", True)
         is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
         constraints += options.get("constraints", ())
+        if not options.keys().isdisjoint(_FLAGS):
+            flags |= _flags_of(options)
         if delay := options.get("delay"):
             constraints.append(not_before(THIS, delay))
         header = Send(
-            0, message.name, self._parent, self._origin, flags | _flags_of(options), constraints,
+            0, message.name, self._parent, self._origin, flags, constraints,
             options.get("priority", 0), attachments=[one.attachment for one in recoveries],
             deadline=options.get("deadline") or 0, if_handled=handled,
             keep=options.get("keep", False), suspended=options.get("suspended", False),

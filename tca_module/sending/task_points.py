@@ -57,12 +57,15 @@ def _checked(point: Point) -> Point:
     return point
 
 
+_EDGES = {interval: (moment_of(interval, Edge.START), moment_of(interval, Edge.END)) for interval in Interval}
+
+
 class TaskInterval:
     """One interval of a task; ``start`` and ``end`` are its points."""
 
     def __init__(self, task_id: TaskId, interval: Interval) -> None:
-        self.start = TaskPoint(task_id, moment_of(interval, Edge.START))
-        self.end = TaskPoint(task_id, moment_of(interval, Edge.END))
+        start, end = _EDGES[interval]
+        self.start, self.end = TaskPoint(task_id, start), TaskPoint(task_id, end)
 
 
 class TaskIntervals:

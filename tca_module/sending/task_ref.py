@@ -9,7 +9,8 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_handles, check_message, is_brief, name_of
 from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
-from tca_module.link.connection import Connection, answered
+from tca_module.link.connection import Connection
+from tca_module.link.questions import answered
 from tca_module.sending.task_points import TaskIntervals
 from tca_module.session.epoch_numbers import first_foreign, with_epoch
 from tca_module.session.request import Request

@@ -65,7 +65,11 @@ class WatchingServices(CentralServices):
     """The part of a Sender that watches tasks."""
 
     _parent: TaskId
-    _ordering: SiblingOrder
+
+    @property
+    def _ordering(self) -> SiblingOrder:
+        """The order of what it sends."""
+        raise NotImplementedError
 
     def task(self, task_id: int) -> TaskRef | None:
         """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""

@@ -35,6 +35,7 @@ class EventLoop:
         self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
         self._is_closing = False
         self._beat: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
+        self._is_flushing = False  #: something is to be sent when all who can go on now have done so
         self._fatal: BaseException | None = None  #: an exception of a handler that is to end the module
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
         selector = _Selector(files[0], self._has_news, connection.transport.pausing)
@@ -171,8 +172,15 @@ class EventLoop:
         future = self._loop.create_future()
         self._waiting.setdefault(request, []).append(future)
         request.notify = partial(self._heard, request)
+        if self._connection.session.outgoing and not self._is_flushing:  # what others await now goes with it
+            self._is_flushing = True
+            self._loop.call_soon(self._flush)
         with self._awaiting.suspended(request, future):
             yield from future
+
+    def _flush(self) -> None:
+        self._is_flushing = False
+        self._connection.flush()
 
     def _heard(self, request: Request, error: Exception | None = None) -> None:
         for future in self._waiting.pop(request, []):

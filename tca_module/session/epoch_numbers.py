@@ -13,6 +13,9 @@ from typing import Any, Self, TypeVar, get_type_hints
 import msgspec
 
 from tca_module.errors import CentralLost
+from tca_wire.constraints import Constraint
+from tca_wire.packets.parts import WatchOptions
+from tca_wire.points import Point, TaskId
 
 RESTARTED = "central was restarted and has forgotten its tree"
 
@@ -58,11 +61,16 @@ def _collect(parts: Iterable[Any], found: list[EpochNumber]) -> None:
             found += numbers_in(part)
 
 
+_NUMBERS = ("origin", "delivery", "id")
+_NAMING = (TaskId, Point, Point | None, list[Constraint], WatchOptions | None)
+"""Names and types of the fields of headers, and of their parts, that name tasks and other things of a central."""
+
+
 @cache
 def _reader(kind: type) -> Callable[[msgspec.Struct], tuple[Any, ...]]:
     """Reads the fields that may hold such numbers: each message passes here."""
     hints = get_type_hints(kind)
-    names = [name for name, hint in hints.items() if hint not in (str, bytes, float, bool)]
+    names = [name for name, hint in hints.items() if name in _NUMBERS or hint in _NAMING]
     return attrgetter(*names) if len(names) > 1 else lambda part: tuple(getattr(part, name) for name in names)
 
 

@@ -15,6 +15,8 @@ from tca_module import Client, Command, MisuseError, Module, Outcome, Query, Que
 from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Failed, Received, RequestRefused, Returned
+from tca_wire.packets.codec import unpack_to_central
+from tca_wire.packets.headers import Await
 
 
 def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(legs: Module, user: Client) -> None:
@@ -272,6 +274,34 @@ def test_a_coroutine_does_not_await_a_central_that_is_silent(legs: Module, user:
     with legs.running(patience=0.5):
         assert user.goal(REST).id == 1
         assert "does not answer: start it with 'tca central'" in ended.get(timeout=SOON)
+
+
+def test_who_awaits_many_tells_central_so_in_one_packet(central: LocalCentral, user: Client, legs: Module) -> None:
+    asked, count, began = Query("asked", int, reply=int), 100, threading.Event()
+    eyes, packets = Module("eyes", central), list[Any]()
+    taken = central.take
+
+    def take(connection: Any, packet: bytes) -> bool:
+        packets.append([type(header) for header, _ in unpack_to_central(packet)])
+        if Await in packets[-1]:
+            began.set()
+        return taken(connection, packet)
+
+    @eyes.handles(asked)
+    def answer(_: Task, number: int) -> int:
+        assert began.wait(SOON)
+        return number
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        pending = [task.query_send(asked, number) for number in range(count)]
+        packets.clear()
+        central.take = take  # type: ignore[method-assign]
+        assert await asyncio.gather(*pending) == list(range(count))
+
+    with eyes.running(), legs.running():
+        user.goal(REST).result(SOON)
+    assert [kinds for kinds in packets if Await in kinds] == [[Await] * count]
 
 
 # --- Circles through ``await`` ---------------------------------------------------------------------------------------
