@@ -539,7 +539,7 @@ class Connection:
             left = max(0.0, deadline - now)
             send_wait = SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
             self.line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
-            is_next = idle is not None and bool(session.ahead)
+            is_next = idle is not None and self._has_next
             step = 0.0 if is_next else self._seconds_to(deadline, since, quiet, patience)
             self.line.listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.handle_delivery is not None and (message := self._next_message()) is not None:
@@ -553,10 +553,14 @@ class Connection:
                 raise self.line.lost()
         return True
 
+    @property
+    def _has_next(self) -> bool:
+        """Whether the next message is ahead, and no handler owes an answer."""
+        return bool(self.session.ahead) and len(self.session.open_deliveries) == len(self.session.ahead)
+
     def _next_message(self) -> tuple[Deliver, bytes] | None:
         """The next message to be handled when nothing else is: one that was sent ahead, or one that came directly."""
-        ahead = self.session.ahead
-        return ahead.popleft() if ahead and not self.session.deliveries else self.direct.take()
+        return self.session.ahead.popleft() if self._has_next else self.direct.take()
 
     def give_back(self) -> None:
         """Give back to central the messages that have not begun, and that only this slot has."""

@@ -7,7 +7,7 @@ from integration.commanded import SOON
 from module.real_central import RealCentral
 
 from tca_central.order import dispatcher
-from tca_module import Client, Inform, Module, Query, Task, connect
+from tca_module import Client, Inform, LaterReply, Module, Query, Task, connect
 from tca_wire.journal.facts import Delivered, Granted, Returned
 
 pytestmark = pytest.mark.slow
@@ -104,6 +104,31 @@ def test_nothing_is_handled_while_others_hold_the_lock(quick: Quick, user: Clien
             inside.add(fact.id)
         elif isinstance(fact, Returned):
             inside.discard(fact.id)
+
+
+def test_nothing_ahead_is_begun_while_an_answer_is_owed(quick: Quick, user: Client) -> None:
+    owed: list[tuple[LaterReply[bool], int]] = []
+    later = Query("later", reply=bool)
+
+    @quick.module.handles(later, resource="ear")
+    def owe(task: Task) -> LaterReply[bool]:
+        owed.append((task.reply_later(), len(quick.heard)))
+        return owed[-1][0]
+
+    with quick.module.running():
+        for number in range(MANY):
+            user.inform(NOTE, number)
+        asked = [user.query_send(later) for _ in range(5)]
+        for number in range(MANY):
+            user.inform(NOTE, number)
+        for number in range(5):
+            while len(owed) <= number:
+                user.modules()
+            reply, before = owed[number]
+            user.modules()
+            reply.reply(len(quick.heard) == before)
+        assert all(one.receive(timeout=SOON) for one in asked)
+        assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
 
 
 def test_a_module_that_leaves_loses_nothing(quick: Quick, user: Client, address: str) -> None:
