@@ -156,7 +156,7 @@ STAGES = (
         "memory",
         (Trial("memory of each", "memory", Kind.NUMBER, number=5000, unit="bytes", scale=1.0),),
         tuple(Entrant(what, "own.costs", "Memory", {"of": what})
-              for what in ("a waiting goal", "a waiting inform", "a module")),
+              for what in ("a waiting goal", "a waiting inform", "a connected module")),
         "",
         apart=True,
     ),

@@ -58,6 +58,7 @@ class Children:
             except subprocess.TimeoutExpired:
                 program.kill()
                 program.wait()
+        self._servers, self._programs = [], []
 
 
 def address_in(folder: Path) -> str:

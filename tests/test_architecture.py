@@ -55,6 +55,7 @@ ONLY_IN = {
         "tca_module/sockets/pulse.py",
         "tca_bench/own/zeromq.py",
         "tca_bench/own/bare.py",
+        "tca_bench/own/costs.py",
     },
     "pybullet": {"robots/ambler_sim/physics.py"},
     "perfetto": {"tca_tools/export/trace/packets.py"},

@@ -136,17 +136,16 @@ class BareEnds(Contestant):
     def oneway(self, number: int) -> None:
         body = POSE.encode_data(body_of(100))
         self._tell([(headers.Send(0, POSE.name), body)] * number)
-        check_arrived(number, self._count(SEEN))
+        check_arrived(number, *self._counts(SEEN))
 
     def fanout(self, number: int) -> None:
         body = TICK.encode_data(body_of(100))
         self._tell([(headers.Send(0, TICK.name), body)] * number)
-        check_arrived(number, *(self._count(heard) for heard in HEARD))
+        check_arrived(number, *self._counts(*HEARD))
 
-    def _count(self, question: Any) -> int:
-        (_, body), *_ = self._ask([self._question(question)])
-        number: int = question.decode_reply(body)
-        return number
+    def _counts(self, *questions: Any) -> list[int]:
+        answers = self._ask([self._question(one) for one in questions])
+        return [SEEN.decode_reply(body) for _, body in answers]
 
     def commands(self, number: int) -> list[float]:
         return timed(number, lambda: self._command(1))

@@ -1,11 +1,14 @@
 """What central needs beside time: memory; and how long it takes to start."""
 
 import itertools
+import resource
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
+
+import zmq
 
 from tca_bench.contestant import SOON, Contestant, body_of
 from tca_bench.own.bare import joined, registered
@@ -15,6 +18,8 @@ from tca_module import Goal, Inform, Module, Query, Task, connect
 from tca_wire.constraints import Flags
 from tca_wire.packets import codec, headers
 
+MANY = 10_000
+"""Connections of one process."""
 WALK, NOTE, PING = Goal("walk", bytes), Inform("note", bytes), Query("ping", bytes, reply=bytes)
 
 
@@ -26,11 +31,14 @@ class Memory(Contestant):
         self.more, self.part = {
             "a waiting goal": (self._goals, 1.0),
             "a waiting inform": (self._informs, 1.0),
-            "a module": (self._modules, 0.05),  # a process can't have more connections
+            "a connected module": (self._modules, 0.05),
         }[of]
         self.modules: list[Socket] = []
 
     def start(self) -> None:
+        zmq.Context.instance().set(zmq.MAX_SOCKETS, MANY)
+        _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
         self.central = self.children.central(self.folder, "--no-journal")
         address = address_in(self.folder)
         self.busy = registered(address, "busy", {WALK: "busy", NOTE: "busy"})
@@ -43,7 +51,8 @@ class Memory(Contestant):
 
     def _ask(self, header: Any, body: bytes = b"") -> None:
         self.line.send(codec.pack_item(header, body))
-        self.line.recv()
+        ((answer, _),) = codec.unpack_to_module(self.line.recv())
+        assert isinstance(answer, headers.Accepted), answer
 
     def _goals(self, number: int) -> None:
         for _ in range(number):
@@ -60,6 +69,12 @@ class Memory(Contestant):
 
     def memory(self, number: int) -> float:
         """The bytes of memory that each of so many more takes."""
+        self.children.stop()
+        for line in (*self.modules, *self.busy, self.line):
+            line.close()
+        self.modules.clear()
+        self.start()  # a new central, for what another has had and freed it takes again
+        self.ready()
         before, more = resident_bytes(self.central), max(int(number * self.part), 1)
         self.more(more)
         return (resident_bytes(self.central) - before) / more
