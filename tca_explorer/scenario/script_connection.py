@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 from tca_explorer.errors import ScenarioError
 from tca_explorer.scenario.steps import HERE, Ask, Await, GiveUp, Got, Hang, History, Know, Step
+from tca_module.checks import check_message
 from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN
 from tca_module.sending.replies import QUERY_TIMEOUT
@@ -163,6 +164,11 @@ class ScriptConnection:
             self._on_caught(self.error)
 
     # --- calls of the module library: see tca_module/link/connection.py -----------------------
+
+    def has_declared(self, message: Message[Any, Any]) -> bool:
+        """All are declared with each step."""
+        check_message(message)
+        return False
 
     def declare(self, *messages: Message[Any, Any], within: float = 0.0) -> None:
         """Central must know these."""

@@ -163,7 +163,7 @@ class Connection:
         """Tell central of messages, which of them are handled here, and that all is attached that is attached at the
         start. Raises FormatRefused if others differ.
         """
-        new, handled = [message for message in messages if self._is_new(message)], list(handlers)
+        new, handled = [message for message in messages if not self.has_declared(message)], list(handlers)
         if not new and not handled and not is_ready:
             return
         formats, names = [message.format for message in new], ", ".join(map(name_of, new or messages))
@@ -171,9 +171,11 @@ class Connection:
         self.session.declared(formats, handled, is_ready=is_ready)
         self._declared.update({message.name: message for message in new})
 
-    def _is_new(self, message: Message[Any, Any]) -> bool:
-        check_message(message)
-        return self._declared.get(message.name) is not message
+    def has_declared(self, message: Message[Any, Any]) -> bool:
+        """Whether central has been told of this message. Raises MisuseError for what is none."""
+        if not isinstance(message, Message):
+            check_message(message)
+        return self._declared.get(message.name) is message
 
     def call(self, header: ToCentral, what: object, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
         """Have central do something; the id of the resulting task or message. *what* names it in errors."""
@@ -279,6 +281,10 @@ class Connection:
         session = self.session
         session.sends.check(getattr(header, "origin", None))
         numbers = numbers_in(header)
+        if not numbers:
+            if epoch != session.epoch and refers_to_tasks(header):  # its numbers are of the central before
+                raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
+            return
         for number in numbers:
             if isinstance(number, SentId):
                 number.be_nameable(self)
@@ -286,8 +292,6 @@ class Connection:
             with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
                 self.call(Register(0, []), "a word of central's")
         check_epoch(numbers, session.epoch)
-        if epoch != session.epoch and not numbers and refers_to_tasks(header):  # its numbers are of the central before
-            raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
 
     def wait(
         self, request: Request, timeout: float | None, what: object, is_over: Callable[[], bool] | None = None
@@ -583,7 +587,7 @@ class Connection:
         """Raise MisuseError in another thread; before taking the lock, which a serving thread keeps for ever. Names
         what is *used*, why its thread *owns* it, and the remedy.
         """
-        if not self.is_mine:
+        if threading.get_ident() != self._owner:
             what = used or f"a connection of module '{self.session.module}'"
             where = f"is used in thread '{threading.current_thread().name}'"
             raise MisuseError(f"{what} {where}, but belongs to thread '{self._owner_name}', which {owns}: {remedy}")

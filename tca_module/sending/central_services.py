@@ -98,8 +98,11 @@ class CentralServices:
 
     def _declare(self, *messages: Message[Any, Any], within: float = ACKNOWLEDGED_WITHIN) -> Connection:
         """The connection, with the messages and the parts of monitors among them declared on it."""
+        connection = self._connection()
+        if all(map(connection.has_declared, messages)):
+            return connection
         parts = [part for one in messages if isinstance(one, Monitor) for part in one.parts if part is not None]
-        self._connection().declare(*parts, *messages, within=within)
+        connection.declare(*parts, *messages, within=within)
         return self._connection()  # which may have lost its central meanwhile
 
     def _declare_within(self, timeout: float | None, *messages: Message[Any, Any]) -> float | None:

@@ -259,7 +259,8 @@ class Sender(WatchingServices):
         self, message: Message[Any, Any], data: Any, *, priority: int = 0, blocking: bool = False, brief: bool = False,
         maximum: int = 0, if_handled: bool = False, is_awaited: bool = True,
     ) -> tuple[Connection, Request]:  # fmt: skip
-        check(name_of(message), checks.PRIORITY, priority=priority)
+        if not checks.PRIORITY.fits(priority):
+            check(name_of(message), checks.PRIORITY, priority=priority)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(
@@ -346,7 +347,8 @@ class Sender(WatchingServices):
 
     def _tell(self, message: Message[D, None], kind: type[Message[Any, Any]], data: D, wait: float | None) -> None:
         check_class(message, kind)
-        check(name_of(message), checks.SECONDS_OR_NONE, wait=wait)
+        if wait is not None:
+            check(name_of(message), checks.SECONDS_OR_NONE, wait=wait)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(0, message.name, origin=self._origin, flags=Flags.NONE)
