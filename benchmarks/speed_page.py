@@ -20,6 +20,7 @@ PICTURES = {
     "speed-messages.svg": ("Messages, as a part of what zmq.proxy does", "messages"),
     "speed-tasks.svg": ("Tracked tasks, as a part of what zmq.proxy does untracked", "tasks"),
 }
+SIZES = "round trip of "
 _ROW, _BAR, _WIDTH, _MARGIN = 18.0, 12.0, 420.0, 14.0
 _LEAST = 1e-3
 """The left end of the scale."""
@@ -80,7 +81,7 @@ def picture(title: str, tables: list[Comparison]) -> str:
 def main() -> None:
     report = msgspec.json.decode(Path(sys.argv[1]).read_bytes(), type=Report)
     for name, (title, stage) in PICTURES.items():
-        tables = [table for table in report.tables if table.stage == stage]
+        tables = [table for table in report.tables if table.stage == stage and not table.case.startswith(SIZES)]
         (DOCS / "images" / name).write_text(picture(title, tables))
     words = (DOCS / "speed.md").read_text().partition(BEGIN)[0].rstrip()
     (DOCS / "speed.md").write_text("\n".join([words, "", *page(report), ""]))

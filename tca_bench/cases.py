@@ -113,6 +113,10 @@ STAGES = (
             _rate("100 open, sixteen slots", "pipelined", 16),
             _rate("informs, one-way", "oneway"),
             Trial("broadcast to 10", "fanout", Kind.RATE, number=10, unit="deliveries/s", scale=LISTENERS),
+            *(
+                Trial(f"round trip of {name}", "round_trip", arguments=(size,), number=5)
+                for name, size in (("10 KiB", 10 << 10), ("100 KiB", 100 << 10), ("1 MiB", 1 << 20))
+            ),
         ),
         (_PROXY, _DIRECT, _BARE, _LIBRARY, _STRAIGHT, *MESSAGE_PEERS, ROBOT_BUS),
         LIMIT,
@@ -122,15 +126,6 @@ STAGES = (
         (*_COMMANDS, Trial("goals with three children", "goals", number=5),
          _rate("a chain of 10,000 commands", "chain", number=10_000, most=10_000)),
         (_PROXY, _BARE, _LIBRARY, *TASK_PEERS, ROBOT_BUS),
-        LIMIT,
-    ),
-    Stage(
-        "sizes",
-        tuple(
-            Trial(f"round trip of {name}", "round_trip", arguments=(size,), number=5)
-            for name, size in (("100 B", 100), ("10 KiB", 10 << 10), ("100 KiB", 100 << 10), ("1 MiB", 1 << 20))
-        ),
-        (_PROXY, _DIRECT, _BARE, _LIBRARY, _STRAIGHT, *MESSAGE_PEERS, ROBOT_BUS),
         LIMIT,
     ),
     Stage(
