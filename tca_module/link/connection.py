@@ -243,15 +243,15 @@ class Connection:
 
         Of what a handler has sent central itself sees to it that no refusal is lost: see Reply.
         """
-        with self._lock:
-            session = self.session
-            if session.sends.untold:
+        session = self.session
+        if session.sends.untold:
+            with self._lock:
                 self.line.catch_up()
-            if wait and session.sends.untold:
-                session.confirm()
-                self.line.flush()
-                self._wait(lambda: not session.sends.untold, None)
-            session.sends.check(origin)
+                if wait and session.sends.untold:
+                    session.confirm()
+                    self.line.flush()
+                    self._wait(lambda: not session.sends.untold, None)
+        session.sends.check(origin)
 
     def request(
         self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False

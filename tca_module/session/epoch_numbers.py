@@ -8,7 +8,7 @@ taken as one of the central that gets it.
 from collections.abc import Callable, Iterable
 from functools import cache
 from operator import attrgetter
-from typing import Any, Self, TypeVar, get_type_hints
+from typing import Any, Self, TypeVar, cast, get_type_hints
 
 import msgspec
 
@@ -38,8 +38,10 @@ N = TypeVar("N", bound=int)
 
 def with_epoch(number: N, epoch: str, what: str) -> N:
     """The number as that central's; unchanged if it names nothing (0), or central is never restarted (epoch "")."""
-    named: Any = EpochNumber(number, epoch, what)
-    return named if number > 0 and epoch else number
+    if number <= 0 or not epoch:
+        return number
+    named: N = cast("Any", EpochNumber(number, epoch, what))
+    return named
 
 
 def numbers_in(header: msgspec.Struct) -> list[EpochNumber]:

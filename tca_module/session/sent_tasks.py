@@ -135,6 +135,8 @@ class TaskSends:
 
     def end(self, delivery: int) -> tuple[int, list[str]]:
         """A handler has ended: how many refusals it knows, and errors that were not raised in it."""
+        if not (self._known or self._failed):
+            return 0, []
         return self._known.pop(delivery, 0), [one.why_failed for one in self._failed.pop(delivery, [])]
 
     def forget(self) -> None:

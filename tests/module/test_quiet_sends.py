@@ -4,10 +4,11 @@ import pickle
 import queue
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
-from module.real_central import SOON, RealCentral
+from module.real_central import SOON, RealCentral, until
 from module.robot import MOVE_LEG, REST, STEP, STOP, WALK, Arc, Robot
 from module.test_connection import connected
 
@@ -434,6 +435,14 @@ def test_a_killed_handler_is_told_as_ever(robot: Robot, user: Client) -> None:
         resting.kill()
         assert told.get(timeout=SOON).startswith("rest {1} was killed")
         assert resting.wait(SOON) is Outcome.KILLED
+
+
+def test_central_tells_of_the_last_ones_soon(tmp_path: Path) -> None:
+    """Else a restart would leave them in doubt, however long ago they were sent."""
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as central, connect("user", central.address) as user:
+        user.command(STOP)
+        link = user._connection()
+        until(lambda: link.line.catch_up() or not link.session.sends.untold, "central has told the id")
 
 
 # --- packets -----------------------------------------------------------------------------------------------------------
