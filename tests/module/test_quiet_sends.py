@@ -442,7 +442,12 @@ def test_central_tells_of_the_last_ones_soon(tmp_path: Path) -> None:
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central, connect("user", central.address) as user:
         user.command(STOP)
         link = user._connection()
-        until(lambda: link.line.catch_up() or not link.session.sends.untold, "central has told the id")
+
+        def is_told() -> bool:
+            link.line.catch_up()
+            return not link.session.sends.untold
+
+        until(is_told, "central has told the id")
 
 
 # --- packets -----------------------------------------------------------------------------------------------------------
