@@ -1,13 +1,14 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
 # check  format, lint, types, tests with coverage                    bench   what messages cost here
 # soak   all tests, the long ones too, on new random lives            clean   away with what the others made
+# compiled  a wheel with central's core as machine code, in build/wheel; the tests of central with it
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 # three: many wait for processes of their own, and two do not keep two cores busy
 AT_ONCE := -n 3 --dist loadfile
 
-.PHONY: demo test check bench soak clean
+.PHONY: demo test check bench soak compiled clean
 .DELETE_ON_ERROR:
 
 demo: $(READY)
@@ -27,6 +28,13 @@ bench: $(READY)
 
 soak: $(READY)
 	$(BIN)/python -m pytest -m "" --new-lives
+
+compiled: $(READY)
+	rm -rf build/wheel build/compiled
+	TCA_COMPILED=1 $(BIN)/python -m pip wheel -q --no-build-isolation --no-deps -w build/wheel .
+	$(BIN)/python -m pip install -q --no-deps --target build/compiled build/wheel/*.whl
+	PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/build/compiled:$(CURDIR) $(BIN)/pytest $(AT_ONCE) \
+		-o "pythonpath=build/compiled ." tests/central tests/properties tests/module tests/integration
 
 $(READY): setup.cfg pyproject.toml scripts/setup.sh
 	PYTHON=$(PYTHON) scripts/setup.sh

@@ -13,6 +13,7 @@ import click
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
+from tca_central.loading import is_compiled
 from tca_central.shell.door import make_room
 from tca_central.shell.journal_writer import JournalWriter, Sync
 from tca_central.shell.server import LOST_AFTER, Server
@@ -22,6 +23,8 @@ LONGEST_PATH = 100
 """Bytes in the path of a Unix socket; systems differ between 103 and 107."""
 
 LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:")
+
+CORE = "compiled" if is_compiled() else "pure Python"
 
 
 def _new_journal_folder() -> Path:
@@ -79,6 +82,9 @@ before and on the disk within a second, 'none' when convenient.")  # fmt: skip
 never.")  # fmt: skip
 @click.option("--insecure", is_flag=True, help="Allow addresses that other machines can reach.")
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
+@click.version_option(
+    package_name="tca-central", prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
+)
 def central(
     bind: str | None, journal: Path | None, sync: str, *, lost_after: int, no_journal: bool, insecure: bool, quiet: bool
 ) -> None:

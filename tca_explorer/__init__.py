@@ -1,5 +1,8 @@
 """Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
 
+from tca_explorer import pure_core  # noqa: F401 - before all that imports central
+
+# isort: split
 import tca_properties
 from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.observed.world import Held, Seen, World

@@ -10,6 +10,7 @@ from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.observed.world import World, breach_in_words
 from tca_explorer.play.play import Action, Play, Waiting, carried, waiting
 from tca_explorer.play.words import unfinished
+from tca_explorer.pure_core import check_core
 from tca_explorer.scenario.argument_checks import checked_number, nearest
 from tca_explorer.scenario.scenario import Scenario, checked_properties
 from tca_explorer.scenario.worker_thread import check_wanted, in_worker_thread
@@ -39,6 +40,7 @@ def explore(
     from time to time with how many states were seen, and how many of them are still to be left. Raises ScenarioError if
     a script can't be played.
     """
+    check_core()
     if not isinstance(scenario, Scenario):
         raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
     checked_number(limit, "explore(limit=...)", least=1)

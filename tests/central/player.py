@@ -6,10 +6,12 @@ from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any, Self
 
 import msgspec
+import pytest
 
 from tca_central.core import Central
 from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Record, RequestReceived, Tick, Transmit
 from tca_central.invariants import check_invariants
+from tca_central.loading import is_compiled
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Entry
 from tca_wire.messages.notices import NOTICES
@@ -22,6 +24,8 @@ from tca_wire.vocabulary import MessageClass
 ANY = '{"type":"integer"}'
 SAYS_ITSELF = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVariable
 """What else a connection asks, the handler asks that it is running; of these a test says which does."""
+
+IN_PYTHON = pytest.mark.skipif(is_compiled(), reason="machine code can be neither traced nor patched")
 
 
 class Player:

@@ -5,7 +5,7 @@ waits for whom, an idle wait costs nothing, and a circle behind all that is foun
 from typing import Any
 
 import pytest
-from central.player import Player, point
+from central.player import IN_PYTHON, Player, point
 
 from tca_central.deadlock import deadlocks
 from tca_central.deadlock.search import Search
@@ -82,6 +82,7 @@ def test_the_wait_of_a_client_for_a_wide_goal_costs_nothing(crowd: Crowd) -> Non
     assert crowd.most <= 1
 
 
+@IN_PYTHON
 def test_no_event_looks_at_more_than_so_many_edges(crowd: Crowd) -> None:
     """And once all is known to go on, nothing is looked at before something happens that might change that."""
     for slot in ("watcher/1", "watcher/2"):

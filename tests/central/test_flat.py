@@ -12,6 +12,7 @@ from types import CodeType, FrameType
 from typing import Any
 
 import pytest
+from central.player import IN_PYTHON
 from central.transcript import Transcript
 
 import tca_central
@@ -179,6 +180,7 @@ def cost(world: str, size: int) -> dict[str, int]:
     }
 
 
+@IN_PYTHON
 @pytest.mark.parametrize("world", WORLDS)
 def test_nothing_that_is_asked_takes_more_steps_in_a_larger_tree(world: str) -> None:
     few, many = cost(world, FEW), cost(world, MANY)

@@ -30,13 +30,13 @@ class Gate:
         return self.result
 
 
-class _Recorded(Central):
-    def __init__(self, epoch: str) -> None:
-        super().__init__(epoch)
+class _Recorded(Server):
+    def __init__(self, epoch: str, address: str) -> None:
+        super().__init__(Central(epoch), None, address)
         self.recorded: list[Any] = []
 
-    def handle(self, event: Event) -> list[Effect]:
-        effects = super().handle(event)
+    def _handle(self, event: Event) -> list[Effect]:
+        effects = super()._handle(event)
         self.recorded += [fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts]
         return effects
 
@@ -45,8 +45,7 @@ class RealCentral:
     """A running central; ``end`` is sudden: no module hears of it."""
 
     def __init__(self, address: str, epoch: str = "real") -> None:
-        self._central = _Recorded(epoch)
-        self.server = Server(self._central, None, address)
+        self.server = _Recorded(epoch, address)
         self.address = self.server.endpoint
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
@@ -57,11 +56,11 @@ class RealCentral:
 
     def facts(self, kind: type) -> list[Any]:
         """All facts of a kind so far."""
-        return [fact for fact in self._central.recorded[:] if isinstance(fact, kind)]
+        return [fact for fact in self.server.recorded[:] if isinstance(fact, kind)]
 
     def asked_by(self, module: str) -> list[Any]:
         """What the handlers of a module wait for now."""
-        connections = list(self._central.registry.connections.values())
+        connections = list(self.server.central.registry.connections.values())
         return [due for one in connections if one.module.name == module for due in list(one.outstanding.values())]
 
     def close(self) -> None:
