@@ -135,11 +135,10 @@ class Central(State):
             elif number and number <= connection.last_number and type(header) is not headers.Hello:
                 self._repeat(connection, number)
             else:
-                connection.last_number = max(connection.last_number, number)
+                if number > connection.last_number:  # noqa: PLR1730 - max() costs as much as four calls
+                    connection.last_number = number
                 if kind.origin is not None and (origin := kind.origin(header)):
-                    asking = self.dispatcher.running.get(origin)
-                    is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
-                    self.origin = origin if is_its else 0
+                    self.origin = self._checked_origin(origin, connection)
                 if kind.names_tasks:
                     header = naming.with_ids(connection, header)
                 HANDLERS[type(header)](self, connection, header, event.body)
@@ -151,6 +150,12 @@ class Central(State):
         module, place = _named(connection)
         self._report(effects, event.time, causes.Request(module, place, number, kind.name, self.origin))
         self.origin = 0
+
+    def _checked_origin(self, origin: int, connection: Connection) -> int:
+        """The delivery whose handler asks, as a request says; 0 if its module does not handle that."""
+        asking = self.dispatcher.running.get(origin)
+        is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
+        return origin if is_its else 0
 
     def _meet(self, connection_id: ConnectionId, header: ToCentral, number: int) -> Connection | None:
         """A stranger sent something: the connection that it is from now on, if it said hello."""

@@ -219,7 +219,7 @@ class State:
             delivery.nested, delivery.priority,
         )  # fmt: skip
         self.facts.append(fact)
-        if taps_of(delivery):
+        if self.taps and taps_of(delivery):
             self.agenda.tap_events.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.mark_started(delivery)

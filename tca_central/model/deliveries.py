@@ -4,7 +4,6 @@ Knows nothing of tasks, time or sockets.
 """
 
 from collections import deque
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from tca_central.events import ConnectionId
@@ -147,6 +146,8 @@ class MessageType:
         self.redefine(declared, by)
         self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
         self.handlers: list[Handler] = []  #: newest last
+        self.candidates: tuple[ModuleResource, ...] = ()
+        """The resources that may handle it: of the newest handler and of those in its pool."""
         self.serving = 0  #: number of handlers that have a slot to be called in
         self.delivered = 0  #: how often a handler got it
         self.failed = 0  #: how often one failed
@@ -171,16 +172,20 @@ class MessageType:
         self.fans_out = declared.message_class.fans_out
         self.first_declared_by = by
 
-    def candidates(self) -> Iterator[ModuleResource]:
-        """The resources that may handle this message: of the newest handler and of those in its pool."""
-        if not self.handlers:
-            return
-        newest = self.handlers[-1]
-        yield newest.resource
-        if newest.pool:
-            for handler in reversed(self.handlers[:-1]):
-                if handler.pool == newest.pool:
-                    yield handler.resource
+    def add_handler(self, handler: "Handler") -> None:
+        """A newer handler."""
+        self.handlers.append(handler)
+        self._find_candidates()
+
+    def remove_handler(self, handler: "Handler") -> None:
+        """A handler is gone."""
+        self.handlers.remove(handler)
+        self._find_candidates()
+
+    def _find_candidates(self) -> None:
+        pool = self.handlers[-1].pool if self.handlers else ""
+        chosen = [one for one in self.handlers if one.pool == pool] if pool else self.handlers[-1:]
+        self.candidates = tuple(handler.resource for handler in reversed(chosen))
 
 
 class Holder(NamedTuple):

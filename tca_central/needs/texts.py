@@ -65,7 +65,7 @@ def why_full(central: State, message: MessageType, *targets: ModuleResource) -> 
         number, first, who = len(message.waiting), next(iter(message.waiting.values()), None), "no more"
         wait = WaitFor(WaitKind.HANDLER, name=message.name)
     else:
-        resource, *others = targets or tuple(message.candidates())
+        resource, *others = targets or message.candidates
         number, first, who = resource.waiting, resource.first_message(), "only tasks"
         (wait,) = waits_of(central, TurnAt(first, resource) if first is not None else Freeing(resource))
         wait = replace(wait, more=len(others))

@@ -55,8 +55,9 @@ class Dispatcher:
 
         *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
         """
-        self._arrive(delivery)
-        resources = targets or tuple(delivery.message.candidates())
+        if not delivery.arrival:
+            self._arrive(delivery)
+        resources = targets or delivery.message.candidates
         if self._take_free_slot(delivery, resources):
             return
         slot = own_slot(delivery, resources)
@@ -102,7 +103,7 @@ class Dispatcher:
             for delivery in deliveries:
                 self._arrive(delivery)
             in_turn = sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
-            left = [one for one in in_turn if not self._take_free_slot(one, tuple(one.message.candidates()))]
+            left = [one for one in in_turn if not self._take_free_slot(one, one.message.candidates)]
             deliveries = sorted(left, key=lambda one: one.arrival)
         for delivery in deliveries:
             self.route(delivery)
@@ -162,7 +163,7 @@ class Dispatcher:
             self._give_next(following, resource)
             if resource.free or resource.called_back:
                 self.to_offer.append((resource, None))
-        elif not resource.is_locked:
+        elif resource.called_back and not resource.is_locked:
             for delivery, sender in list(resource.called_back.items()):  # no lock keeps its own questions out
                 if sender in resource.slots:
                     self._leave_queues(delivery)
@@ -277,7 +278,10 @@ class Dispatcher:
         """Whether too much waits already where a message of this type (for these *targets* only) would have to wait."""
         if not targets and not message.handlers:
             return len(message.waiting) >= QUEUE_LIMIT
-        return all(resource.waiting >= QUEUE_LIMIT for resource in targets or message.candidates())
+        for resource in targets or message.candidates:  # noqa: SIM110 - all() costs twice as much
+            if resource.waiting < QUEUE_LIMIT:
+                return False
+        return True
 
     # --- slots and handlers come and go ----------------------------------------------------------------------------
 
@@ -323,7 +327,7 @@ class Dispatcher:
         """Add a handler: it takes over the waiting deliveries of its message."""
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
-        message.handlers.append(handler)
+        message.add_handler(handler)
         if handler.resource.capacity:
             self._serve(message, +1)
         if handler.pending:
@@ -339,7 +343,7 @@ class Dispatcher:
         message = handler.message
         self._recall(handler.resource)
         queued = self._take_queued(message, handler.resource)
-        message.handlers.remove(handler)
+        message.remove_handler(handler)
         if handler.resource.capacity:
             self._serve(message, -1)
         handler.resource.limits.pop(message.name, None)
@@ -392,7 +396,7 @@ def _is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module)
     if delivery.message.name in resource.limits:
         return False
     if not delivery.message.fans_out:
-        return tuple(delivery.message.candidates()) == (resource,)
+        return delivery.message.candidates == (resource,)
     handler = module.handlers.get(delivery.message.name)
     return handler is not None and handler.resource is resource
 

@@ -45,7 +45,7 @@ def route_of(message: MessageType) -> tuple[Connection, ...]:
     newest = message.handlers[-1]
     if newest.resource.held_by is not None or newest.resource.claims:
         return ()
-    if not newest.direct or newest.pending or len(list(message.candidates())) > 1:
+    if not newest.direct or newest.pending or len(message.candidates) > 1:
         return ()
     slots = tuple(newest.resource.slots)
     return slots if all(slot.entrance is not None for slot in slots) else ()

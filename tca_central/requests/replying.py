@@ -53,8 +53,9 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     fire_after(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
         end_claims_of(central, delivery, "it has ended")
-        fire_after(central, delivery, REPLIED, body)
-        _answer_query(central, delivery, Answer(delivery.number), body)
+        if delivery.message.message_class.has_reply:
+            fire_after(central, delivery, REPLIED, body)
+            _answer_query(central, delivery, Answer(delivery.number), body)
     elif delivery.retrying and not delivery.killed:
         central.agenda.retry(delivery)
     elif delivery.killed:
@@ -116,16 +117,15 @@ def tell_displaced(central: State, delivery: Delivery, why: str) -> None:
 
 
 def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()) -> None:
-    if (watch := central.watch_of_condition.pop(delivery.id, None)) is not None:
+    if delivery.number:
+        sender = delivery.sender
+        if sender is not None and sender.outstanding.pop(delivery.number, None) is not None:
+            central.facts.append(facts.Answered(delivery.id))
+            central.send(sender, delivery.number, answer, body)
+    elif (watch := central.watch_of_condition.pop(delivery.id, None)) is not None:
         on_condition_answered(central, watch, answer, body, kinds)
-        return
-    if collector := central.collectors.pop(delivery.id, None):
+    elif (collector := central.collectors.pop(delivery.id, None)) is not None:
         _collect(central, collector, delivery, answer, body)
-        return
-    sender = delivery.sender
-    if sender is not None and delivery.number and sender.outstanding.pop(delivery.number, None) is not None:
-        central.facts.append(facts.Answered(delivery.id))
-        central.send(sender, delivery.number, answer, body)
 
 
 def _collect(central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:

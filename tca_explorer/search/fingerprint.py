@@ -61,6 +61,7 @@ IGNORED = {
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
         "delivered", "failed", "dropped",  # only counted, for people
+        "candidates",  # follow from the handlers
     },
     "ModuleResource": {"delivered", "busy", "quick_runs"},  # likewise; no slot of a scenario takes anything ahead
     "Module": {"process"},
