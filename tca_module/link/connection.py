@@ -201,10 +201,10 @@ class Connection:
         """
         self.check_thread()
         with self._lock:
-            self._catch_up_for(header)
-            session = self.session
+            session, epoch = self.session, self.session.epoch
             if session.sends.untold >= MOST_UNTOLD:
                 self._wait(lambda: session.sends.untold < MOST_UNTOLD, None)
+            self._catch_up_for(header, epoch)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
             request = session.send_task(header, body, what)
@@ -267,9 +267,9 @@ class Connection:
             self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
             return request
 
-    def _catch_up_for(self, header: ToCentral) -> None:
-        """Take in what central has said. Raises CentralLost if a header is for the central before it."""
-        epoch = self.session.epoch
+    def _catch_up_for(self, header: ToCentral, epoch: str | None = None) -> None:
+        """Take in what central has said. Raises CentralLost if a header is for the central before it, of *epoch*."""
+        epoch = self.session.epoch if epoch is None else epoch
         self.line.catch_up(is_sending=True)
         try:
             self._check_header(header, epoch)

@@ -125,6 +125,20 @@ def test_a_hundred_tasks_are_on_their_way_at_most() -> None:
     assert connection.session.sends.untold == MOST_UNTOLD
 
 
+def test_what_was_to_follow_those_of_the_central_before_is_not_sent_to_the_next() -> None:
+    connection, central = connected(silent)
+    user = PlainClient(connection)
+    with user.parallel():
+        for _ in range(MOST_UNTOLD):
+            user.command(STOP)
+    central.heard.clear()
+    news = headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "two")
+    central.say(*news, at=central.now + 0.1)  # while it waits, for so many are on their way
+    with pytest.raises(CentralLost, match="command 'stop' is lost: central was restarted"):
+        user.command(STOP)
+    assert Send not in map(type, central.heard)
+
+
 # --- refusals ----------------------------------------------------------------------------------------------------------
 
 
