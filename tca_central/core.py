@@ -274,8 +274,6 @@ class Central(State):
 
     def _remember(self, task: Task, outcome: tuple[Outcome, str, str, bytes]) -> None:
         """Keep an outcome of which there is more to tell than that the task is done."""
-        if outcome[0] is Outcome.DONE and not outcome[3]:
-            return
         self.outcomes[task.id] = outcome
         self.outcome_bytes += _size(outcome)
         while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > REMEMBERED_BYTES:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from central.player import ANY, Player
+from central.player import ANY, Player, point
 
 from tca_central.events import Tick
 from tca_wire.journal import facts
@@ -11,9 +11,9 @@ from tca_wire.journal.facts import Ignored, RequestRefused
 from tca_wire.messages.notices import MODULE_LEFT, NOTICES
 from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION, Accepted, Kill, Refused, Register
-from tca_wire.packets.parts import MessageFormat, WatchOptions
-from tca_wire.points import ROOT, TaskId
-from tca_wire.vocabulary import Due, MessageClass, Refusal
+from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.vocabulary import Due, MessageClass, Outcome, Refusal
 
 
 def test_what_is_to_be_done_on_termination_is_done_also_under_what_was_killed_before_it_was_suspended() -> None:
@@ -74,6 +74,21 @@ def test_who_comes_back_after_its_loss_is_told_why_its_answer_is_too_late(
     assert robot.receive("new line", answer(step)) == [headers.Refused(0, Refusal.TOO_LATE, late)]
     assert robot.facts(Ignored) == [Ignored("legs", late)]
     assert robot.facts(RequestRefused) == []
+
+
+def test_who_asks_after_the_end_is_told_of_a_failure_that_was_dealt_with() -> None:
+    """As who has waited since before the end."""
+    robot = Player.of("legs: command step", "expert: exception handler shrug", "user")
+    robot.receive("user", headers.Attach(robot.number("user"), Attachment("", "shrug")))
+    step = robot.task("user", "step")
+    early = robot.number("user")
+    robot.receive("user", headers.AwaitPoint(early, point(step, Moment.END_ACHIEVING)))
+    robot.fail("legs/1", "stuck")
+    answers = [answer for answer in robot.reply("expert/1") if isinstance(answer, headers.Answer)]
+    assert answers == [headers.Answer(early, Outcome.DONE, "stuck", "why")]
+    late = robot.number("user")
+    answers = robot.receive("user", headers.AwaitPoint(late, point(step, Moment.END_ACHIEVING)))
+    assert answers == [headers.Answer(late, Outcome.DONE, "stuck", "why")]
 
 
 def recall(player: Player, request: int) -> list[int]:
