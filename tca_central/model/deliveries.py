@@ -290,6 +290,6 @@ class Delivery:
         self.ticket += 1
         for resource in self.queues or ():
             resource.leave_queue(self)
-            if limit := resource.limits.get(self.message.name):
+            if resource.limits and (limit := resource.limits.get(self.message.name)):
                 limit.remove(self)
         self.queues = None

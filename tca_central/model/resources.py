@@ -228,7 +228,8 @@ class Resource(Generic[S, Q]):
 
     def leave_queue(self, one: Q) -> None:
         """A message waits no longer; its entries have become void."""
-        self.called_back.pop(one, None)
+        if self.called_back:
+            self.called_back.pop(one, None)
         if one in self.ahead:
             del self.ahead[one]
             return

@@ -79,8 +79,10 @@ class Agenda:
         """Add the constraints that a new task was sent with. With RequestError it is taken out of the tree."""
         added: list[Constraint] = []
         try:
-            for constraint in from_flags(flags, task, last):
-                added += self.holds.add(constraint, check=constraint.before.task == task.id)
+            if last is not None:
+                added += self.holds.follow(task, last, int(flags))
+            for constraint in from_flags(int(flags), task):
+                added += self.holds.add(constraint, check=True)
             for constraint in wanted:
                 added += self.holds.add(resolve(constraint, task.id), check=True)
         except RequestError:

@@ -86,7 +86,8 @@ class Dispatcher:
         goes_on = False
         for resource in resources:
             resource.queue(delivery)
-            self._recall_for(resource, delivery)
+            if resource.ahead:
+                self._recall_for(resource, delivery)
             goes_on = goes_on or _is_sure_to_be_handled(resource)
         if not goes_on:
             self._suspects.append(delivery)
@@ -94,7 +95,7 @@ class Dispatcher:
         self._facts.append(_queued(delivery, first.module, first.name))
         self._fill(first)
         for resource in resources:
-            if limit := resource.limits.get(delivery.message.name):
+            if resource.limits and (limit := resource.limits.get(delivery.message.name)):
                 self._keep_within(limit, delivery, resource)
 
     def route_all(self, deliveries: Sequence[Delivery]) -> None:

@@ -18,13 +18,13 @@ from tca_wire.constraints import (
     Flags,
     delay_planning,
     plan_first,
-    sequential_achievement,
-    sequential_planning,
 )
 from tca_wire.journal.facts import Constrained, TimedOut
 from tca_wire.points import (
     ALL_MOMENTS,
+    END_ACHIEVING,
     END_HANDLING,
+    END_PLANNING,
     ROOT,
     START_ACHIEVING,
     START_PLANNING,
@@ -40,6 +40,10 @@ from tca_wire.vocabulary import Due, Refusal
 SEQ_ACH, SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
 PLAN_FIRST, DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)
 
+_SEQUENCES = ((SEQ_ACH, END_ACHIEVING, START_ACHIEVING), (SEQ_PLANNING, END_PLANNING, START_PLANNING))
+"""The flags that put a task behind its last sibling: which moment of that holds back which of its own."""
+
+_MOMENT = {int(moment): moment for moment in Moment}
 _BITS = 24  # per counter of ``held``: 16 million constraints on one point
 _COUNTER = (1 << _BITS) - 1
 _SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
@@ -97,6 +101,17 @@ class Holds:
         self.hold(before.task, before.moment, task, moment, constraint.delay)
         inherited = self.hand_on(before.task, before.moment, task, moment) if before.task.killed else []
         return [constraint, *inherited]
+
+    def follow(self, task: Task, last: Task, flags: int) -> list[Constraint]:
+        """Put a new task behind its last sibling as *flags* say; what that adds. It can close no circle."""
+        added = []
+        for flag, its_moment, moment in _SEQUENCES:
+            if flags & flag and not (last.reached & its_moment or task.reached & moment):
+                self.hold(last, its_moment, task, moment)
+                added.append(_constraint(last, its_moment, task, moment))
+                if last.killed:
+                    added += self.hand_on(last, its_moment, task, moment)
+        return added
 
     def _delay(self, constraint: Constraint, task: Task, moment: int) -> Constraint:
         """Hold a moment for some time from now on; the constraint as the journal has it."""
@@ -342,8 +357,7 @@ def _of_monitor(path: list[Place]) -> str:
 
 
 def _constraint(leader: Task, its_moment: int, follower: Task, moment: int, delay: float = 0) -> Constraint:
-    points = Point(TaskId(leader.id), Moment(its_moment)), Point(TaskId(follower.id), Moment(moment))
-    return Constraint(*points, delay)
+    return Constraint(Point(leader.id, _MOMENT[its_moment]), Point(follower.id, _MOMENT[moment]), delay)
 
 
 def is_held(task: Task, moment: int) -> bool:
@@ -361,19 +375,13 @@ def held_counts(task: Task) -> dict[int, int]:
     return {moment: count for moment, shift in _SHIFT.items() if (count := task.held >> shift & _COUNTER)}
 
 
-def from_flags(flags: Flags, task: Task, last: Task | None) -> list[Constraint]:
-    """The constraints that flags stand for. On a command's planning, which is over at birth, they hold nothing."""
-    this, value = TaskId(task.id), int(flags)
+def from_flags(flags: int, task: Task) -> list[Constraint]:
+    """The constraints between a new task's own points that flags stand for."""
     constraints = []
-    if last is not None:
-        if value & SEQ_ACH:
-            constraints.append(sequential_achievement(TaskId(last.id), this))
-        if value & SEQ_PLANNING and task.is_goal:
-            constraints.append(sequential_planning(TaskId(last.id), this))
-    if value & DELAY_PLANNING and task.is_goal:
-        constraints.append(delay_planning(this))
-    if value & PLAN_FIRST:
-        constraints.append(plan_first(this))
+    if flags & DELAY_PLANNING and task.is_goal:
+        constraints.append(delay_planning(task.id))
+    if flags & PLAN_FIRST:
+        constraints.append(plan_first(task.id))
     return constraints
 
 
