@@ -176,7 +176,7 @@ class Dispatcher:
         slot, is_there = resource.take_slot(), delivery in resource.ahead
         self._leave_queues(delivery)
         self._give(delivery, slot, is_there=is_there)
-        if slot.resource is not None:
+        if slot.resource is not None and not delivery.is_task:
             self._fill(slot.resource)
 
     # --- messages ahead (docs/decisions/0068) ----------------------------------------------------------------------
