@@ -31,6 +31,8 @@ HEARD = [Query(f"heard {number}", reply=int) for number in range(LISTENERS)]
 MOVE, THREE_MOVES, MANY_MOVES = Command("move", bytes), Goal("three moves", bytes), Goal("many moves", int)
 NOTES = [Inform(f"note {number}", bytes) for number in range(10)]
 JOURNALS = {"off": ("--no-journal",), "batch": ("--sync", "batch"), "always": ("--sync", "always")}
+MOST_DIRECT = 500
+"""Direct messages sent at a time: a thousand may be on their way."""
 TOGETHER = 50
 """Modules of a crowd that share a process."""
 
@@ -190,6 +192,10 @@ class Straight(Library):
     def ready(self) -> None:
         super().ready()
         until(self._check_in_order)
+
+    def oneway(self, number: int) -> None:
+        for begun in range(0, number, MOST_DIRECT):
+            super().oneway(min(number - begun, MOST_DIRECT))
 
     def _check_in_order(self) -> None:
         """The first inform goes through central, which the question after it may not."""
