@@ -111,7 +111,7 @@ def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited
     def step(task: Task) -> None:
         battery = task.monitor(BATTERY, period=1.0, maximum=1, waited_for=waited_for)
         try:
-            task.command(MOVE, constraints=[battery.achieving.end <= this.achieving.start])
+            assert task.command(MOVE, constraints=[battery.achieving.end <= this.achieving.start]).id
         except Refused as refused:
             if refused.refusal is not Refusal.CYCLE:
                 raise
