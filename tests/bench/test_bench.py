@@ -16,14 +16,16 @@ QUICK = ("--quick", "--rounds", "1", "--seconds", "0.001")
 
 
 @pytest.mark.slow
-def test_each_case_has_figures_and_finite_ratios(tmp_path: Path) -> None:
+@pytest.mark.parametrize("only", [["round trip"], pytest.param([], marks=pytest.mark.soak)])
+def test_each_case_has_figures_and_finite_ratios(only: list[str], tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
-    result = CliRunner().invoke(bench, [*QUICK, "--json", str(path)], catch_exceptions=False)
+    chosen_by = [word for name in only for word in ("--only", name)]
+    result = CliRunner().invoke(bench, [*QUICK, *chosen_by, "--json", str(path)], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     report = msgspec.json.decode(path.read_bytes(), type=Report)
     assert report.missing == {}
     assert [(table.stage, table.case) for table in report.tables] == [
-        (stage.title, case.name) for stage in STAGES for case in stage.cases
+        (stage.title, case.name) for stage in STAGES for case in stage.cases if case.name in only or not only
     ]
     for table in report.tables:
         assert len(table.rows) >= 2, table.case
