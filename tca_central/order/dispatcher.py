@@ -9,31 +9,21 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 from tca_central.model.clock import Clock
-from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
+from tca_central.order.ahead import MessagesAhead, WaysAhead, first_ahead, note_run, take_back
 from tca_wire.journal.facts import HandlerRemoved, Queued, Unqueued
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
 refused. Tasks count, but are never refused: they are in the tree anyway."""
 
-QUICK = 0.001
-"""Seconds: messages are sent ahead to slots whose handlers have taken no longer of late."""
-QUICK_RUNS = 8
-"""So many messages must have been handled quickly, one after the other, before one is sent ahead."""
 
-
-class Out(Protocol):
+class Out(WaysAhead, Protocol):
     """The ways in which the dispatcher's decisions leave central."""
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
         """A slot handles a delivery; whether it *is there* already."""
-
-    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
-        """A slot gets a delivery before it is free."""
-
-    def recall(self, slot: Connection) -> None:
-        """A slot is to give back what it has ahead and has not begun."""
 
 
 class Dispatcher:
@@ -41,6 +31,7 @@ class Dispatcher:
 
     def __init__(self, facts: list[object], out: Out, suspects: deque[Any], clock: Clock) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
+        self._ahead = MessagesAhead(out, clock)
         self._arrivals = 0
         self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
@@ -87,13 +78,13 @@ class Dispatcher:
         for resource in resources:
             resource.queue(delivery)
             if resource.ahead:
-                self._recall_for(resource, delivery)
+                self._ahead.make_way(resource, delivery)
             goes_on = goes_on or _is_sure_to_be_handled(resource)
         if not goes_on:
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
-        self._fill(first)
+        self._ahead.fill(first)
         for resource in resources:
             if resource.limits and (limit := resource.limits.get(delivery.message.name)):
                 self._keep_within(limit, delivery, resource)
@@ -147,7 +138,7 @@ class Dispatcher:
         elif (resource := slot.resource) is not None:
             seconds = self._clock.now - delivery.since
             resource.busy += seconds
-            resource.quick_runs = resource.quick_runs + 1 if (took or seconds) <= QUICK else 0
+            note_run(resource, took or seconds)
             self.to_offer.append((resource, slot))
 
     def offer_next(self) -> None:
@@ -177,59 +168,32 @@ class Dispatcher:
         self._leave_queues(delivery)
         self._give(delivery, slot, is_there=is_there)
         if slot.resource is not None and not delivery.is_task:
-            self._fill(slot.resource)
+            self._ahead.fill(slot.resource)
 
-    # --- messages ahead (docs/decisions/0068) ----------------------------------------------------------------------
-
-    def _fill(self, resource: ModuleResource) -> None:
-        """Send the slot ahead what it will handle next, where nothing can come between."""
-        if resource.quick_runs < QUICK_RUNS or len(resource.slots) != 1:
-            return
-        (slot,) = resource.slots
-        running = next(iter(slot.handling), None)
-        if running is None or running.is_task or self._clock.now - running.since > QUICK:
-            return
-        while len(resource.ahead) < slot.prefetch and (delivery := resource.next_ahead()) is not None:
-            if not _may_go_ahead(delivery, resource):
-                return
-            resource.send_ahead(delivery)
-            self._out.send_ahead(delivery, slot)
-
-    def _recall_for(self, resource: Resource[Connection, Delivery], newest: Delivery | Claim[Connection]) -> None:
-        if resource.is_overtaken_by(newest):
-            self._recall(resource)
-
-    def _recall(self, resource: Resource[Connection, Delivery]) -> None:
-        """Let nobody in before the slot has said which messages it had not begun."""
-        if resource.ahead and resource.ahead_at is not None and not resource.is_recalling:
-            resource.is_recalling = True
-            self._out.recall(resource.ahead_at)
+    # --- messages ahead: see ahead.py ------------------------------------------------------------------------------
 
     def begun_ahead(self, slot: Connection, number: int) -> Delivery | None:
         """The delivery of that number, which a slot has begun while central waited for what it gives back."""
-        first = next(iter(slot.resource.ahead), None) if slot.resource is not None else None
-        if first is None or first.given_as != number or slot.resource is None or not slot.resource.is_free(slot):
+        resource, first = slot.resource, first_ahead(slot)
+        if first is None or first.given_as != number or resource is None or not resource.is_free(slot):
             return None
-        self._give_next(first, slot.resource)
+        self._give_next(first, resource)
         return first
 
     def take_back(self, slot: Connection, unbegun: Iterable[int]) -> list[Delivery]:
         """A slot gives back deliveries of these numbers, which wait as before, and has begun what it keeps. Those that
         it is not to have again are returned, out of their queue.
         """
-        resource, numbers = slot.resource, set(unbegun)
+        resource = slot.resource
         if resource is None or resource.ahead_at is not slot:
             return []
-        resource.is_recalling = False
-        moved = []
-        for delivery in [one for one in resource.ahead if one.given_as in numbers]:
-            if not resource.take_back(delivery):
-                self.withdraw(delivery)
-            elif not _is_handled_in(resource, delivery, slot.module):
-                self._leave_queues(delivery)
-                moved.append(delivery)
-        if resource.ahead and resource.is_free(slot):
-            self._give_next(next(iter(resource.ahead)), resource)
+        revoked, moved = take_back(resource, slot.module, set(unbegun))
+        for delivery in revoked:
+            self.withdraw(delivery)
+        for delivery in moved:
+            self._leave_queues(delivery)
+        if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
+            self._give_next(begun, resource)
         self.to_offer.append((resource, None))
         return moved
 
@@ -241,7 +205,7 @@ class Dispatcher:
         claim.since = self._clock.now
         claim.resource.add_claim(claim)
         for resource in claim.resource.copies:
-            self._recall_for(resource, claim)
+            self._ahead.make_way(resource, claim)
         self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: Claim[Connection]) -> None:
@@ -253,13 +217,8 @@ class Dispatcher:
         """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later. What a
         slot has ahead waits until that gives it back, or has begun it.
         """
-        if delivery.queues is None:
+        if delivery.queues is None or self._ahead.revoke(delivery):
             return
-        for resource in delivery.queues:
-            if delivery in resource.ahead:
-                resource.ahead[delivery] = False
-                self._recall(resource)
-                return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
         if not keep_place:
@@ -292,7 +251,7 @@ class Dispatcher:
         if not resource.capacity:
             self._serve_all(slot, +1)
         resource.add_slot(slot)
-        self._recall(resource)  # what was to be handled next may be another's now
+        self._ahead.recall(resource)  # what was to be handled next may be another's now
         self.to_offer.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
@@ -342,7 +301,7 @@ class Dispatcher:
 
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
         message = handler.message
-        self._recall(handler.resource)
+        self._ahead.recall(handler.resource)
         queued = self._take_queued(message, handler.resource)
         message.remove_handler(handler)
         if handler.resource.capacity:
@@ -381,25 +340,6 @@ class Dispatcher:
 def _resources(message: MessageType) -> list[ModuleResource]:
     """The resources in which a message is handled."""
     return list({handler.resource: None for handler in message.handlers})
-
-
-def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
-    """Whether nothing but its place in the queue decides when a delivery is handled: it is no task, waits for nothing
-    else, and nobody has to see it before.
-    """
-    message = delivery.message
-    is_plain = not delivery.is_task and not delivery.role and not message.taps
-    return is_plain and delivery.queues == (resource,) and message.name not in resource.limits
-
-
-def _is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:
-    """Whether a message, or the copy for a module, waits there, and nowhere else."""
-    if delivery.message.name in resource.limits:
-        return False
-    if not delivery.message.fans_out:
-        return delivery.message.candidates == (resource,)
-    handler = module.handlers.get(delivery.message.name)
-    return handler is not None and handler.resource is resource
 
 
 def _queued(delivery: Delivery, module: str, resource: str) -> Queued:

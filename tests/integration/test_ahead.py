@@ -6,7 +6,7 @@ import pytest
 from integration.commanded import SOON
 from module.real_central import RealCentral
 
-from tca_central.order import dispatcher
+from tca_central.order import ahead
 from tca_module import Client, Inform, LaterReply, Module, Query, Task, connect
 from tca_wire.journal.facts import Delivered, Granted, Returned
 
@@ -48,7 +48,7 @@ class Quick:
 
 @pytest.fixture
 def quick(address: str, monkeypatch: pytest.MonkeyPatch) -> Quick:
-    monkeypatch.setattr(dispatcher, "QUICK", 10.0)  # whatever else the machine does
+    monkeypatch.setattr(ahead, "QUICK", 10.0)  # whatever else the machine does
     return Quick(address)
 
 

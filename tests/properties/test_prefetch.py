@@ -16,7 +16,7 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, Effect, RequestReceived, Tick
 from tca_central.invariants import check_invariants
 from tca_central.model.deliveries import Connection, Delivery
-from tca_central.order import dispatcher
+from tca_central.order import ahead
 from tca_module.session.session import Session
 from tca_wire.journal.facts import Delivered
 from tca_wire.packets import headers
@@ -26,8 +26,8 @@ from tca_wire.packets.parts import HandlerFormat
 @pytest.fixture(autouse=True, scope="module")
 def every_handler_is_quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dispatcher, "QUICK", float("inf"))
-        patch.setattr(dispatcher, "QUICK_RUNS", 0)
+        patch.setattr(ahead, "QUICK", float("inf"))
+        patch.setattr(ahead, "QUICK_RUNS", 0)
         yield
 
 
@@ -64,7 +64,8 @@ class PrefetchPlayer(JudgedPlayer):
 
     def __init__(self) -> None:
         super().__init__()
-        self.out = self.central.dispatcher._out = ToldLate(self.central)
+        dispatcher = self.central.dispatcher
+        self.out = dispatcher._out = dispatcher._ahead._out = ToldLate(self.central)
 
     def _judged(self, event: Any) -> list[Effect]:
         effects = []
@@ -92,8 +93,8 @@ class PrefetchPlayer(JudgedPlayer):
         return True
 
     def _give_back(self, slot: Connection, time: float) -> list[Effect]:
-        ahead = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
-        event = RequestReceived(time, slot.id, headers.Recalled(ahead))
+        unbegun = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
+        event = RequestReceived(time, slot.id, headers.Recalled(unbegun))
         effects: list[Effect] = []
         self.central._receive(event, effects)  # timers that are due have an event of their own
         return effects

@@ -1,0 +1,111 @@
+"""Messages ahead: a quick slot has its next messages before it is free, and gives back what others come before.
+
+Knows which may go, and what calls them back; nothing of who is next (docs/decisions/0068).
+"""
+
+from typing import Protocol
+
+from tca_central.model.clock import Clock
+from tca_central.model.deliveries import Connection, Delivery, Module, ModuleResource
+from tca_central.model.resources import Claim, Resource
+
+QUICK = 0.001
+"""Seconds: messages are sent ahead to slots whose handlers have taken no longer of late."""
+QUICK_RUNS = 8
+"""So many messages must have been handled quickly, one after the other, before one is sent ahead."""
+
+
+class WaysAhead(Protocol):
+    """The ways in which what is decided here leaves central."""
+
+    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
+        """A slot gets a delivery before it is free."""
+
+    def recall(self, slot: Connection) -> None:
+        """A slot is to give back what it has ahead and has not begun."""
+
+
+class MessagesAhead:
+    """Sends messages ahead, and recalls them."""
+
+    def __init__(self, out: WaysAhead, clock: Clock) -> None:
+        self._out, self._clock = out, clock
+
+    def fill(self, resource: ModuleResource) -> None:
+        """Send the slot ahead what it will handle next, where nothing can come between."""
+        if resource.quick_runs < QUICK_RUNS or len(resource.slots) != 1:
+            return
+        (slot,) = resource.slots
+        running = next(iter(slot.handling), None)
+        if running is None or running.is_task or self._clock.now - running.since > QUICK:
+            return
+        while len(resource.ahead) < slot.prefetch and (delivery := resource.next_ahead()) is not None:
+            if not _may_go_ahead(delivery, resource):
+                return
+            resource.send_ahead(delivery)
+            self._out.send_ahead(delivery, slot)
+
+    def make_way(self, resource: Resource[Connection, Delivery], newest: Delivery | Claim[Connection]) -> None:
+        """Recall what is ahead if something has come that goes before it."""
+        if resource.is_overtaken_by(newest):
+            self.recall(resource)
+
+    def revoke(self, delivery: Delivery) -> bool:
+        """Whether a slot has a delivery ahead, which is not to be handled any more: it waits until that gives it back,
+        or has begun it.
+        """
+        for resource in delivery.queues or ():
+            if delivery in resource.ahead:
+                resource.ahead[delivery] = False
+                self.recall(resource)
+                return True
+        return False
+
+    def recall(self, resource: Resource[Connection, Delivery]) -> None:
+        """Let nobody in before the slot has said which messages it had not begun."""
+        if resource.ahead and resource.ahead_at is not None and not resource.is_recalling:
+            resource.is_recalling = True
+            self._out.recall(resource.ahead_at)
+
+
+def note_run(resource: ModuleResource, seconds: float) -> None:
+    """A handler has taken so long."""
+    resource.quick_runs = resource.quick_runs + 1 if seconds <= QUICK else 0
+
+
+def first_ahead(slot: Connection) -> Delivery | None:
+    """What a slot handles next, if it has that already."""
+    return next(iter(slot.resource.ahead), None) if slot.resource is not None else None
+
+
+def take_back(resource: ModuleResource, module: Module, unbegun: set[int]) -> tuple[list[Delivery], list[Delivery]]:
+    """The slot does not have the deliveries of these numbers any more, which wait as before: those among them that are
+    not to be handled any more, and those that are to be handled elsewhere.
+    """
+    resource.is_recalling = False
+    revoked, moved = [], []
+    for delivery in [one for one in resource.ahead if one.given_as in unbegun]:
+        if not resource.take_back(delivery):
+            revoked.append(delivery)
+        elif not _is_handled_in(resource, delivery, module):
+            moved.append(delivery)
+    return revoked, moved
+
+
+def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
+    """Whether nothing but its place in the queue decides when a delivery is handled: it is no task, waits for nothing
+    else, and nobody has to see it before.
+    """
+    message = delivery.message
+    is_plain = not delivery.is_task and not delivery.role and not message.taps
+    return is_plain and delivery.queues == (resource,) and message.name not in resource.limits
+
+
+def _is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:
+    """Whether a message, or the copy for a module, waits there, and nowhere else."""
+    if delivery.message.name in resource.limits:
+        return False
+    if not delivery.message.fans_out:
+        return delivery.message.candidates == (resource,)
+    handler = module.handlers.get(delivery.message.name)
+    return handler is not None and handler.resource is resource
