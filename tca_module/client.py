@@ -89,12 +89,12 @@ class Client(Sender):
             return
         if not (is_mine or self._thread.daemon):
             self._thread.join()
-        if is_mine or self._is_abandoned or (link.not_sent and link.take_over(self._linger)):
+        if is_mine or self._is_abandoned or (link.arrivals.missing and link.take_over(self._linger)):
             link.close(self._linger)
-        elif number := link.not_sent:
+        elif number := link.arrivals.missing:
             where = f"central at {link.transport.address}"
             why = f"thread '{self._thread.name}' still waits, and has not closed its client"
-            raise NotSent(number, f"{link.messages(number)} may not have reached {where}: {why}")
+            raise NotSent(number, f"{link.arrivals.messages(number)} may not have reached {where}: {why}")
 
     def _opened(self) -> Connection:
         if self._link is None:

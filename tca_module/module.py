@@ -300,7 +300,7 @@ class Module(Sender):
         errors = self._slots.close(why)
         is_in_vain = any(isinstance(error, NotSent) for error in errors)
         try:
-            link.close(0.0 if is_in_vain else self._linger, link.lost)
+            link.close(0.0 if is_in_vain else self._linger, link.arrivals.lost)
         except (CentralLost, Refused) as error:
             errors.append(error)
         if self._keep_alive is not None and self._keep_alive.error is not None:

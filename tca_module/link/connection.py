@@ -1,4 +1,5 @@
-"""One connection to central: its requests and its waits. Every blocking call of the package ends up here.
+"""One connection to central: its requests and its waits. Every blocking call of the package ends up here: it checks the thread, locks,
+and waits in its wait_loop.
 
 For one thread only. What central delivers while it waits is handled within the wait: so a handler may ask its own
 resource.
@@ -8,22 +9,22 @@ import contextlib
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
 from tca_module.checks import TIMEOUT, check, check_message, name_of
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped, Timeout
-from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
+from tca_module.link.arrivals import Arrivals
+from tca_module.link.packet_line import SEND_WAIT, STEP, PacketLine
+from tca_module.link.wait_loop import WaitLoop
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
-from tca_module.session.open_deliveries import KILLED, wake_error, working_on
-from tca_module.session.request import Request, refers_to_tasks, waits_for_others
+from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
 from tca_module.session.session import Session, quiet_within
-from tca_module.sockets.transport import Transport, is_anybody_there
+from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
-from tca_wire.packets.headers import Await, Bye, Deliver, Register, Release, Send, ToCentral, Unregister
+from tca_wire.packets.headers import Await, Bye, Register, Release, Send, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
 
@@ -32,7 +33,6 @@ ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse 
 LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
-_FOR_EVER = float("inf")
 MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
 SEND_WITH_YOUR_OWN = "a handler sends with its task, other threads with a client of their own: connect()"
 
@@ -47,14 +47,12 @@ class Connection:
         self.session = session
         self.transport = transport
         self.direct = direct or DirectMessages(session)  #: messages sent without central
-        self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.root_sender: Any = None  #: the Sender with which callbacks send
-        self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
         self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None  #: in asyncio
-        self.patience = patience
         self.now = clock  #: seconds; it never jumps
-        self._is_calling_back = False
         self.line = PacketLine(session, transport, self.direct, clock)
+        self.waiting = WaitLoop(session, self.direct, self.line, patience, clock)
+        self.arrivals = Arrivals(session, self.direct, self.line, transport, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
@@ -63,7 +61,7 @@ class Connection:
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until central welcomes this connection. Raises CentralLost, Refused, or Stopped if *is_stopped*."""
         session = self.session
-        self._wait(lambda: session.is_welcome or session.refused is not None or is_stopped(), None)
+        self.waiting.until(lambda: session.is_welcome or session.refused is not None or is_stopped(), None)
         if session.refused is not None:
             raise Refused(f"module '{session.module}'", session.refused.refusal, session.refused.text)
         if not session.is_welcome:
@@ -85,16 +83,16 @@ class Connection:
             session = self.session
             try:
                 self.direct.shut()
-                self._settle(linger, before)
+                self.arrivals.wait(linger, before)
             finally:
-                number = self.not_sent - before
-                why = self._why_not_sent() if number else ""
+                number = self.arrivals.missing - before
+                why = self.arrivals.why_missing() if number else ""
                 self.direct.report(at_once=True)
                 if session.post(Bye()):
                     self.line.flush(0.0 if number else SEND_WAIT)
                 self.drop()
             if number:
-                raise NotSent(number, f"{self.messages(number)} may not have reached {why}")
+                raise NotSent(number, f"{self.arrivals.messages(number)} may not have reached {why}")
             session.sends.check(0)
 
     def take_over(self, within: float) -> bool:
@@ -104,49 +102,10 @@ class Connection:
         self.call_soon(self.session.confirm)
         self.call_soon(self.direct.confirm)
         until = self.now() + within
-        while self.now() < until and (self.direct.unheard or not self.session.is_settled):
+        while self.now() < until and self.arrivals.are_owed:
             if self._lock.acquire(timeout=STEP):
                 return True
         return False
-
-    @property
-    def not_sent(self) -> int:
-        """The number of messages that may not have arrived."""
-        return self.lost + self.session.unheard + self.session.sends.untold + self.direct.unheard
-
-    def messages(self, number: int) -> str:
-        """So many messages of this module, for errors."""
-        return f"{number:,} message{'s' * (number != 1)} of '{self.session.module}'"
-
-    @property
-    def lost(self) -> int:
-        """The number of statements that did not arrive, or may not have."""
-        return self.session.lost + self.direct.lost
-
-    def _settle(self, within: float, before: int) -> None:
-        """Wait until all that was sent has arrived, unless central is gone."""
-        session, since = self.session, self.now()
-        is_waited_for = not session.is_settled and (
-            session.is_welcome or self.lost > before or session.sends.untold > 0
-        )
-        if is_waited_for:
-            session.confirm()
-        self.direct.confirm()
-        while (is_waited_for and not session.is_settled) or self.direct.unheard:
-            left = since + within - self.now()
-            session.tend(self.now(), since)
-            self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)
-            if left <= 0 or (session.outgoing and not is_anybody_there(self.transport.address)):
-                return
-            self.line.listen(min(STEP, left))
-
-    def _why_not_sent(self) -> str:
-        where = f"central at {self.transport.address}"
-        if not self.session.is_settled:
-            return f"{where}: {self.line.what_to_do()}"
-        if self.direct.unheard:
-            return "their handler, which does not answer"
-        return f"{where}: the connection broke" if self.session.lost else "their handler, which is gone"
 
     def drop(self) -> None:
         """Close without goodbye: deliveries begun and not answered have failed."""
@@ -203,7 +162,7 @@ class Connection:
         with self._lock:
             session, epoch = self.session, self.session.epoch
             if session.sends.untold >= MOST_UNTOLD:
-                self._wait(lambda: session.sends.untold < MOST_UNTOLD, None)
+                self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
             self._catch_up_for(header, epoch)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
@@ -250,7 +209,7 @@ class Connection:
                 if wait and session.sends.untold:
                     session.confirm()
                     self.line.flush()
-                    self._wait(lambda: not session.sends.untold, None)
+                    self.waiting.until(lambda: not session.sends.untold, None)
         session.sends.check(origin)
 
     def request(
@@ -308,7 +267,7 @@ class Connection:
                 check(what, TIMEOUT, timeout=timeout)
                 if timeout != 0:
                     self.announce(request)
-                came = is_done() or self._wait_for(is_done, timeout, what, request)
+                came = is_done() or self.waiting.unless_woken(is_done, timeout, what, request)
             except CentralLost as error:
                 self.abandon(request)
                 raise CentralLost(f"{error}; {what} {self.session.fate_of(request)}") from None
@@ -319,19 +278,6 @@ class Connection:
                 self.session.sends.check(getattr(request.header, "origin", None))
             request.check(what)
             return came
-
-    def _wait_for(
-        self, is_over: Callable[[], bool], timeout: float | None, what: object, request: Request | None = None
-    ) -> bool:
-        """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
-        open_deliveries, one = self.session.open_deliveries, self.session.open_deliveries.waiting_handler()
-        wakes = request is None or waits_for_others(request)
-        came = self._wait(lambda: is_over() or (wakes and bool(open_deliveries.wake_reason(one))), timeout)
-        why = open_deliveries.wake_reason(one) if wakes else ""
-        if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
-            open_deliveries.mark_told(one)
-            raise wake_error(one, why, self.session.module, str(what))
-        return came
 
     def mark_told(self) -> None:
         """The waiting handler is about to get an error, and so has been told of a kill."""
@@ -384,7 +330,7 @@ class Connection:
             if (asked := self.session.give_up(request)) is None:
                 return "it went to its handler directly, which had not answered"
             with contextlib.suppress(CentralLost):
-                self._wait(lambda: asked.is_over, _WHY_WITHIN)
+                self.waiting.until(lambda: asked.is_over, _WHY_WITHIN)
             self.abandon(asked)
             request.answers += asked.answers  # a multi-query's may be a failure
             return asked.answers[-1][0].text if asked.answers else ""
@@ -458,12 +404,12 @@ class Connection:
         """
         self.check_thread()
         with self._lock:
-            self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
+            self.waiting.serve(is_over, idle)
 
     def tend(self, since: float) -> float:
         """Keep the connection alive while its own thread is busy; the seconds of central's silence."""
         with self._lock:
-            return self.line.tend(since, quiet_within(self.patience))
+            return self.line.tend(since, quiet_within(self.waiting.patience))
 
     def keep(self, since: float, quiet: float) -> tuple[float, float] | None:
         """``tend`` for another thread, while nothing is asked here; the seconds of central's silence, and in how many
@@ -474,97 +420,29 @@ class Connection:
         try:
             self.transport.has_arrived()  # from now on its files tell of news
             silence = self.line.tend(since, quiet)
-            patience = self.patience if silence < self.patience else _FOR_EVER
-            return silence, self._seconds_to(_FOR_EVER, since, quiet, patience)
+            return silence, self.waiting.seconds_to_due(since, quiet, silence)
         finally:
             self._lock.release()
-
-    def _seconds_to(self, deadline: float, since: float, quiet: float, patience: float) -> float:
-        """The seconds until something is due, if nothing comes: at the latest at the deadline."""
-        session, now = self.session, self.now()
-        until = min(deadline, session.due(since, quiet), max(session.heard, since) + patience)
-        if not session.is_welcome:
-            until = min(deadline, max(until, now + STEP))
-        return self.direct.patience(max(0.0, until - now))
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait until *is_over*, calling callbacks meanwhile; whether it is. Raises what ``wait`` does."""
         self.check_thread()
         check("the wait for a callback", TIMEOUT, timeout=timeout)
         with self._lock:
-            if self._is_calling_back:
+            if self.waiting.is_calling_back:
                 raise MisuseError("a callback waits for another one: they are called one after the other")
-            return is_over() or self._wait_for(is_over, timeout, "a callback")
+            return is_over() or self.waiting.unless_woken(is_over, timeout, "a callback")
 
     def pause(self, seconds: float, what: str) -> None:
         """Let so many seconds pass, for *what*. Raises what ``wait`` does."""
         self.check_thread()
         with self._lock:
-            self._wait_for(lambda: False, seconds, what)
+            self.waiting.unless_woken(lambda: False, seconds, what)
 
     def call_soon(self, function: Callable[[], None]) -> None:
         """Have the thread of this connection call a function in its present or next wait; from any thread."""
         self.session.news.append(function)
         self.transport.wake()
-
-    @property
-    def has_news(self) -> bool:
-        """Whether ``take_news`` has something to do."""
-        return bool(self.session.news or (self.callbacks and not self._is_calling_back))
-
-    def take_news(self) -> None:
-        """Do one thing that has come up: the library's own first, else one callback (never inside another)."""
-        if self.session.news:
-            self.session.news.popleft()()
-        elif self.callbacks and not self._is_calling_back:
-            self._is_calling_back = True
-            try:
-                with working_on(None):
-                    self.callbacks.popleft()()
-            finally:
-                self._is_calling_back = False
-
-    def _wait(
-        self, is_over: Callable[[], bool], timeout: float | None, *, patience: float | None = None,
-        idle: Callable[[float], bool] | None = None,
-    ) -> bool:  # fmt: skip
-        session, since = self.session, self.now()
-        now, deadline = since, _FOR_EVER if timeout is None else since + timeout
-        patience = self.patience if patience is None else patience
-        quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
-        while not is_over():
-            if self.has_news:
-                self.take_news()
-                continue
-            if self.handle_delivery is not None and (delivery := self.direct.next_delivery()) is not None:
-                self.handle_delivery(*delivery)
-                continue
-            session.tend(now, since, quiet)
-            left = max(0.0, deadline - now)
-            send_wait = SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
-            self.line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
-            is_next = idle is not None and self._has_next
-            step = 0.0 if is_next else self._seconds_to(deadline, since, quiet, patience)
-            self.line.listen(0.0 if idle is not None and idle(step) else step)
-            if idle is not None and self.handle_delivery is not None and (message := self._next_message()) is not None:
-                self.handle_delivery(*message)  # one at a time, and central is heard in between
-            before, now = now, self.now()
-            if now - before > step + STALL:
-                since = now  # this process stood still, and central's words have yet to be read: blame nobody
-            if now >= deadline:
-                return is_over()
-            if now >= max(session.heard, since) + patience:
-                raise self.line.lost()
-        return True
-
-    @property
-    def _has_next(self) -> bool:
-        """Whether the next message is ahead, and no handler owes an answer."""
-        return bool(self.session.ahead) and len(self.session.open_deliveries) == len(self.session.ahead)
-
-    def _next_message(self) -> tuple[Deliver, bytes] | None:
-        """The next message to be handled when nothing else is: one that was sent ahead, or one that came directly."""
-        return self.session.ahead.popleft() if self._has_next else self.direct.take()
 
     def give_back(self) -> None:
         """Give back to central the messages that have not begun, and that only this slot has."""

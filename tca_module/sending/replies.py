@@ -139,7 +139,7 @@ class Notification(Generic[R]):
         self._callback = callback
         self._on_failure = on_failure
         self._log = logging.getLogger(f"tca.{connection.session.module}")
-        pending.request.notify = lambda: connection.callbacks.append(self._call)
+        pending.request.notify = lambda: connection.waiting.callbacks.append(self._call)
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the function has been called; False if it was not within *timeout* seconds. Raises CentralLost,

@@ -114,7 +114,7 @@ class EventLoop:
         connection = self._connection
         return (
             connection.transport.has_arrived()
-            or connection.has_news
+            or connection.waiting.has_news
             or any(map(connection.session.open_deliveries.wake_reason, self._handled))
             or bool(connection.direct.has_delivery and not self._is_closing)
         )
@@ -142,8 +142,8 @@ class EventLoop:
         """Do all pending work; the seconds of central's silence."""
         connection = self._connection
         silence = connection.tend(self._since)
-        while connection.has_news:
-            connection.take_news()
+        while connection.waiting.has_news:
+            connection.waiting.take_news()
         while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
             self._attend(*delivery)
         return silence
@@ -154,11 +154,11 @@ class EventLoop:
         before, self._turned = self._turned, self._loop.time()
         if self._turned - before > STALL:
             self._since = self._turned
-        if self._listen() > self._connection.patience:
+        if self._listen() > self._connection.waiting.patience:
             for request in list(self._waiting):
                 self._heard(request, self._connection.line.lost())
         if not self._awaiting.look(self._turned):
-            calm = min(_CALM, quiet_within(self._connection.patience))
+            calm = min(_CALM, quiet_within(self._connection.waiting.patience))
             self._beat_in(max(STEP, self._connection.direct.patience(calm)))
 
     def _beat_in(self, seconds: float) -> None:

@@ -76,7 +76,7 @@ class Slot:
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
         self._stop.wakes(connection.transport.wake)
-        connection.handle_delivery = self._attend
+        connection.waiting.handle_delivery = self._attend
         connection.session.open_deliveries.is_ending = self._stop.is_set
         connection.root_sender = RootSender(connection)
         self._callbacks.begin(connection)
@@ -108,7 +108,7 @@ class Slot:
             for delivery in connection.session.open_deliveries.begun:
                 connection.reply(*module_ended(delivery, error))
         try:
-            connection.close(self._linger, connection.lost)
+            connection.close(self._linger, connection.arrivals.lost)
         except NotSent as lost:
             if error is None:
                 raise

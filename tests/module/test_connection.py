@@ -222,7 +222,7 @@ def test_what_is_delivered_is_handled_within_the_wait() -> None:
         connection.reply(Reply(delivery.delivery), b"")
         central.say(Answer(2))
 
-    connection.handle_delivery = attend
+    connection.waiting.handle_delivery = attend
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.say(Deliver(8, "stance"))
     assert connection.wait(request, 1.0, "query")
@@ -272,7 +272,7 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     def interrupt(_delivery: Deliver, _body: bytes) -> None:
         raise KeyboardInterrupt
 
-    connection.handle_delivery = interrupt
+    connection.waiting.handle_delivery = interrupt
     central.say(Deliver(8, "walk"))
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
@@ -333,7 +333,7 @@ def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
 def test_central_comes_back_for_a_connection_that_serves() -> None:
     connection, central = connected()
     stop = []
-    connection.handle_delivery = lambda delivery, _: stop.append(delivery)
+    connection.waiting.handle_delivery = lambda delivery, _: stop.append(delivery)
     central.is_there = False
 
     def come_back() -> bool:

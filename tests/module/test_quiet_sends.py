@@ -421,11 +421,11 @@ def test_a_task_that_is_given_up_unheard_is_called_back(central: LocalCentral, m
         stop = user.command(STOP)
         link = user._connection()
         monkeypatch.setattr(link.transport, "receive", lambda _: None)
-        link.patience = 0.0
+        link.waiting.patience = 0.0
         with pytest.raises(CentralLost, match="command 'stop' is killed as soon as central answers, if it had heard"):
             stop.result()
         monkeypatch.undo()
-        link.patience = SOON
+        link.waiting.patience = SOON
         with pytest.raises(CentralLost, match="command 'stop' is lost: it was given up"):
             stop.result()
         user.modules()

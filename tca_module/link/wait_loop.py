@@ -1,0 +1,121 @@
+"""What a thread does while it waits: it sends and listens, handles what is delivered, and calls what is due."""
+
+from collections import deque
+from collections.abc import Callable
+
+from tca_module.direct.messages import DirectMessages
+from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
+from tca_module.session.open_deliveries import KILLED, wake_error, working_on
+from tca_module.session.request import Request, waits_for_others
+from tca_module.session.session import Session, quiet_within
+from tca_wire.packets.headers import Deliver
+
+_FOR_EVER = float("inf")
+
+
+class WaitLoop:
+    """All waits of one connection. Its thread calls them with the connection locked."""
+
+    def __init__(
+        self, session: Session, direct: DirectMessages, line: PacketLine, patience: float, clock: Callable[[], float]
+    ) -> None:
+        self._session = session
+        self._direct = direct
+        self._line = line
+        self._clock = clock
+        self.patience = patience  #: seconds without a word from central after which a wait ends with CentralLost
+        self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
+        self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
+        self.is_calling_back = False  #: one of them is being called
+
+    def until(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
+        """Wait until *is_over*; whether it is in time. Raises CentralLost if central is silent for too long."""
+        return self._wait(is_over, timeout, self.patience)
+
+    def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None) -> None:
+        """Wait until *is_over*, however long central is silent; handle also what is ahead. *idle* is called in between,
+        with the seconds that it may take; False: it did nothing.
+        """
+        self._wait(is_over, None, _FOR_EVER, idle)
+
+    def unless_woken(
+        self, is_over: Callable[[], bool], timeout: float | None, what: object, request: Request | None = None
+    ) -> bool:
+        """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
+        open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
+        wakes = request is None or waits_for_others(request)
+        came = self.until(lambda: is_over() or (wakes and bool(open_deliveries.wake_reason(one))), timeout)
+        why = open_deliveries.wake_reason(one) if wakes else ""
+        if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
+            open_deliveries.mark_told(one)
+            raise wake_error(one, why, self._session.module, str(what))
+        return came
+
+    @property
+    def has_news(self) -> bool:
+        """Whether ``take_news`` has something to do."""
+        return bool(self._session.news or (self.callbacks and not self.is_calling_back))
+
+    def take_news(self) -> None:
+        """Do one thing that has come up: the library's own first, else one callback (never inside another)."""
+        if self._session.news:
+            self._session.news.popleft()()
+        elif self.callbacks and not self.is_calling_back:
+            self.is_calling_back = True
+            try:
+                with working_on(None):
+                    self.callbacks.popleft()()
+            finally:
+                self.is_calling_back = False
+
+    def seconds_to_due(self, since: float, quiet: float, silence: float) -> float:
+        """The seconds until something is due, if nothing comes; central has been silent for so long."""
+        return self._seconds_to(_FOR_EVER, since, quiet, self.patience if silence < self.patience else _FOR_EVER)
+
+    def _seconds_to(self, deadline: float, since: float, quiet: float, patience: float) -> float:
+        session, now = self._session, self._clock()
+        until = min(deadline, session.due(since, quiet), max(session.heard, since) + patience)
+        if not session.is_welcome:
+            until = min(deadline, max(until, now + STEP))
+        return self._direct.patience(max(0.0, until - now))
+
+    def _wait(
+        self, is_over: Callable[[], bool], timeout: float | None, patience: float,
+        idle: Callable[[float], bool] | None = None,
+    ) -> bool:  # fmt: skip
+        session, direct, line, since = self._session, self._direct, self._line, self._clock()
+        now, deadline = since, _FOR_EVER if timeout is None else since + timeout
+        quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
+        while not is_over():
+            if self.has_news:
+                self.take_news()
+                continue
+            if self.handle_delivery is not None and (delivery := direct.next_delivery()) is not None:
+                self.handle_delivery(*delivery)
+                continue
+            session.tend(now, since, quiet)
+            left = max(0.0, deadline - now)
+            send_wait = SEND_WAIT if session.is_welcome else 0.0 if direct.is_used and session.epoch else STEP
+            line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
+            is_next = idle is not None and self._has_next
+            step = 0.0 if is_next else self._seconds_to(deadline, since, quiet, patience)
+            line.listen(0.0 if idle is not None and idle(step) else step)
+            if idle is not None and self.handle_delivery is not None and (message := self._next_message()) is not None:
+                self.handle_delivery(*message)  # one at a time, and central is heard in between
+            before, now = now, self._clock()
+            if now - before > step + STALL:
+                since = now  # this process stood still, and central's words have yet to be read: blame nobody
+            if now >= deadline:
+                return is_over()
+            if now >= max(session.heard, since) + patience:
+                raise line.lost()
+        return True
+
+    @property
+    def _has_next(self) -> bool:
+        """Whether the next message is ahead, and no handler owes an answer."""
+        return bool(self._session.ahead) and len(self._session.open_deliveries) == len(self._session.ahead)
+
+    def _next_message(self) -> tuple[Deliver, bytes] | None:
+        """The next message to be handled when nothing else is: one that was sent ahead, or one that came directly."""
+        return self._session.ahead.popleft() if self._has_next else self._direct.take()
