@@ -1,5 +1,4 @@
-"""One connection to central: its requests and its waits. Every blocking call of the package ends up here: it checks the thread, locks,
-and waits in its wait_loop.
+"""One connection to central: its requests. Every blocking call of the package ends up here, to wait in its wait_loop.
 
 For one thread only. What central delivers while it waits is handled within the wait: so a handler may ask its own
 resource.
