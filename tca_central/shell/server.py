@@ -11,7 +11,6 @@ import os
 import socket as sockets
 import time
 from collections import deque
-from collections.abc import Iterator
 from pathlib import Path
 
 import zmq
@@ -73,12 +72,21 @@ PACKET_BYTES = 64 << 10  # a packet is closed when it holds this much
 class Outbox:
     """Packets that wait for one connection."""
 
-    __slots__ = ("bytes", "packets", "turn")
+    __slots__ = ("packets", "room", "size")
 
     def __init__(self) -> None:
-        self.turn: list[bytes] = []  #: items of this turn
-        self.packets: deque[bytes] = deque()  #: packets that the connection did not take yet
-        self.bytes = 0
+        self.packets: deque[list[bytes]] = deque()  #: the items of each
+        self.room = 0  #: bytes that go into the last one
+        self.size = 0  #: bytes of all
+
+    def put(self, item: bytes) -> None:
+        """Add an item to the last packet, or begin another one."""
+        if len(item) > self.room:
+            self.packets.append([])
+            self.room = PACKET_BYTES
+        self.packets[-1].append(item)
+        self.room -= len(item)
+        self.size += len(item)
 
 
 class Server:
@@ -109,8 +117,8 @@ class Server:
         self.socket, self._door = self._bind(endpoint)
         self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
         self._poller = zmq.Poller()
-        self._poller.register(self._woken, zmq.POLLIN)
-        self._poller.register(self.socket, zmq.POLLIN)
+        self._poller.register(self._woken.fileno(), _POLLIN)
+        self._poller.register(self.socket, _POLLIN)
 
     def stop(self, why: str) -> None:
         """End the loop; may be called from a signal handler or another thread."""
@@ -131,41 +139,34 @@ class Server:
     def serve(self) -> None:
         """Run until ``stopping`` says why to stop."""
         while not self.stopping:
-            for event in self._events():
-                self._perform(self._handle(event))
+            patience = self._patience()
+            for source, _ in self._poller.poll(patience):
+                if source is self.socket:
+                    self._receive()
+                else:
+                    self._woken.recv(4096)
+            if not patience:
+                self._do_what_is_due()
             self._flush()
 
-    def _handle(self, event: Event) -> list[Effect]:
-        """The effects of an event. An error of central's own ends it (decision 52)."""
+    def _let_happen(self, event: Event) -> None:
+        """Let central handle an event, and take over what is to be done about it."""
         try:
-            return self.central.handle(event)
+            effects = self.central.handle(event)
         except Exception as error:
-            what, who = type(event).__name__, ""
-            if isinstance(event, RequestReceived):
-                what = type(event.header).__name__
-                sender = self.central.registry.connections.get(event.connection)
-                who = f" of module '{sender.module.name}'" if sender is not None else ""
-            self.stopping = f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
-            log.exception("%s\n%r", self.stopping, event)
-            msg = f"{self.stopping}; this is a bug in central, please report it with the journal"
-            raise CentralError(msg) from error
+            raise self._own_error(event, error) from error
+        self._perform(effects)
 
-    def _events(self) -> Iterator[Event]:
-        """The events since the last turn; waits for one, at most until the next beat."""
-        ready = dict(self._poller.poll(self._patience()))
-        if self._woken.fileno() in ready:
-            self._woken.recv(4096)
-        if self.socket in ready:
-            yield from self._received()
-        if self._closed > self._expected:
-            self._has_lost, self._expected = True, self._closed
-        if self._has_lost or self._too_slow or self.now() >= self._next_beat:
-            yield from self._lost()
-        if self.now() >= self._next_pulse:
-            yield from self._silent()
-        due = self.central.clock.next
-        if due is not None and due <= self.now():
-            yield Tick(self.now())
+    def _own_error(self, event: Event, error: Exception) -> CentralError:
+        """An error of central's own ends it (decision 52)."""
+        what, who = type(event).__name__, ""
+        if isinstance(event, RequestReceived):
+            what = type(event.header).__name__
+            sender = self.central.registry.connections.get(event.connection)
+            who = f" of module '{sender.module.name}'" if sender is not None else ""
+        self.stopping = f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
+        log.error("%s\n%r", self.stopping, event, exc_info=error)
+        return CentralError(f"{self.stopping}; this is a bug in central, please report it with the journal")
 
     def _perform(self, effects: list[Effect]) -> None:
         for effect in effects:
@@ -176,6 +177,17 @@ class Server:
                 self.journal.add(effect.entry)
             self._lines.write(effect)
 
+    def _do_what_is_due(self) -> None:
+        if self._closed > self._expected:
+            self._has_lost, self._expected = True, self._closed
+        if self._has_lost or self._too_slow or self.now() >= self._next_beat:
+            self._find_lost()
+        if self.now() >= self._next_pulse:
+            self._find_silent()
+        due = self.central.clock.next
+        if due is not None and due <= self.now():
+            self._let_happen(Tick(self.now()))
+
     def _flush(self) -> None:
         """End a turn: first the journal, then the messages that it justifies."""
         if self.journal is not None:
@@ -185,7 +197,8 @@ class Server:
                 self._outboxes.clear()  # nothing unrecorded may be sent
                 self._dirty.clear()
                 raise
-        for connection, outbox in list(self._dirty.items()):
+        dirty, self._dirty = self._dirty, {}
+        for connection, outbox in dirty.items():
             self._send(connection, outbox)
 
     def now(self) -> float:
@@ -194,19 +207,19 @@ class Server:
 
     def _patience(self) -> int:
         """Milliseconds until something is due: the next beat, or a timer, or another try with a slow connection."""
-        if self._has_lost or self._too_slow:
-            return 0
-        if self._dirty:
-            return 10
-        due = self.central.clock.next
         until = min(self._next_beat, self._next_pulse)
-        if due is not None:
-            until = min(due, until)
-        return max(0, int((until - self.now()) * 1000) + 1)
+        due = self.central.clock.next
+        if due is not None and due < until:
+            until = due
+        left = until - self.now()
+        if left <= 0 or self._has_lost or self._too_slow or self._closed > self._expected:
+            return 0
+        return 10 if self._dirty else int(left * 1000) + 1
 
     # --- receiving -------------------------------------------------------------------------------------------------
 
-    def _received(self) -> Iterator[Event]:
+    def _receive(self) -> None:
+        """Let happen what has arrived, up to a bound."""
         receive = self.socket.recv
         for count in range(PACKETS_PER_TURN):
             if count == 1 and not self._has_arrived():
@@ -226,12 +239,12 @@ class Server:
                     continue
                 items = codec.unpack_to_central(packet)
             except ProtocolError as error:
-                yield BadBytes(now, connection, str(error))
+                self._let_happen(BadBytes(now, connection, str(error)))
                 continue
             for header, body in items:
                 if isinstance(header, Bye):
                     self._expected += self._lines_of(connection)
-                yield RequestReceived(now, connection, header, body)
+                self._let_happen(RequestReceived(now, connection, header, body))
 
     def _one_frame(self, frame: zmq.Frame) -> bytes:
         """Take in the other frames of a message that has several. Raises ProtocolError."""
@@ -254,7 +267,7 @@ class Server:
             return 0
         return 1 + (bool(leaving.pulse) and sum(one.pulse == leaving.pulse for one in known.values()) == 1)
 
-    def _lost(self) -> Iterator[Event]:
+    def _find_lost(self) -> None:
         """Beat to those who wait for an answer; to all when some are gone, for the door does not tell which (the socket
         does), and now and then.
         """
@@ -270,14 +283,14 @@ class Server:
             self._forget(stranger)
         self._perform(self.central.tell_all())
         for connection, why in self._too_slow.items():
-            yield ConnectionLost(now, connection, why)
+            self._let_happen(ConnectionLost(now, connection, why))
             self._greet(connection)
         self._too_slow.clear()
         gone = [one.id for one in list(known.values()) if (is_sweep or one.outstanding) and not self._beat(one.id)]
         if gone:
-            yield from self._last_words()
+            self._hear_last_words()
         for connection in gone:
-            yield ConnectionLost(self.now(), connection)
+            self._let_happen(ConnectionLost(self.now(), connection))
 
     def _beat(self, connection: ConnectionId) -> bool:
         """Say that central lives; False if nobody is there."""
@@ -289,18 +302,19 @@ class Server:
             return False
         return True
 
-    def _silent(self) -> Iterator[Event]:
+    def _find_silent(self) -> None:
         """Beat to every process; those that stand still do not send it back, whatever the kernel says of them."""
         self._next_pulse = self.now() + PULSE_PERIOD
         self._lines.losses.tell(self.now())
         known, pulses = self.central.registry.connections, self._pulses
         beating = pulses.beat(known.values()) if self._lost_after else set()
         if pulses.silent():
-            yield from self._last_words()  # their sign of life may have come, and not been read
+            self._hear_last_words()  # their sign of life may have come, and not been read
             pulses.listen(known.values())
         silent = pulses.silent()
         for connection in [one for one in known.values() if one.pulse in silent]:
-            yield ConnectionLost(self.now(), connection.id, f"its process was silent for {self._lost_after} s")
+            why = f"its process was silent for {self._lost_after} s"
+            self._let_happen(ConnectionLost(self.now(), connection.id, why))
             self._greet(connection.id)  # should it go on
         for pulse in beating - silent:
             try:
@@ -312,12 +326,12 @@ class Server:
             else:
                 pulses.sent(pulse)
 
-    def _last_words(self) -> Iterator[Event]:
-        """Events that have arrived by now: a connection may have said goodbye before it went."""
+    def _hear_last_words(self) -> None:
+        """Let happen all that has arrived by now: a connection may have said goodbye before it went."""
         for _ in range(TURNS_OF_LAST_WORDS):
             if not self._has_arrived():
                 return
-            yield from self._received()
+            self._receive()
 
     def _has_arrived(self) -> bool:
         # Asking is cheaper than the exception that a socket without messages raises.
@@ -329,29 +343,28 @@ class Server:
         outbox = self._outboxes.get(connection)
         if outbox is None:
             self._outboxes[connection] = outbox = Outbox()
-        item = codec.pack_item(header, body)
-        outbox.turn.append(item)
-        outbox.bytes += len(item)
+        outbox.put(codec.pack_item(header, body))
         self._dirty[connection] = outbox
 
     def _send(self, connection: ConnectionId, outbox: Outbox) -> None:
-        outbox.packets.extend(_packets(outbox.turn))
-        outbox.turn.clear()
+        send, packets = self.socket.send, outbox.packets
         try:
-            while outbox.packets:
-                self.socket.send(connection, _SNDMORE)
-                self.socket.send(outbox.packets[0], _DONTWAIT)
-                outbox.bytes -= len(outbox.packets.popleft())
+            while packets:
+                packet = b"".join(packets[0])
+                send(connection, _SNDMORE)
+                send(packet, _DONTWAIT)
+                packets.popleft()
+                outbox.size -= len(packet)
+            outbox.room = 0
         except zmq.Again:
-            if outbox.bytes > OUTBOX_BYTES:
-                self._too_slow[connection] = f"it reads too slowly: {outbox.bytes} bytes wait for it"
+            if outbox.size > OUTBOX_BYTES:
+                self._too_slow[connection] = f"it reads too slowly: {outbox.size} bytes wait for it"
                 self._forget(connection)
-            return
+            else:
+                self._dirty[connection] = outbox
         except zmq.ZMQError:  # gone; the next beat tells the core
             self._has_lost |= connection in self.central.registry.connections
             self._forget(connection)
-            return
-        del self._dirty[connection]
 
     def _forget(self, connection: ConnectionId) -> None:
         self._outboxes.pop(connection, None)
@@ -395,18 +408,6 @@ class Server:
     def _close_wakers(self) -> None:
         self._wake.close()
         self._woken.close()
-
-
-def _packets(items: list[bytes]) -> Iterator[bytes]:
-    """Items joined into packets of a sensible size."""
-    size, begin = 0, 0
-    for at, item in enumerate(items):
-        if size and size + len(item) > PACKET_BYTES:
-            yield b"".join(items[begin:at])
-            size, begin = 0, at
-        size += len(item)
-    if size:
-        yield b"".join(items[begin:])
 
 
 def _lock_of(endpoint: str) -> int:
