@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from tca_central.core import Central
-from tca_central.events import Effect, Event, Record
+from tca_central.events import Effect, Record
 from tca_central.shell.server import Server
 
 SOON = 10.0
@@ -35,10 +35,9 @@ class _Recorded(Server):
         super().__init__(Central(epoch), None, address)
         self.recorded: list[Any] = []
 
-    def _handle(self, event: Event) -> list[Effect]:
-        effects = super()._handle(event)
+    def _perform(self, effects: list[Effect]) -> None:
         self.recorded += [fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts]
-        return effects
+        super()._perform(effects)
 
 
 class RealCentral:
