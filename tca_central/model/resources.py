@@ -138,8 +138,10 @@ class Resource(Generic[S, Q]):
         self.held_by: Claim[S] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
         self.called_back: dict[Q, S] = {}  #: its slots' own questions that a lock keeps out -> the asking slot
-        self.ahead: dict[Q, bool] = {}
-        """Messages that its only slot has already, and has not begun as far as is known -> whether it still is to."""
+        self.ahead: dict[Q, tuple[object, ...] | None] = {}
+        """Messages that its only slot has already, and has not begun as far as is known -> None or, of one that nobody
+        wants any more, the facts to be recorded when the slot has said whether it had begun it.
+        """
         self.ahead_at: S | None = None  #: the slot that has, or had, them
         self.is_recalling = False  #: the slot has yet to say which of them it had not begun
         self._free: dict[S, None] = {}
@@ -275,12 +277,12 @@ class Resource(Generic[S, Q]):
         """The first message in the queue goes to the slot, which is returned."""
         first.ticket += 1
         self._queue.mark_void()
-        self.ahead[first] = True
+        self.ahead[first] = None
         self.ahead_at = next(iter(self.slots))
         return self.ahead_at
 
-    def take_back(self, message: Q) -> bool:
-        """The slot does not have a message any more, which waits as before; whether it still is to be handled."""
+    def take_back(self, message: Q) -> tuple[object, ...] | None:
+        """The slot does not have a message any more, which waits as before; the facts, if nobody wants it any more."""
         self._queue.put(message)
         return self.ahead.pop(message)
 

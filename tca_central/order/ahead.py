@@ -30,14 +30,17 @@ class MessagesAhead:
 
     def __init__(self, out: WaysAhead, clock: Clock) -> None:
         self._out, self._clock = out, clock
+        self.trusts_all = False  #: every handler counts as a quick one: for explorations
 
     def fill(self, resource: ModuleResource) -> None:
         """Send the slot ahead what it will handle next, where nothing can come between."""
-        if resource.quick_runs < QUICK_RUNS or len(resource.slots) != 1:
+        if len(resource.slots) != 1 or not (resource.quick_runs >= QUICK_RUNS or self.trusts_all):
             return
         (slot,) = resource.slots
         running = next(iter(slot.handling), None)
-        if running is None or running.is_task or self._clock.now - running.since > QUICK:
+        if running is None or running.is_task:
+            return
+        if self._clock.now - running.since > QUICK and not self.trusts_all:
             return
         while len(resource.ahead) < slot.prefetch and (delivery := resource.next_ahead()) is not None:
             if not _may_go_ahead(delivery, resource):
@@ -50,13 +53,13 @@ class MessagesAhead:
         if resource.is_overtaken_by(newest):
             self.recall(resource)
 
-    def revoke(self, delivery: Delivery) -> bool:
-        """Whether a slot has a delivery ahead, which is not to be handled any more: it waits until that gives it back,
-        or has begun it.
+    def revoke(self, delivery: Delivery, dropped: tuple[object, ...]) -> bool:
+        """Whether a slot has a delivery ahead, which nobody wants any more: it waits until that gives it back, or has
+        begun it.
         """
         for resource in delivery.queues or ():
             if delivery in resource.ahead:
-                resource.ahead[delivery] = False
+                resource.ahead[delivery] = dropped
                 self.recall(resource)
                 return True
         return False
@@ -78,15 +81,17 @@ def first_ahead(slot: Connection) -> Delivery | None:
     return next(iter(slot.resource.ahead), None) if slot.resource is not None else None
 
 
-def take_back(resource: ModuleResource, module: Module, unbegun: set[int]) -> tuple[list[Delivery], list[Delivery]]:
-    """The slot does not have the deliveries of these numbers any more, which wait as before: those among them that are
-    not to be handled any more, and those that are to be handled elsewhere.
+def take_back(
+    resource: ModuleResource, module: Module, unbegun: set[int]
+) -> tuple[list[tuple[Delivery, tuple[object, ...]]], list[Delivery]]:
+    """The slot does not have the deliveries of these numbers any more, which wait as before: those among them that
+    nobody wants any more, each with the facts, and those that are to be handled elsewhere.
     """
     resource.is_recalling = False
     revoked, moved = [], []
     for delivery in [one for one in resource.ahead if one.given_as in unbegun]:
-        if not resource.take_back(delivery):
-            revoked.append(delivery)
+        if (dropped := resource.take_back(delivery)) is not None:
+            revoked.append((delivery, dropped))
         elif not _is_handled_in(resource, delivery, module):
             moved.append(delivery)
     return revoked, moved

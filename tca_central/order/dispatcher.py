@@ -31,7 +31,7 @@ class Dispatcher:
 
     def __init__(self, facts: list[object], out: Out, suspects: deque[Any], clock: Clock) -> None:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
-        self._ahead = MessagesAhead(out, clock)
+        self.messages_ahead = MessagesAhead(out, clock)
         self._arrivals = 0
         self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
@@ -78,13 +78,13 @@ class Dispatcher:
         for resource in resources:
             resource.queue(delivery)
             if resource.ahead:
-                self._ahead.make_way(resource, delivery)
+                self.messages_ahead.make_way(resource, delivery)
             goes_on = goes_on or _is_sure_to_be_handled(resource)
         if not goes_on:
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
-        self._ahead.fill(first)
+        self.messages_ahead.fill(first)
         for resource in resources:
             if resource.limits and (limit := resource.limits.get(delivery.message.name)):
                 self._keep_within(limit, delivery, resource)
@@ -164,11 +164,12 @@ class Dispatcher:
 
     def _give_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
         """Give a delivery that waits to a free slot."""
-        slot, is_there = resource.take_slot(), delivery in resource.ahead
+        slot, is_there, dropped = resource.take_slot(), delivery in resource.ahead, resource.ahead.get(delivery)
         self._leave_queues(delivery)
         self._give(delivery, slot, is_there=is_there)
+        self._facts.extend(dropped or ())
         if slot.resource is not None and not delivery.is_task:
-            self._ahead.fill(slot.resource)
+            self.messages_ahead.fill(slot.resource)
 
     # --- messages ahead: see ahead.py ------------------------------------------------------------------------------
 
@@ -180,6 +181,16 @@ class Dispatcher:
         self._give_next(first, resource)
         return first
 
+    def _take_all_back(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:
+        """What a slot that is gone had ahead, out of its queue; but what nobody wants any more."""
+        found = []
+        for delivery in list(resource.ahead) if resource.ahead_at is slot else ():
+            dropped = resource.take_back(delivery)
+            self.withdraw(delivery, keep_place=True, dropped=dropped or ())
+            if dropped is None:
+                found.append(delivery)
+        return found
+
     def take_back(self, slot: Connection, unbegun: Iterable[int]) -> list[Delivery]:
         """A slot gives back deliveries of these numbers, which wait as before, and has begun what it keeps. Those that
         it is not to have again are returned, out of their queue.
@@ -188,10 +199,10 @@ class Dispatcher:
         if resource is None or resource.ahead_at is not slot:
             return []
         revoked, moved = take_back(resource, slot.module, set(unbegun))
-        for delivery in revoked:
-            self.withdraw(delivery)
+        for delivery, dropped in revoked:
+            self.withdraw(delivery, dropped=dropped)
         for delivery in moved:
-            self._leave_queues(delivery)
+            self.withdraw(delivery, keep_place=True)
         if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
             self._give_next(begun, resource)
         self.to_offer.append((resource, None))
@@ -205,7 +216,7 @@ class Dispatcher:
         claim.since = self._clock.now
         claim.resource.add_claim(claim)
         for resource in claim.resource.copies:
-            self._ahead.make_way(resource, claim)
+            self.messages_ahead.make_way(resource, claim)
         self.to_offer.append((claim.resource, None))
 
     def end_claim(self, claim: Claim[Connection]) -> None:
@@ -213,11 +224,11 @@ class Dispatcher:
         claim.resource.end_claim(claim)
         self.to_offer.extend((copy, None) for copy in claim.resource.copies)
 
-    def withdraw(self, delivery: Delivery, *, keep_place: bool = False) -> None:
+    def withdraw(self, delivery: Delivery, *, keep_place: bool = False, dropped: tuple[object, ...] = ()) -> None:
         """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later. What a
-        slot has ahead waits until that gives it back, or has begun it.
+        slot has ahead waits until that gives it back, or has begun it. Then these facts are recorded.
         """
-        if delivery.queues is None or self._ahead.revoke(delivery):
+        if delivery.queues is None or self.messages_ahead.revoke(delivery, dropped):
             return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
@@ -225,6 +236,7 @@ class Dispatcher:
             delivery.arrival = 0
         self._facts.append(Unqueued(delivery.given_as))
         self._leave_queues(delivery)
+        self._facts.extend(dropped)
 
     def _leave_queues(self, delivery: Delivery) -> None:
         """A delivery waits no longer; a claim that was behind it may be the next now."""
@@ -251,20 +263,18 @@ class Dispatcher:
         if not resource.capacity:
             self._serve_all(slot, +1)
         resource.add_slot(slot)
-        self._ahead.recall(resource)  # what was to be handled next may be another's now
+        self.messages_ahead.recall(resource)  # what was to be handled next may be another's now
         self.to_offer.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
         """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
         ahead: list[Delivery] = []
         if slot.resource is not None:
-            ahead = list(slot.resource.ahead) if slot.resource.ahead_at is slot else []
+            ahead = self._take_all_back(slot, slot.resource)
             slot.resource.remove_slot(slot)
             self.to_offer.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
-        for delivery in ahead:
-            self._leave_queues(delivery)
         orphans, slot.handling = list(slot.handling), {}
         for delivery in orphans:
             del self.running[delivery.given_as]
@@ -301,7 +311,7 @@ class Dispatcher:
 
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
         message = handler.message
-        self._ahead.recall(handler.resource)
+        self.messages_ahead.recall(handler.resource)
         queued = self._take_queued(message, handler.resource)
         message.remove_handler(handler)
         if handler.resource.capacity:

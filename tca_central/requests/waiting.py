@@ -97,14 +97,15 @@ def give_up(
         give_up_claim(central, connection, number, why)
     elif isinstance(due, Collector):
         for delivery in due.pending.values():
-            _abandon(central, delivery)
+            _abandon(central, delivery, ())
         central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where, dropping=dropping))
     elif isinstance(due, Delivery):
-        _abandon(central, due)
-        central.facts.append(dropped_fact(due, why, where, dropping))
+        _abandon(central, due, (dropped_fact(due, why, where, dropping),))
 
 
-def _abandon(central: State, delivery: Delivery) -> None:
-    if delivery.queues is not None:
-        central.dispatcher.withdraw(delivery)
+def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, ...]) -> None:
+    if delivery.queues is None:
+        central.facts.extend(dropped)
+    else:
+        central.dispatcher.withdraw(delivery, dropped=dropped)
         central.collectors.pop(delivery.id, None)

@@ -11,6 +11,7 @@ from central.test_oracle import NO_SMALLER_SEED, JudgedLife, JudgedPlayer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import operation
+from tools.runs import OPENED, checked
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, Effect, RequestReceived, Tick
@@ -18,6 +19,7 @@ from tca_central.invariants import check_invariants
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.order import ahead
 from tca_module.session.session import Session
+from tca_tools.check import rules
 from tca_wire.journal.facts import Delivered
 from tca_wire.packets import headers
 from tca_wire.packets.parts import HandlerFormat
@@ -65,7 +67,7 @@ class PrefetchPlayer(JudgedPlayer):
     def __init__(self) -> None:
         super().__init__()
         dispatcher = self.central.dispatcher
-        self.out = dispatcher._out = dispatcher._ahead._out = ToldLate(self.central)
+        self.out = dispatcher._out = dispatcher.messages_ahead._out = ToldLate(self.central)
 
     def _judged(self, event: Any) -> list[Effect]:
         effects = []
@@ -284,6 +286,8 @@ def live(seed: int, steps: int) -> Town:
         mine = [delivery for slot, delivery in town.begun if slot == worker.slot]
         assert mine == [delivery for delivery in given if delivery in mine], "begun in another order than central says"
     assert sorted(given) == sorted(delivery for _, delivery in town.begun)
+    # Until a slot has said what it had not begun nobody gets the resource, which the journal does not say.
+    assert [one for one in checked([OPENED, *town.player.entries]) if one.rule != rules.FREE.text] == []
     return town
 
 
