@@ -53,6 +53,7 @@ class Client(Sender):
         most 10,000 of each). Raises Timeout.
         """
         check("status()", _TOPIC, topic=topic)
+        check("status()", checks.TIMEOUT, timeout=timeout)
         answer = ask(self._connection(), Ask(0, topic), f"the question for {topic}", within=timeout)
         return msgspec.msgpack.decode(answer)
 

@@ -48,17 +48,18 @@ class DirectMessages:
             self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, clock, log)
             transport.add(door.socket)
 
-    def ask(self, header: ToCentral, body: bytes) -> Request | None:
-        """Send a query directly; None if it must go through central, or is none."""
-        return self._routes.ask(header, body, self._clock()) if isinstance(header, Send) else None
+    def ask(self, header: Send, body: bytes) -> Request | None:
+        """Send a query directly; None if it must go through central."""
+        return self._routes.ask(header, body, self._clock()) if self._routes.paths else None
 
     def tell(self, header: ToCentral, body: bytes) -> bool:
         """Send an inform directly; False if it must go through central, or is none."""
-        return isinstance(header, Send) and self._routes.tell(header, body, self._clock())
+        return bool(self._routes.paths) and isinstance(header, Send) and self._routes.tell(header, body, self._clock())
 
     def listen(self) -> None:
         """Take in arrived packets; none is handled yet."""
-        self._routes.listen(self._clock)
+        if self._routes.paths or self._session.routing:
+            self._routes.listen(self._clock)
         if self._inbox is not None:
             self._inbox.listen()
 
@@ -97,9 +98,9 @@ class DirectMessages:
 
     def patience(self, seconds: float) -> float:
         """The seconds, at most so many, in which there is nothing to do."""
-        if self._may_take:
+        if self._inbox is not None and self._may_take:
             return 0.0
-        if self._routes.is_restless:
+        if self._routes.paths and self._routes.is_restless:
             seconds = min(seconds, RESTLESS)
         return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - self._clock()))
 
@@ -131,7 +132,7 @@ class DirectMessages:
     @property
     def is_used(self) -> bool:
         """Whether something may come from elsewhere than central."""
-        return self._inbox is not None or self._routes.is_used
+        return self._inbox is not None or bool(self._routes.paths)
 
     def shut(self) -> None:
         """Take nothing more, and report the rest. Queries that have not begun go to somebody else."""

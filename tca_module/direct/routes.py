@@ -33,7 +33,7 @@ class DirectRoutes:
         self._notes = notes
         self._open_socket = open_socket
         self._routes: dict[str, deque[DirectPath]] = {}  #: by message; its slots take turns
-        self._paths: dict[str, DirectPath] = {}  #: by endpoint
+        self.paths: dict[str, DirectPath] = {}  #: by endpoint: the ways there are
         self._numbers = itertools.count(1)
         self.lost = 0  #: informs that may not have reached their handler
         self._has_dropped = False  #: the log says that informs are dropped
@@ -67,28 +67,21 @@ class DirectRoutes:
 
     def confirm(self) -> None:
         """Ask the slots what has arrived."""
-        for path in self._paths.values():
+        for path in self.paths.values():
             path.confirm()
 
     @property
     def unheard(self) -> int:
         """The number of informs that may not have arrived."""
-        return sum(path.unheard for path in self._paths.values())
+        return sum(path.unheard for path in self.paths.values())
 
     @property
     def is_restless(self) -> bool:
         """Whether ``listen`` may have something to do though nothing arrives."""
-        return any(path.is_restless for path in self._paths.values())
-
-    @property
-    def is_used(self) -> bool:
-        """Whether there is a way to anywhere."""
-        return bool(self._paths)
+        return any(path.is_restless for path in self.paths.values())
 
     def listen(self, clock: Callable[[], float]) -> None:
         """Take in direct answers and central's routes; send due packets."""
-        if not self._paths and not self._session.routing:
-            return
         self._now = now = clock()
         while self._session.routing:
             self._is_tidy = False
@@ -98,9 +91,9 @@ class DirectRoutes:
                 self._routes[header.message] = deque(paths)
             elif isinstance(header, Welcome):
                 self._on_welcome(header)
-            elif (gone := self._paths.get(header.endpoint)) is not None:
+            elif (gone := self.paths.get(header.endpoint)) is not None:
                 gone.gone(header.text, now, lost=header.lost)
-        for path in self._paths.values():
+        for path in self.paths.values():
             path.receive()
             path.tend(now)
             while path.complaints:
@@ -113,7 +106,7 @@ class DirectRoutes:
         """The path to an entrance; None if there can be none from here."""
         if self._transport is None:
             return None
-        known = self._paths.get(entrance.endpoint)
+        known = self.paths.get(entrance.endpoint)
         if known is not None and not known.is_over:
             return known
         try:
@@ -128,7 +121,7 @@ class DirectRoutes:
             entrance, socket, way, self._session.module, end=self._session.end, hand_over=self._session.adopt,
             lose=self._lose,
         )  # fmt: skip
-        self._paths[entrance.endpoint] = path
+        self.paths[entrance.endpoint] = path
         self._transport.add(socket)
         return path
 
@@ -137,7 +130,7 @@ class DirectRoutes:
         is_another = bool(self._epoch) and header.epoch != self._epoch
         self._epoch = header.epoch
         self._routes.clear()
-        for path in self._paths.values():
+        for path in self.paths.values():
             if is_another:
                 path.lose_all("central was restarted meanwhile and has forgotten it")
             elif path.is_needed:
@@ -155,10 +148,10 @@ class DirectRoutes:
 
     def _close_unused(self) -> None:
         used = {path for paths in self._routes.values() for path in paths if not path.is_over}
-        unused = [path for path in self._paths.values() if path not in used]
+        unused = [path for path in self.paths.values() if path not in used]
         for path in unused:
             if not path.is_needed:
-                del self._paths[path.entrance.endpoint]
+                del self.paths[path.entrance.endpoint]
                 self._close(path)
         self._is_tidy = not any(path.is_needed for path in unused)
 
@@ -170,6 +163,6 @@ class DirectRoutes:
     def close(self) -> None:
         """Send nothing directly any more."""
         self._routes.clear()
-        for path in self._paths.values():
+        for path in self.paths.values():
             self._close(path)
-        self._paths.clear()
+        self.paths.clear()

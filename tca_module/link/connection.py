@@ -218,10 +218,13 @@ class Connection:
         self.check_thread()
         with self._lock:
             self._catch_up_for(header)
-            if wants_answer and (asked := self.direct.ask(header, body)) is not None:
+            if not (wants_answer and isinstance(header, Send)):
+                request = self.session.request(header, body, wants_answer=wants_answer)
+            elif (asked := self.direct.ask(header, body)) is not None:
                 self.line.flush(wait_seconds=0)
                 return asked
-            request = self.session.request(header, body, wants_answer=wants_answer)
+            else:
+                request = self.session.ask(header, body)
             self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
             return request
 
@@ -263,7 +266,6 @@ class Connection:
         is_done = is_over or (lambda: request.is_over)
         with self._lock:
             try:
-                check(what, TIMEOUT, timeout=timeout)
                 if timeout != 0:
                     self.announce(request)
                 came = is_done() or self.waiting.unless_woken(is_done, timeout, what, request)
@@ -299,8 +301,9 @@ class Connection:
     def announce(self, request: Request, *, blocking: bool = True) -> None:
         """Tell central, if it does not know, that the answer to a question is waited for from now on."""
         with self._lock:
-            if request.is_unannounced:
-                self.line.catch_up(is_sending=not blocking)
+            if not request.is_unannounced:
+                return
+            self.line.catch_up(is_sending=not blocking)
             if request.is_unannounced:
                 request.is_announced = self.session.post(
                     Await(request.header.number, blocking, getattr(request.header, "origin", 0))
@@ -408,7 +411,8 @@ class Connection:
     def tend(self, since: float) -> float:
         """Keep the connection alive while its own thread is busy; the seconds of central's silence."""
         with self._lock:
-            return self.line.tend(since, quiet_within(self.waiting.patience))
+            self.line.catch_up(since, quiet_within(self.waiting.patience))
+            return self.now() - max(self.session.heard, since)
 
     def keep(self, since: float, quiet: float) -> tuple[float, float] | None:
         """``tend`` for another thread, while nothing is asked here; the seconds of central's silence, and in how many
@@ -418,8 +422,9 @@ class Connection:
             return None
         try:
             self.transport.has_arrived()  # from now on its files tell of news
-            silence = self.line.tend(since, quiet)
-            return silence, self.waiting.seconds_to_due(since, quiet, silence)
+            due = self.line.catch_up(since, quiet)
+            silence = self.now() - max(self.session.heard, since)
+            return silence, self.waiting.seconds_to(due, since, silence)
         finally:
             self._lock.release()
 

@@ -57,21 +57,17 @@ very long; or no central listens there, but another program"
             )
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
 
-    def catch_up(self, *, is_sending: bool = False) -> None:
-        """Take in arrived packets. So a caller that never waits notices a cut, and comes back."""
-        self.tend(float("-inf"), is_sending=is_sending)
-
-    def tend(self, since: float, quiet: float | None = None, *, is_sending: bool = False) -> float:
-        """Keep the line alive; the seconds of central's silence, at most since then. After *quiet* seconds it is asked
-        for a word. A caller that *is_sending* flushes right after that, with what it has to say itself.
+    def catch_up(self, since: float = float("-inf"), quiet: float = QUIET, *, is_sending: bool = False) -> float:
+        """Take in arrived packets, and keep the line alive; when there is more to do. So a caller that never waits
+        notices a cut, and comes back. After *quiet* seconds of silence, at most since then, central is asked for a
+        word. A caller that *is_sending* flushes right after that, with what it has to say itself.
         """
         while self.listen(0.0):
             pass
-        now = self._clock()
-        self._session.tend(now, since, quiet)
+        due = self._session.tend(self._clock(), since, quiet)
         if not is_sending:
             self.flush(wait_seconds=0)
-        return now - max(self._session.heard, since)
+        return due
 
     def listen(self, timeout: float) -> bool:
         """Take in what arrives next; False if nothing does in time."""
@@ -90,12 +86,13 @@ very long; or no central listens there, but another program"
                 self._session.receive(header, body, now)
         except ProtocolError as error:
             self._log.warning("central at %s sent what is no message: %s", self._transport.address, error)
-        for complaint in self._session.complaints:
-            self._log.warning("%s", complaint)
-        self._session.complaints.clear()
+        while self._session.complaints:
+            self._log.warning("%s", self._session.complaints.pop(0))
 
-    def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> None:
-        """Send what the session says. What can't leave breaks the connection, unless the caller *is_patient*."""
+    def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:
+        """Send what the session says; whether it left. If not that breaks the connection, unless the caller
+        *is_patient*.
+        """
         if self._session.outgoing:
             outgoing, self._session.outgoing = self._session.outgoing, []
             for before, packet in packets(outgoing):
@@ -104,4 +101,5 @@ very long; or no central listens there, but another program"
                     if not is_patient:
                         self._direct.unsent(self._session.outgoing)
                         self._session.break_off()
-                    return
+                    return False
+        return True

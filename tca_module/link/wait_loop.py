@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from tca_module.direct.messages import DirectMessages
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
-from tca_module.session.open_deliveries import KILLED, wake_error, working_on
+from tca_module.session.open_deliveries import KILLED, never, wake_error, working_on
 from tca_module.session.request import Request, waits_for_others
 from tca_module.session.session import Session, quiet_within
 from tca_wire.packets.headers import Deliver
@@ -43,9 +43,11 @@ class WaitLoop:
     ) -> bool:
         """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
         open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
-        wakes = request is None or waits_for_others(request)
-        came = self.until(lambda: is_over() or (wakes and bool(open_deliveries.wake_reason(one))), timeout)
-        why = open_deliveries.wake_reason(one) if wakes else ""
+        can_wake = one is not None or open_deliveries.is_ending is not never
+        if not can_wake or (request is not None and not waits_for_others(request)):
+            return self.until(is_over, timeout)
+        came = self.until(lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout)
+        why = open_deliveries.wake_reason(one)
         if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
             open_deliveries.mark_told(one)
             raise wake_error(one, why, self._session.module, str(what))
@@ -68,13 +70,14 @@ class WaitLoop:
             finally:
                 self.is_calling_back = False
 
-    def seconds_to_due(self, since: float, quiet: float, silence: float) -> float:
+    def seconds_to(self, due: float, since: float, silence: float) -> float:
         """The seconds until something is due, if nothing comes; central has been silent for so long."""
-        return self._seconds_to(_FOR_EVER, since, quiet, self.patience if silence < self.patience else _FOR_EVER)
+        patience = self.patience if silence < self.patience else _FOR_EVER
+        return self._seconds_to(due, _FOR_EVER, since, patience)
 
-    def _seconds_to(self, deadline: float, since: float, quiet: float, patience: float) -> float:
+    def _seconds_to(self, due: float, deadline: float, since: float, patience: float) -> float:
         session, now = self._session, self._clock()
-        until = min(deadline, session.due(since, quiet), max(session.heard, since) + patience)
+        until = min(deadline, due, max(session.heard, since) + patience)
         if not session.is_welcome:
             until = min(deadline, max(until, now + STEP))
         return self._direct.patience(max(0.0, until - now))
@@ -93,12 +96,11 @@ class WaitLoop:
             if self.handle_delivery is not None and (delivery := direct.next_delivery()) is not None:
                 self.handle_delivery(*delivery)
                 continue
-            session.tend(now, since, quiet)
-            left = max(0.0, deadline - now)
-            send_wait = SEND_WAIT if session.is_welcome else 0.0 if direct.is_used and session.epoch else STEP
-            line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
+            due = session.tend(now, since, quiet)
+            if session.outgoing and not self._has_sent(max(0.0, deadline - now)):
+                due = now
             is_next = idle is not None and self._has_next
-            step = 0.0 if is_next else self._seconds_to(deadline, since, quiet, patience)
+            step = 0.0 if is_next else self._seconds_to(due, deadline, since, patience)
             line.listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.handle_delivery is not None and (message := self._next_message()) is not None:
                 self.handle_delivery(*message)  # one at a time, and central is heard in between
@@ -110,6 +112,12 @@ class WaitLoop:
             if now >= max(session.heard, since) + patience:
                 raise line.lost()
         return True
+
+    def _has_sent(self, left: float) -> bool:
+        """Send what is to be said; whether it left in time."""
+        session = self._session
+        within = SEND_WAIT if session.is_welcome else 0.0 if self._direct.is_used and session.epoch else STEP
+        return self._line.flush(min(within, left), is_patient=left < min(within, STEP))
 
     @property
     def _has_next(self) -> bool:

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic, Self
 
-from tca_module.checks import name_of
+from tca_module.checks import TIMEOUT, check, name_of
 from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import ORDINARY
@@ -36,6 +36,7 @@ class PendingReply(Generic[R]):
         """The reply; waits at most *timeout* seconds (None: for ever). Raises QueryFailed if the handler failed;
         Timeout if no reply came in time, TaskKilled or Stopped as ``query`` does: the query is given up then.
         """
+        check(name_of(self._message), TIMEOUT, timeout=timeout)
         return self.receive_within(timeout, timeout)
 
     def receive_within(self, left: float | None, timeout: float | None) -> R:

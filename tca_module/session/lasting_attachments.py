@@ -44,7 +44,7 @@ class LastingAttachments:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._wanted: dict[tuple[Any, ...], LastingAttachment] = {}
-        self._unwanted: list[LastingAttachment] = []  #: another connection than the one that removed them may know them
+        self.unwanted: list[LastingAttachment] = []  #: another connection than the one that removed them may know them
 
     def add(self, header: Attach | Tap, known: dict[str, MessageFormat], number: EpochNumber) -> None:
         """Central has accepted it. The same wiretap keeps its place, anything else attached alike is the newest."""
@@ -84,15 +84,13 @@ class LastingAttachments:
             if self._wanted.get(key) is standing:
                 del self._wanted[key]
             if standing.number.epoch != epoch:
-                self._unwanted.append(standing)
+                self.unwanted.append(standing)
 
     def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
         """The attachments that the central of that epoch still has, though they were removed. Each once."""
-        if not self._unwanted:
-            return []
         with self._lock:
-            unwanted = [one for one in self._unwanted if one.number.epoch == epoch]
-            self._unwanted = [one for one in self._unwanted if one.number.epoch != epoch]
+            unwanted = [one for one in self.unwanted if one.number.epoch == epoch]
+            self.unwanted = [one for one in self.unwanted if one.number.epoch != epoch]
         return unwanted
 
     def clear(self) -> None:

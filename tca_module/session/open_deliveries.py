@@ -14,6 +14,11 @@ KILLED = "its task has been killed"
 ENDS = "its module ends"
 
 
+def never() -> bool:
+    """Nobody is told to end: outside of modules."""
+    return False
+
+
 class OpenDelivery:
     """A delivery that is being handled, or about to be."""
 
@@ -35,7 +40,7 @@ class OpenDeliveries:
     """The open deliveries of one connection."""
 
     def __init__(self) -> None:
-        self.is_ending: Callable[[], bool] = lambda: False  #: whether the module ends, and handlers are to be told
+        self.is_ending: Callable[[], bool] = never  #: whether the module ends, and handlers are to be told
         self._known: dict[int, OpenDelivery] = {}  #: by delivery; one that came directly (< 0) from its beginning
 
     def __contains__(self, delivery: int) -> bool:

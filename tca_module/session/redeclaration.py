@@ -51,13 +51,6 @@ class Redeclaration:
         """Whether central has been asked for something that it answers at once."""
         return self._open > 0 and not self._is_waiting
 
-    @property
-    def due(self) -> float:
-        """When ``tend`` has something to do."""
-        if self.is_over or self.is_answered_soon:
-            return _NEVER
-        return 0.0 if self._due == _NEVER else self._due
-
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
         """The central of that epoch knows nothing. With nothing but handlers to declare, this is over at once."""
         self._reset(epoch, messages)
@@ -114,12 +107,13 @@ class Redeclaration:
             self._say(f"central was restarted: exception handlers and wiretaps attached anew: {self._attached}")
         self._over()
 
-    def tend(self, now: float) -> None:
-        """Time has passed."""
-        for standing in self._attachments.take_unwanted(self._epoch):
-            self._ask(headers.Remove(0, standing.number))
+    def tend(self, now: float) -> float:
+        """Do what it is time for; when there is more to do, if central says nothing before."""
+        if self._attachments.unwanted:
+            for standing in self._attachments.take_unwanted(self._epoch):
+                self._ask(headers.Remove(0, standing.number))
         if self.is_over or self.is_answered_soon:
-            return
+            return _NEVER
         if self._due == _NEVER:
             self._due = now + (AGAIN if self._is_refused else PATIENCE)
         elif now >= self._due and self._is_refused:
@@ -128,6 +122,7 @@ class Redeclaration:
             self._due = now + PATIENCE
             names = ", ".join(f"'{name}'" for name in self.required)
             self._say_once(f"waits for handlers of {names}, which it requires; see 'tca messages'")
+        return self._due
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:

@@ -103,6 +103,10 @@ class Session:
         check_fields(header)
         if isinstance(header, headers.Lock) and self.ahead:
             self.give_back()  # or a claim on its own resource would wait for them
+        return self.ask(header, body, wants_answer=wants_answer)
+
+    def ask(self, header: Any, body: bytes, *, wants_answer: bool = True) -> Request:
+        """Make a request whose fields have been checked."""
         request = Request(header, body, wants_answer=wants_answer)
         self.adopt(request)
         return request
@@ -245,12 +249,6 @@ class Session:
 
     # --- the connection --------------------------------------------------------------------------------------------
 
-    def due(self, since: float, quiet: float) -> float:
-        """When ``tend`` has something to do, if nothing arrives before."""
-        if self.is_to_withdraw:
-            return float("-inf")
-        return min(self._asks_at(since, quiet), self.redeclaration.due if self.is_welcome else float("inf"))
-
     def _asks_at(self, since: float, quiet: float) -> float:
         again = self._asked + REPEAT
         if not self.is_welcome:
@@ -258,21 +256,24 @@ class Session:
         silent = max(self.heard, since) + quiet
         return silent if self.heard >= self._asked else max(silent, again)
 
-    def tend(self, now: float, since: float, quiet: float | None = None) -> None:
-        """After a silence ask central for a word, every second. *since* is when somebody began to listen, *quiet* the
-        seconds that it may have nothing to say.
+    def tend(self, now: float, since: float, quiet: float = QUIET) -> float:
+        """Do what it is time for; when there is more to do, if nothing arrives before. After a silence central is asked
+        for a word, every second. *since* is when somebody began to listen, *quiet* the seconds that it may have nothing
+        to say.
         """
         if self.is_to_withdraw:
             self.is_to_withdraw = False
             self.withdrawn()
             self.request(headers.Unregister(0, []))
-        if self.is_welcome:
-            self.redeclaration.tend(now)
-        if now >= self._asks_at(since, QUIET if quiet is None else quiet):
+        due = self.redeclaration.tend(now) if self.is_welcome else float("inf")
+        asks_at = self._asks_at(since, quiet)
+        if now >= asks_at:
             if self.heard >= self._asked:
                 self.asked_since = now
             self._asked = now
             self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
+            asks_at = self._asks_at(since, quiet)
+        return min(asks_at, due)
 
     def break_off(self) -> None:
         """Begin with Hello again: the connection broke, or central does not know it."""

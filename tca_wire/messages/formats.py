@@ -20,6 +20,9 @@ NIL = b"\xc0"
 NO_DATA = '{"type":"null"}'
 """The schema of messages without data."""
 
+_CERTAIN = (bytes, str, float, int, bool, type(None))
+"""Types whose values can be read wherever they can be sent."""
+
 _NDARRAY = 1  # MessagePack extension type: [dtype, shape, bytes in C order]
 _UNFIT = (msgspec.MsgspecError, UnicodeDecodeError, UnicodeEncodeError, RecursionError, TypeError, OverflowError)
 
@@ -92,6 +95,7 @@ class Format(Generic[T]):
             msg = f"{self} can't be a format: {error}"
             raise BadFormat(msg) from None
         self._encoder = msgspec.msgpack.Encoder(enc_hook=_encode_custom)
+        self._certain = kind if kind in _CERTAIN else None
 
     def __str__(self) -> str:
         return "None" if self.kind is type(None) else getattr(self.kind, "__name__", None) or str(self.kind)
@@ -105,7 +109,8 @@ class Format(Generic[T]):
         if len(data) > Limit.BODY:
             msg = f"{len(data)} bytes; a message holds at most {Limit.BODY:d}: send a reference to it instead"
             raise BadData(msg)
-        self.decode(data)  # msgspec checks types only when it decodes
+        if type(value) is not self._certain:
+            self.decode(data)  # msgspec checks types only when it decodes
         return data
 
     def decode(self, data: bytes) -> T:

@@ -6,7 +6,7 @@ Items that wait for the same peer share a packet: with small messages, frames an
 
 import re
 import struct
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -44,10 +44,10 @@ def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
     return b"".join(pack_item(header, body) for header, body in items)
 
 
-def packets(items: Collection[tuple[msgspec.Struct, bytes]]) -> Iterable[tuple[int, bytes]]:
+def packets(items: Sequence[tuple[msgspec.Struct, bytes]]) -> Iterable[tuple[int, bytes]]:
     """Items in as few packets as their size allows, each with the number of items in those before it."""
     if len(items) == 1:  # as most of the time
-        return ((0, pack(items)),)
+        return ((0, pack_item(*items[0])),)
     return _packets(items)
 
 

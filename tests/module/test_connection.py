@@ -7,6 +7,7 @@ import pytest
 
 from tca_module.errors import CentralLost, FormatRefused, Refused, Timeout
 from tca_module.link.connection import Connection
+from tca_module.link.packet_line import SEND_WAIT, STEP
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.transport import Waker
 from tca_wire.messages.declarations import Goal
@@ -18,6 +19,7 @@ from tca_wire.packets.headers import (
     Answer,
     Await,
     Beat,
+    Bye,
     Deliver,
     GiveUp,
     Hello,
@@ -344,6 +346,21 @@ def test_central_comes_back_for_a_connection_that_serves() -> None:
         return bool(stop)
 
     connection.serve(come_back)
+    assert Hello in map(type, central.heard)
+
+
+def test_hello_is_said_again_soon_after_a_packet_that_did_not_leave() -> None:
+    connection, central = connected()
+    request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
+    connection.session.post(Bye())
+    central.is_there = False
+    back_at = central.now + SEND_WAIT  # so long it tries to send
+
+    def come_back() -> bool:
+        central.is_there = central.now >= back_at
+        return False
+
+    assert not connection.wait(request, SEND_WAIT + 2 * STEP, "query 'stance'", come_back)
     assert Hello in map(type, central.heard)
 
 
