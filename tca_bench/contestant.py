@@ -2,6 +2,7 @@
 
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -99,6 +100,22 @@ def timed(number: int, act: Callable[[], object]) -> list[float]:
         act()
         taken.append(time.perf_counter() - begin)
     return taken
+
+
+def keep_open(number: int, begin: Callable[[], Callable[[], object]]) -> None:
+    """Begin so many exchanges, never more than ``OPEN`` at a time, and end each."""
+    pending: deque[Callable[[], object]] = deque()
+    for _ in range(number):
+        if len(pending) == OPEN:
+            pending.popleft()()
+        pending.append(begin())
+    for end in pending:
+        end()
+
+
+def shares(number: int) -> list[int]:
+    """How many of *number* exchanges each of ``OPEN`` makes, one after the other."""
+    return [number // OPEN + (one < number % OPEN) for one in range(OPEN)]
 
 
 def until(attempt: Callable[[], object], seconds: float = SOON) -> None:

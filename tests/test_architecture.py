@@ -97,6 +97,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_bench": {
         "processes": set(),
         "contestant": {"processes"},
+        "publishing": {"contestant"},
         "cases": {"contestant"},
         "driver": {"cases", "contestant"},
         "running": {"cases", "driver", "processes"},
@@ -105,7 +106,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "command": {"cases", "results", "running", "table"},
         "__main__": {"command"},
         "own": {"contestant", "processes"},
-        "peers": {"contestant", "processes"},
+        "peers": {"contestant", "processes", "publishing"},
         "__init__": set(),
     },
     "tca_explorer": {

@@ -3,19 +3,17 @@
 import contextlib
 import threading
 import time
-from collections import deque
-from collections.abc import Callable
 from typing import Any
 
 from tca_bench.contestant import (
     LISTENERS,
-    OPEN,
     SOON,
     Contestant,
     Lost,
     NotThere,
     body_of,
     check_arrived,
+    keep_open,
     timed,
     until,
 )  # fmt: skip
@@ -205,14 +203,3 @@ class Straight(Library):
             raise NotThere("central has not told of the direct way yet") from error
 
     fanout, commands, commands_open = Contestant.fanout, Contestant.commands, Contestant.commands_open
-
-
-def keep_open(number: int, begin: Callable[[], Callable[[], object]]) -> None:
-    """Begin so many exchanges, never more than ``OPEN`` at a time, and end each."""
-    pending: deque[Callable[[], object]] = deque()
-    for _ in range(number):
-        if len(pending) == OPEN:
-            pending.popleft()()
-        pending.append(begin())
-    for end in pending:
-        end()

@@ -2,12 +2,12 @@
 
 import os
 import sys
-from collections import deque
+from functools import partial
 from typing import Any
 
 import celery
 
-from tca_bench.contestant import OPEN, SOON, Contestant, body_of, timed
+from tca_bench.contestant import OPEN, SOON, Contestant, body_of, keep_open, timed
 from tca_bench.peers.redis import start_redis
 
 PLACE = "TCA_BENCH_REDIS"
@@ -42,13 +42,7 @@ class Celery(Contestant):
         return timed(number, lambda: self._begun().get(timeout=SOON))
 
     def commands_open(self, number: int) -> None:
-        pending: deque[Any] = deque()
-        for _ in range(number):
-            if len(pending) == OPEN:
-                pending.popleft().get(timeout=SOON)
-            pending.append(self._begun())
-        for one in pending:
-            one.get(timeout=SOON)
+        keep_open(number, lambda: partial(self._begun().get, timeout=SOON))
 
     def goals(self, number: int) -> list[float]:
         parts = celery.chain(*[move.si(self.body)] * 3)

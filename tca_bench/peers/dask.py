@@ -1,12 +1,10 @@
 """Dask: a scheduler, a worker with one thread, futures; the parts of a goal are futures that need each other."""
 
 import sys
-from collections import deque
-from typing import Any
 
 import distributed
 
-from tca_bench.contestant import OPEN, SOON, Contestant, body_of, timed
+from tca_bench.contestant import SOON, Contestant, body_of, keep_open, timed
 from tca_bench.peers.work import move
 from tca_bench.processes import free_port
 
@@ -34,13 +32,7 @@ class Dask(Contestant):
 
     def commands_open(self, number: int) -> None:
         body = body_of(100)
-        pending: deque[Any] = deque()
-        for _ in range(number):
-            if len(pending) == OPEN:
-                pending.popleft().result()
-            pending.append(self.client.submit(move, body, **PLAIN))
-        for future in pending:
-            future.result()
+        keep_open(number, lambda: self.client.submit(move, body, **PLAIN).result)
 
     def goals(self, number: int) -> list[float]:
         body = body_of(100)

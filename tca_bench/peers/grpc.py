@@ -1,12 +1,11 @@
 """gRPC: no broker, a server with plain bytes; what is not answered is one stream. It has nothing for many at once."""
 
-from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import grpc
 
-from tca_bench.contestant import COUNT, OPEN, SOON, Contestant, body_of, check_arrived, timed
+from tca_bench.contestant import COUNT, SOON, Contestant, body_of, check_arrived, keep_open, timed
 
 LARGE = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1)]
 
@@ -44,13 +43,7 @@ class Grpc(Contestant):
     def pipelined(self, number: int, slots: int) -> None:
         del slots
         body = body_of(100)
-        pending: deque[Any] = deque()
-        for _ in range(number):
-            if len(pending) == OPEN:
-                pending.popleft().result()
-            pending.append(self.ping.future(body))
-        for reply in pending:
-            reply.result()
+        keep_open(number, lambda: self.ping.future(body).result)
 
     def oneway(self, number: int) -> None:
         body = body_of(100, COUNT)

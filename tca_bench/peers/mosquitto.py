@@ -1,27 +1,16 @@
 """Mosquitto with paho: quality of service 0, which is the fastest; each client has the thread that paho gives it."""
 
 import getpass
-import queue
 import threading
+from functools import partial
 from typing import Any
 
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from tca_bench.contestant import (
-    COUNT,
-    ECHO,
-    LISTENERS,
-    MARK,
-    OPEN,
-    Contestant,
-    NotThere,
-    body_of,
-    check_arrived,
-    timed,
-    until,
-)
+from tca_bench.contestant import COUNT, ECHO, LISTENERS, OPEN, NotThere, body_of, timed, until
 from tca_bench.processes import program_path
+from tca_bench.publishing import Publishing
 
 CONFIGURATION = """
 listener 0 {path}
@@ -64,7 +53,7 @@ def _handler(answers: str) -> Any:
 
 def serve(path: str) -> None:
     """The server."""
-    joined(path, "work", _handler("replies"), own_thread=False).loop_forever()
+    joined(path, "pose", _handler("replies"), own_thread=False).loop_forever()
 
 
 def listen(path: str) -> None:
@@ -74,40 +63,30 @@ def listen(path: str) -> None:
     del ears
 
 
-class Mosquitto(Contestant):
-    """Client, broker, server."""
+class Mosquitto(Publishing):
+    """Client, broker, server, which sends back what it hears under *pose*, or counts it."""
 
     def start(self) -> None:
         path = f"{self.folder}/mosquitto.sock"
         configuration = self.folder / "mosquitto.conf"
         configuration.write_text(CONFIGURATION.format(path=path, user=getpass.getuser()))
         self.children.program(program_path("mosquitto"), "-c", configuration)
-        self.answers = queue.SimpleQueue[bytes]()
         until(lambda: self._connect(path))
         self.children.serve(serve, path)
         self.children.serve(listen, path)
 
     def _connect(self, path: str) -> None:
-        self.line = joined(path, "replies", lambda _, __, message: self.answers.put(message.payload))
+        self.line = joined(path, "replies", lambda _, __, message: self.told.put(message.payload))
 
-    def ready(self) -> None:
-        until(lambda: self._check_answered("work", ECHO, 1))
-        until(lambda: self._check_answered("tick", MARK, LISTENERS))
-
-    def _check_answered(self, topic: str, body: bytes, number: int) -> None:
-        self.line.publish(topic, body)
-        try:
-            for _ in range(number):
-                self.answers.get(timeout=0.3)
-        except queue.Empty as error:
-            raise NotThere("not all are connected yet") from error
+    def publisher(self, name: str) -> Any:
+        return partial(self.line.publish, name)
 
     def round_trip(self, number: int, size: int) -> list[float]:
         body = body_of(size)
 
         def exchange() -> None:
-            self.line.publish("work", body)
-            self.answers.get()
+            self.line.publish("pose", body)
+            self.told.get()
 
         return timed(number, exchange)
 
@@ -116,20 +95,7 @@ class Mosquitto(Contestant):
         body = body_of(100)
         for one in range(number):
             if one >= OPEN:
-                self.answers.get()
-            self.line.publish("work", body)
+                self.told.get()
+            self.line.publish("pose", body)
         for _ in range(min(number, OPEN)):
-            self.answers.get()
-
-    def oneway(self, number: int) -> None:
-        self._flood("work", number, 1)
-
-    def fanout(self, number: int) -> None:
-        self._flood("tick", number, LISTENERS)
-
-    def _flood(self, topic: str, number: int, ears: int) -> None:
-        body = body_of(100, COUNT)
-        for _ in range(number):
-            self.line.publish(topic, body)
-        self.line.publish(topic, MARK)
-        check_arrived(number, *(int(self.answers.get()) for _ in range(ears)))
+            self.told.get()

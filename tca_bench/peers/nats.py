@@ -7,7 +7,18 @@ from typing import Any
 import nats
 import nats.errors
 
-from tca_bench.contestant import COUNT, ECHO, LISTENERS, MARK, OPEN, Contestant, NotThere, body_of, check_arrived, until
+from tca_bench.contestant import (
+    COUNT,
+    ECHO,
+    LISTENERS,
+    MARK,
+    Contestant,
+    NotThere,
+    body_of,
+    check_arrived,
+    shares,
+    until,
+)  # fmt: skip
 from tca_bench.processes import free_port, program_path
 
 
@@ -103,8 +114,7 @@ class Nats(Contestant):
 
     async def _together(self, number: int) -> None:
         body = body_of(100)
-        parts = [number // OPEN + (one < number % OPEN) for one in range(OPEN)]
-        await asyncio.gather(*(self._round_trips(part, body) for part in parts if part))
+        await asyncio.gather(*(self._round_trips(share, body) for share in shares(number) if share))
 
     def oneway(self, number: int) -> None:
         self._run(self._informs(number))

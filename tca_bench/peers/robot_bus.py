@@ -1,30 +1,16 @@
 """robot-bus with its Python nodes: services, topics and actions, all with plain bytes."""
 
-import queue
 import sys
 import threading
-from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import robot_bus
 
-from tca_bench.contestant import (
-    COUNT,
-    LISTENERS,
-    MARK,
-    OPEN,
-    SOON,
-    Contestant,
-    NotThere,
-    body_of,
-    check_arrived,
-    timed,
-    until,
-)
+from tca_bench.contestant import COUNT, LISTENERS, OPEN, SOON, NotThere, body_of, keep_open, shares, timed, until
 from tca_bench.processes import free_port
-
-WITHIN = 20.0
+from tca_bench.publishing import Publishing
 
 
 def node(name: str, port: int) -> Any:
@@ -69,8 +55,10 @@ def _count(one: Any, topic: str) -> None:
     one.create_subscription(topic, hear, qos_depth=100_000)
 
 
-class RobotBus(Contestant):
+class RobotBus(Publishing):
     """Client, broker, server; over TCP."""
+
+    pose, tick = "/pose", "/tick"
 
     def start(self) -> None:
         port = free_port()
@@ -82,9 +70,9 @@ class RobotBus(Contestant):
 
     def _join(self, port: int) -> None:
         self.node = node("client", port)
-        self.told = queue.SimpleQueue[bytes]()
         self.node.create_subscription("/told", self.told.put, qos_depth=100_000)
-        self.topics = {key: self.node.create_publisher(key, qos_depth=100_000) for key in ("/pose", "/tick")}
+        names = self.pose, self.tick
+        self.publishers = {name: self.node.create_publisher(name, qos_depth=100_000) for name in names}
         self.services = [self.node.create_client("/ping") for _ in range(OPEN)]
         self.action = self.node.create_action_client("/move")
         self.threads = ThreadPoolExecutor(OPEN)
@@ -93,59 +81,33 @@ class RobotBus(Contestant):
     def ready(self) -> None:
         if not self.services[0].wait_for_service(SOON) or not self.action.wait_for_action_server(SOON):
             raise NotThere("our server is not connected yet")
-        until(lambda: self._check_heard("/pose", 1))
-        until(lambda: self._check_heard("/tick", LISTENERS))
+        super().ready()
 
-    def _check_heard(self, topic: str, ears: int) -> None:
-        self.topics[topic].publish(MARK)
-        try:
-            for _ in range(ears):
-                self.told.get(timeout=0.3)
-        except queue.Empty as error:
-            raise NotThere("not all are connected yet") from error
+    def publisher(self, name: str) -> Any:
+        return self.publishers[name].publish
 
     def round_trip(self, number: int, size: int) -> list[float]:
         body, service = body_of(size), self.services[0]
-        return timed(number, lambda: service.call(body, WITHIN))
+        return timed(number, lambda: service.call(body, SOON))
 
     def pipelined(self, number: int, slots: int) -> None:
         """It has no call that does not wait: so each has a thread and a client of its own."""
         del slots
         body = body_of(100)
-        parts = [number // OPEN + (one < number % OPEN) for one in range(OPEN)]
 
-        def calls(service: Any, part: int) -> None:
-            for _ in range(part):
-                service.call(body, WITHIN)
+        def calls(service: Any, share: int) -> None:
+            for _ in range(share):
+                service.call(body, SOON)
 
-        list(self.threads.map(calls, self.services, parts))
-
-    def oneway(self, number: int) -> None:
-        self._flood("/pose", number, 1)
-
-    def fanout(self, number: int) -> None:
-        self._flood("/tick", number, LISTENERS)
-
-    def _flood(self, topic: str, number: int, ears: int) -> None:
-        body, publisher = body_of(100, COUNT), self.topics[topic]
-        for _ in range(number):
-            publisher.publish(body)
-        publisher.publish(MARK)
-        check_arrived(number, *(int(self.told.get(timeout=WITHIN)) for _ in range(ears)))
+        list(self.threads.map(calls, self.services, shares(number)))
 
     def commands(self, number: int) -> list[float]:
         body = body_of(100)
-        return timed(number, lambda: self.action.send_goal(body).result(WITHIN))
+        return timed(number, lambda: self.action.send_goal(body).result(SOON))
 
     def commands_open(self, number: int) -> None:
         body = body_of(100)
-        pending: deque[Any] = deque()
-        for _ in range(number):
-            if len(pending) == OPEN:
-                pending.popleft().result(WITHIN)
-            pending.append(self.action.send_goal(body))
-        for goal in pending:
-            goal.result(WITHIN)
+        keep_open(number, lambda: partial(self.action.send_goal(body).result, SOON))
 
     def stop(self) -> None:
         if hasattr(self, "node"):

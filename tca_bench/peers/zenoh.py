@@ -1,26 +1,15 @@
 """Zenoh with its Python API: a router, queryables and subscribers, over TCP; puts that wait rather than drop."""
 
 import json
-import queue
 import threading
-from collections import deque
+from functools import partial
 from typing import Any
 
 import zenoh
 
-from tca_bench.contestant import (
-    COUNT,
-    LISTENERS,
-    MARK,
-    OPEN,
-    Contestant,
-    NotThere,
-    body_of,
-    check_arrived,
-    timed,
-    until,
-)
+from tca_bench.contestant import COUNT, LISTENERS, NotThere, body_of, keep_open, timed, until
 from tca_bench.processes import free_port
+from tca_bench.publishing import Publishing
 
 PATIENT = {"congestion_control": zenoh.CongestionControl.BLOCK}
 
@@ -74,7 +63,7 @@ def _counter(session: Any) -> Any:
     return hear
 
 
-class Zenoh(Contestant):
+class Zenoh(Publishing):
     """Client, router, server."""
 
     def start(self) -> None:
@@ -83,9 +72,9 @@ class Zenoh(Contestant):
         until(lambda: self._open(endpoint))
         self.children.serve(serve, endpoint)
         self.children.serve(listen, endpoint)
-        self.told = queue.SimpleQueue[bytes]()
         self.session.declare_subscriber("told", lambda sample: self.told.put(sample.payload.to_bytes()))
-        self.topics = {key: self.session.declare_publisher(key, **PATIENT) for key in ("pose", "tick")}
+        names = self.pose, self.tick
+        self.publishers = {name: self.session.declare_publisher(name, **PATIENT) for name in names}
 
     def _open(self, endpoint: str) -> None:
         try:
@@ -95,20 +84,14 @@ class Zenoh(Contestant):
 
     def ready(self) -> None:
         until(lambda: self._check_answered(b"e"))
-        until(lambda: self._check_heard("pose", 1))
-        until(lambda: self._check_heard("tick", LISTENERS))
+        super().ready()
 
     def _check_answered(self, body: bytes) -> None:
         if not list(self.session.get("ping", payload=body, timeout=1.0)):
             raise NotThere("our server is not connected yet")
 
-    def _check_heard(self, key: str, ears: int) -> None:
-        self.topics[key].put(MARK)
-        try:
-            for _ in range(ears):
-                self.told.get(timeout=0.3)
-        except queue.Empty as error:
-            raise NotThere("not all are connected yet") from error
+    def publisher(self, name: str) -> Any:
+        return self.publishers[name].put
 
     def round_trip(self, number: int, size: int) -> list[float]:
         body = body_of(size)
@@ -117,26 +100,7 @@ class Zenoh(Contestant):
     def pipelined(self, number: int, slots: int) -> None:
         del slots
         body = body_of(100)
-        pending: deque[Any] = deque()
-        for _ in range(number):
-            if len(pending) == OPEN:
-                _first(pending.popleft())
-            pending.append(self.session.get("ping", payload=body))
-        for replies in pending:
-            _first(replies)
-
-    def oneway(self, number: int) -> None:
-        self._flood("pose", number, 1)
-
-    def fanout(self, number: int) -> None:
-        self._flood("tick", number, LISTENERS)
-
-    def _flood(self, key: str, number: int, ears: int) -> None:
-        body, publisher = body_of(100, COUNT), self.topics[key]
-        for _ in range(number):
-            publisher.put(body)
-        publisher.put(MARK)
-        check_arrived(number, *(int(self.told.get(timeout=20)) for _ in range(ears)))
+        keep_open(number, lambda: partial(_first, self.session.get("ping", payload=body)))
 
     def stop(self) -> None:
         if hasattr(self, "session"):
