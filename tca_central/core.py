@@ -139,6 +139,7 @@ class Central(State):
                     connection.last_number = number
                 if kind.origin is not None and (origin := kind.origin(header)):
                     self.origin = self._checked_origin(origin, connection)
+                    connection.known_until = self.clock.now
                 if kind.names_tasks:
                     header = naming.with_ids(connection, header)
                 HANDLERS[type(header)](self, connection, header, event.body)
@@ -180,11 +181,10 @@ class Central(State):
 
     def _refuse(self, connection_id: Any, number: int, refusal: Refusal, text: str) -> None:
         connection = self.registry.connections.get(connection_id)
-        self.facts.append(facts.RequestRefused(connection.module.name if connection else "?", refusal, text))
-        if connection and number:
-            connection.outstanding.pop(number, None)
-            self.send(connection, number, Refused(number, refusal, text))
+        if connection is not None:
+            self.refuse(connection, number, refusal, text)
         else:
+            self.facts.append(facts.RequestRefused("?", refusal, text))
             self.messages.append(Transmit(connection_id, Refused(number, refusal, text)))
 
     def _repeat(self, connection: Connection, number: int) -> None:
@@ -304,6 +304,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Unregister: joining.on_unregister,
     headers.Send: sending.on_send,
     headers.Reply: replying.on_reply,
+    headers.Replies: replying.on_replies,
     headers.Fail: replying.on_fail,
     headers.Constrain: sending.on_constrain,
     headers.AwaitPoint: waiting.on_await_point,

@@ -26,7 +26,7 @@ from tca_wire.packets.headers import Answer, ToModule
 from tca_wire.packets.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
-from tca_wire.vocabulary import Dropping, MessageClass, Outcome
+from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Refusal
 
 Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
 """A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
@@ -211,12 +211,14 @@ class State:
         slot.handling[delivery] = self.events
         resource = slot.resource
         assert resource is not None
-        delivery.since = self.clock.now
+        now = self.clock.now
+        began = max(delivery.since, slot.begins) if is_there and slot.begins else now
+        delivery.since, slot.begins = began, 0.0
         delivery.message.delivered += 1
         resource.delivered += 1
         fact = facts.Delivered(
             delivery.given_as, delivery.message_id, resource.module, resource.name, resource.numbers[slot],
-            delivery.nested, delivery.priority,
+            delivery.nested, delivery.priority, began if began < now else 0.0,
         )  # fmt: skip
         self.facts.append(fact)
         if self.taps and taps_of(delivery):
@@ -273,6 +275,15 @@ class State:
             self.tell_tasks(connection)
         connection.answers.append((number, header, body))
         self.messages.append(Transmit(connection.id, header, body))
+
+    def refuse(self, connection: Connection, number: int, refusal: Refusal, text: str) -> None:
+        """Answer that a request can't be done."""
+        self.facts.append(facts.RequestRefused(connection.module.name, refusal, text))
+        if number:
+            connection.outstanding.pop(number, None)
+            self.send(connection, number, headers.Refused(number, refusal, text))
+        else:
+            self.tell(connection, headers.Refused(0, refusal, text))
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:
         """Answer that a request was done; *made* is the id that it made, or is about."""

@@ -57,9 +57,9 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "lost_claims", "module",
-                 "number", "orphans", "outstanding", "pauses", "prefetch", "pulse", "resource", "routes", "session",
-                 "tasks", "untold", "waits", "watchers", "watches")  # fmt: skip
+    __slots__ = ("answers", "begins", "entrance", "handling", "id", "known_until", "last_number", "late",
+                 "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch", "pulse",
+                 "resource", "routes", "session", "tasks", "untold", "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
@@ -75,6 +75,8 @@ class Connection:
         self.untold: list[tuple[int, TaskId]] = []  #: those of which it is to be told, with their requests
         self.last_number = 0  #: the highest request number seen
         self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
+        self.begins = 0.0  #: when it began what it has ahead (0: when that is given to it)
+        self.known_until = 0.0  #: no run of a handler of which it tells later began or ended before
         self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
         self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
@@ -84,6 +86,15 @@ class Connection:
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
         self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
         self.watchers: dict[Connection, None] = {}  #: the connections told of this slot's end
+
+    @property
+    def has_room(self) -> bool:
+        """Whether it handles nothing, but what it was given while it waited."""
+        return not self.handling or all(one.nested for one in self.handling)
+
+    def then(self, now: float, ago: float) -> float:
+        """Central's time when something was, so long ago by the clock of this connection."""
+        return min(now, max(self.known_until, now - ago))
 
     def answer(self, number: int) -> tuple[ToModule | None, bytes]:
         """The answer that a request had lately, which is repeated; None if it is not known."""

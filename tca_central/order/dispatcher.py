@@ -125,18 +125,19 @@ class Dispatcher:
         self.running[delivery.given_as] = delivery
         self._out.deliver(delivery, slot, is_there=is_there)
 
-    def complete(self, delivery: Delivery, took: float = 0.0) -> None:
-        """Note that a handler has returned, after so many seconds by its own clock (0: not known). Its slot is given on
-        last, for what follows may kill or hold the next.
+    def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
+        """Note that a handler has returned, when, and after how many seconds by its own clock (0: not known). Its slot
+        is given on last, for what follows may kill or hold the next.
         """
         del self.running[delivery.given_as]
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
         del slot.handling[delivery]
+        slot.known_until = ended
         if delivery.nested:
             delivery.nested = False
         elif (resource := slot.resource) is not None:
-            seconds = self._clock.now - delivery.since
+            seconds = ended - delivery.since
             resource.busy += seconds
             note_run(resource, took or seconds)
             self.to_offer.append((resource, slot))
@@ -144,7 +145,7 @@ class Dispatcher:
     def offer_next(self) -> None:
         """Let the first resource that may take the next message of its queue, or grant the next claim on it."""
         resource, slot = self.to_offer.popleft()
-        if slot is not None and slot in resource.slots:
+        if slot is not None and slot in resource.slots and slot.has_room:
             resource.free_slot(slot)
         following = resource.next_queued()
         if isinstance(following, Claim):
@@ -163,22 +164,27 @@ class Dispatcher:
             resource.called_back.clear()
 
     def _give_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
-        """Give a delivery that waits to a free slot."""
+        """Give a delivery that waits to a free slot, and send that ahead what follows."""
+        slot = self._take_next(delivery, resource)
+        if slot.resource is not None and not delivery.is_task:
+            self.messages_ahead.fill(slot.resource)
+
+    def _take_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> Connection:
         slot, is_there, dropped = resource.take_slot(), delivery in resource.ahead, resource.ahead.get(delivery)
         self._leave_queues(delivery)
         self._give(delivery, slot, is_there=is_there)
         self._facts.extend(dropped or ())
-        if slot.resource is not None and not delivery.is_task:
-            self.messages_ahead.fill(slot.resource)
+        return slot
 
     # --- messages ahead: see ahead.py ------------------------------------------------------------------------------
 
     def begun_ahead(self, slot: Connection, number: int) -> Delivery | None:
-        """The delivery of that number, which a slot has begun while central waited for what it gives back."""
+        """The delivery of that number, which a slot that handles nothing has begun without being told to."""
         resource, first = slot.resource, first_ahead(slot)
-        if first is None or first.given_as != number or resource is None or not resource.is_free(slot):
+        if first is None or first.given_as != number or resource is None or not slot.has_room:
             return None
-        self._give_next(first, resource)
+        resource.free_slot(slot)
+        self._take_next(first, resource)
         return first
 
     def _take_all_back(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:

@@ -27,8 +27,8 @@ from tca_wire.vocabulary import Limit, Outcome, Refusal
 
 MOST_AHEAD = 64
 """Messages that a slot is sent ahead, whatever it takes."""
-MOST_LATE = 8
-"""Answers of a lost connection that are expected to come all the same; more than one if nested."""
+MOST_LATE = MOST_AHEAD + 8
+"""Answers of a lost connection that are expected to come all the same: of what it had ahead, and of nested ones."""
 
 
 def greet(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:

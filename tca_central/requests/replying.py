@@ -41,15 +41,35 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
 
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
     """A handler returned."""
+    _return(central, connection, header, body)
+
+
+def on_replies(central: State, connection: Connection, header: headers.Replies, body: bytes) -> None:
+    """Handlers returned, one after the other. What is wrong with one reply is refused, and the others are taken."""
+    sizes, now, at = sum(run.size for run in header.ended), central.clock.now, 0
+    if sizes != len(body):
+        raise RequestError(Refusal.PROTOCOL, f"replies of {sizes} bytes, and a body of {len(body)}")
+    for run in header.ended:
+        connection.begins = connection.then(now, run.ago + run.took)
+        mine, at = body[at : at + run.size], at + run.size
+        try:
+            _return(central, connection, headers.Reply(run.delivery, run.took), mine or NIL, run.ago)
+        except RequestError as error:
+            central.refuse(connection, 0, error.refusal, error.text)
+    connection.begins = connection.then(now, header.begun) if header.begun >= 0 else 0.0
+
+
+def _return(central: State, connection: Connection, header: headers.Reply, body: bytes, ago: float = 0.0) -> None:
     delivery = _running_delivery(central, connection, header.delivery)
     if delivery is None:
         return
-    refused = delivery.refused
+    refused, now = delivery.refused, central.clock.now
     if refused.delivery == header.delivery and refused.number > header.refusals:
         on_fail(central, connection, headers.Fail(header.delivery, HANDLER_ERROR, refused.text), b"")
         return
-    central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body))
-    central.dispatcher.complete(delivery, header.took)
+    ended = max(delivery.since, connection.then(now, ago)) if ago else now
+    central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body, ended if ended < now else 0.0))
+    central.dispatcher.complete(delivery, ended, header.took)
     fire_after(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
         end_claims_of(central, delivery, "it has ended")
@@ -80,7 +100,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
         raise RequestError(Refusal.PROTOCOL, text)
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
     central.facts.append(facts.Returned(delivery.given_as, outcome, body))
-    central.dispatcher.complete(delivery)
+    central.dispatcher.complete(delivery, central.clock.now)
     fire_after(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
     end_claims_of(central, delivery, "its handler failed")
     pop_losses(connection, delivery)

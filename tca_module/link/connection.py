@@ -16,6 +16,7 @@ from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped, Timeout
 from tca_module.link.arrivals import Arrivals
 from tca_module.link.packet_line import SEND_WAIT, STEP, PacketLine
+from tca_module.link.turns import Turns
 from tca_module.link.wait_loop import WaitLoop
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
 from tca_module.session.request import Request, refers_to_tasks
@@ -50,11 +51,12 @@ class Connection:
         self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None  #: in asyncio
         self.now = clock  #: seconds; it never jumps
         self.line = PacketLine(session, transport, self.direct, clock)
-        self.waiting = WaitLoop(session, self.direct, self.line, patience, clock)
+        self._lock = threading.RLock()  # against threads that only keep the connection alive, and send what is late
+        turns = Turns(session, self.line, self._lock, clock)
+        self.waiting = WaitLoop(session, self.direct, self.line, turns, patience, clock)
         self.arrivals = Arrivals(session, self.direct, self.line, transport, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
-        self._lock = threading.RLock()  # against the thread that only keeps the connection alive
         self.log = logging.getLogger(f"tca.{session.module}")
 
     def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
@@ -380,8 +382,7 @@ class Connection:
         with self._lock:
             if self.direct.reply(header, body):
                 self.session.open_deliveries.end(header.delivery)
-            else:
-                self.session.reply(header, body)
+            elif not self.session.reply(header, body, self.line.time()):
                 self.line.flush()
 
     def is_cancelled(self, delivery: int) -> bool:

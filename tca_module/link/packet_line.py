@@ -57,6 +57,10 @@ very long; or no central listens there, but another program"
             )
         return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
 
+    def time(self) -> float:
+        """The time of handlers, in seconds; on a stepped clock it stands still."""
+        return self._transport.time()
+
     def catch_up(self, since: float = float("-inf"), quiet: float = QUIET, *, is_sending: bool = False) -> float:
         """Take in arrived packets, and keep the line alive; when there is more to do. So a caller that never waits
         notices a cut, and comes back. After *quiet* seconds of silence, at most since then, central is asked for a
@@ -94,7 +98,7 @@ very long; or no central listens there, but another program"
         *is_patient*.
         """
         if self._session.outgoing:
-            outgoing, self._session.outgoing = self._session.outgoing, []
+            outgoing = self._session.take_outgoing(self.time())
             for before, packet in packets(outgoing):
                 if not self._transport.send(packet, wait_seconds):
                     self._session.outgoing = outgoing[before:]

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from tca_module.direct.messages import DirectMessages
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
+from tca_module.link.turns import Turns
 from tca_module.session.open_deliveries import KILLED, never, wake_error, working_on
 from tca_module.session.request import Request, waits_for_others
 from tca_module.session.session import Session, quiet_within
@@ -17,9 +18,11 @@ class WaitLoop:
     """All waits of one connection. Its thread calls them with the connection locked."""
 
     def __init__(
-        self, session: Session, direct: DirectMessages, line: PacketLine, patience: float, clock: Callable[[], float]
-    ) -> None:
+        self, session: Session, direct: DirectMessages, line: PacketLine, turns: Turns, patience: float,
+        clock: Callable[[], float],
+    ) -> None:  # fmt: skip
         self._session = session
+        self._turns = turns
         self._direct = direct
         self._line = line
         self._clock = clock
@@ -102,8 +105,8 @@ class WaitLoop:
             is_next = idle is not None and self._has_next
             step = 0.0 if is_next else self._seconds_to(due, deadline, since, patience)
             line.listen(0.0 if idle is not None and idle(step) else step)
-            if idle is not None and self.handle_delivery is not None and (message := self._next_message()) is not None:
-                self.handle_delivery(*message)  # one at a time, and central is heard in between
+            if idle is not None and self.handle_delivery is not None:
+                self._handle_next(self.handle_delivery)  # and central is heard in between
             before, now = now, self._clock()
             if now - before > step + STALL:
                 since = now  # this process stood still, and central's words have yet to be read: blame nobody
@@ -124,6 +127,12 @@ class WaitLoop:
         """Whether the next message is ahead, and no handler owes an answer."""
         return bool(self._session.ahead) and len(self._session.open_deliveries) == len(self._session.ahead)
 
-    def _next_message(self) -> tuple[Deliver, bytes] | None:
-        """The next message to be handled when nothing else is: one that was sent ahead, or one that came directly."""
-        return self._session.ahead.popleft() if self._has_next else self._direct.take()
+    def _goes_on(self) -> bool:
+        return self._has_next and not self.has_news
+
+    def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
+        """Handle what is next when nothing else is: messages that were sent ahead, or one that came directly."""
+        if self._has_next:
+            self._turns.take(self._goes_on, handle)
+        elif (message := self._direct.take()) is not None:
+            handle(*message)

@@ -17,6 +17,7 @@ from weakref import WeakValueDictionary
 import msgspec
 
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, first_foreign, numbers_in
+from tca_module.session.joined_replies import HeldReplies, Item
 from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
 from tca_module.session.open_deliveries import OpenDeliveries
 from tca_module.session.redeclaration import Redeclaration
@@ -48,8 +49,6 @@ _ARE_YOU_THERE = headers.Register(0, [], [])
 
 _SPENT = headers.Send(0, "")
 
-Item = tuple[headers.ToCentral, bytes]
-
 
 def quiet_within(patience: float, *, is_idle: bool = False) -> float:
     """The seconds of silence after which one who loses patience after so many asks central for a word."""
@@ -76,13 +75,13 @@ class Session:
         self.asked_since = float("-inf")  #: when it was first asked for the one that it owes, if it does
         self.heard = float("-inf")  #: when central last said anything
         self.outgoing: list[Item] = []
+        self.held = HeldReplies()  #: those in ``outgoing`` that leave together when a turn has ended
         self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: to be handled now, within a wait as well
         self.ahead: deque[tuple[headers.Deliver, bytes]] = deque()  #: to be handled when all before them have been
         self.news: deque[Callable[[], None]] = deque()  #: to be called by the thread that owns the connection, soon
         self.routing: deque[headers.Welcome | Route | EntranceGone] = deque()  #: headers about direct messages
         self.complaints: list[str] = []  #: central's complaints that answer no request; for the log
-        self.dropped = 0  #: informs and broadcasts that never left
-        self.doubtful = 0  #: and those that were on their way when the connection broke
+        self.dropped = self.doubtful = 0  #: informs and broadcasts that never left, or were on their way in a break
         self._posted = self._arrived = 0  #: statements sent on this connection; those of which central has had word
         self._confirming: Request | None = None  #: asks central for a word
         self._replies_before: list[int] = []  #: the deliveries that were answered before that
@@ -170,18 +169,27 @@ class Session:
         """Whether central has had all that was sent."""
         return self.is_welcome and not (self.unheard or self._replies or self.sends.untold)
 
-    def reply(self, header: headers.Reply | headers.Fail, body: bytes) -> None:
-        """A handler ended. Nothing is said of a delivery that central has forgotten."""
+    def take_outgoing(self, now: float) -> list[Item]:
+        """What is to be sent, which is not kept any more."""
+        outgoing, self.outgoing = self.outgoing, []
+        return self.held.joined(outgoing, now) if self.held else outgoing
+
+    def reply(self, header: headers.Reply | headers.Fail, body: bytes, now: float = 0.0) -> bool:
+        """A handler ended. Nothing is said of a delivery that central has forgotten. Returns whether it is held until
+        its turn has ended.
+        """
         if not self.open_deliveries.end(header.delivery):
-            return
+            return False
         refusals, errors = self.sends.end(header.delivery)
         self.complaints += errors
         if refusals and isinstance(header, headers.Reply):
             header = msgspec.structs.replace(header, refusals=refusals)
         self._replies[header.delivery] = (header, body)
         self._keep_replies(_REPLIES_KEPT)
-        if self.is_welcome:
-            self.outgoing.append((header, body))
+        if not self.is_welcome:
+            return False
+        self.outgoing.append((header, body))
+        return self.held.take(header, now)
 
     def _keep_replies(self, number: int) -> None:
         """Forget all but the newest; central has got the others."""

@@ -206,16 +206,18 @@ class History(ReactionFold):
         self._finish(fact.id)  # its handler left, and it may not wait for the next yet
         self._unqueue(fact.id)
 
-    def _unqueue(self, delivery: int) -> Queueing | None:
+    def _unqueue(self, delivery: int, end: float | None = None) -> Queueing | None:
         if queueing := self._queued.pop(delivery, None):
-            queueing.end = self.time
+            queueing.end = self.time if end is None else end
             self.news.append(queueing)
-            self._touch(queueing.message_id)
+            self._touch(queueing.message_id, queueing.end)
         return queueing
 
     def _deliver(self, fact: facts.Delivered) -> None:
         self._finish(fact.id)
-        self._unqueue(fact.id)
+        runs = self.runs.setdefault((fact.module, fact.resource), [])
+        start = self._start_of(fact, runs)
+        self._unqueue(fact.id, start)
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
         if message := self.messages.get(fact.message_id):
@@ -226,7 +228,7 @@ class History(ReactionFold):
             self.name(fact.message_id),
             fact.module,
             fact.resource,
-            self.time,
+            start,
             delivery=fact.id,
             beside=tuple(there.values()),
             slot=fact.slot,
@@ -236,17 +238,26 @@ class History(ReactionFold):
         there[fact.id] = handling
         self.handlings.append(handling)
         self.news.append(handling)
-        self.runs.setdefault((fact.module, fact.resource), []).append(handling)
+        runs.append(handling)
         self._deliveries[fact.id] = handling
         self._module(fact.module).resources.setdefault(fact.resource, 1)
         if message:
             message.handlings.append(handling)
-            self._touch(message.id)
+            self._touch(message.id, start)
             if isinstance(message, Task):
                 self._work_on(message, handling)
 
+    def _start_of(self, given: facts.Delivered, runs: list[Handling]) -> float:
+        """When a handler began: perhaps before central was told of it, but not before what was there before it."""
+        if not given.began:
+            return self.time
+        before = [given.began, *(run.until for run in runs[-1:] if run.end is not None)]
+        if queueing := self._queued.get(given.id):
+            before.append(queueing.start)
+        return min(self.time, max(before))
+
     def _return(self, fact: facts.Returned) -> None:
-        if handling := self._finish(fact.id):
+        if handling := self._finish(fact.id, fact.ended):
             task = self.tasks.get(handling.message_id)
             is_late = task is not None and task.killed is not None and fact.outcome is Outcome.DONE
             handling.outcome = Outcome.KILLED if is_late else fact.outcome
@@ -269,18 +280,18 @@ class History(ReactionFold):
         runs = reversed(message.handlings) if message else ()
         return next((run for run in runs if run.delivery == delivery and run.module == module), None)
 
-    def _finish(self, delivery: int) -> Handling | None:
-        """The handler of a delivery no longer has it."""
+    def _finish(self, delivery: int, ended: float = 0) -> Handling | None:
+        """The handler of a delivery no longer has it; *ended* is when it returned, if that was earlier."""
         if handling := self._deliveries.pop(delivery, None):
             self._running.get((handling.module, handling.resource), {}).pop(delivery, None)
-            self._end(handling)
+            self._end(handling, ended)
         return handling
 
-    def _end(self, handling: Handling) -> None:
+    def _end(self, handling: Handling, ended: float = 0) -> None:
         if handling.end is None:
-            handling.end = self.time
+            handling.end = min(self.time, max(ended, handling.start)) if ended else self.time
             self.news.append(handling)
-            self._touch(handling.message_id)
+            self._touch(handling.message_id, handling.end)
         for wait in handling.waits[-1:]:
             self._stop_waiting(wait)
 

@@ -3,6 +3,7 @@
 fold.py and fold_reactions.py say which fact writes what.
 """
 
+from bisect import insort
 from collections.abc import Iterator
 
 from tca_tools.run.records import (
@@ -55,12 +56,16 @@ class RecordFold(Run):
         self._turned[task] = found = self._touched[task] = self.tasks[task]
         return found
 
-    def _touch(self, message_id: int) -> None:
-        """Look at a task's state again when all facts of the event are known, and at what a message waits for."""
+    def _touch(self, message_id: int, time: float | None = None) -> None:
+        """Look at a task's state again when all facts of the event are known, and at what a message waits for: from
+        then on, or already from a *time* on that central was told of later.
+        """
         if (task := self.tasks.get(message_id)) is not None:
             self._turned[message_id] = self._touched[message_id] = task
         elif (message := self.messages.get(message_id)) is not None:
             self._turned[message_id] = message
+            if time is not None and time < self.time:
+                insort(message.turns, time)
 
     def _hold(self, task: Task, hold: Hold) -> None:
         """A constraint keeps a task waiting."""

@@ -15,8 +15,9 @@ from tca_wire.journal.causes import Cause
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Refusal, Role, Scope
 
-JOURNAL_VERSION = 4
-"""Goes up whenever a fact or an entry changes: journals of another version are refused."""
+JOURNAL_VERSION = 5
+"""Goes up whenever a fact or an entry changes. Journals of a version before ``OLDEST_READ`` are refused."""
+OLDEST_READ = 4
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
@@ -166,6 +167,8 @@ class Delivered(_Fact, frozen=True, tag="delivered"):
     is_nested: bool = False
     """The slot has another message, and waits: this one is handled within that wait."""
     priority: int = 0
+    began: float = 0
+    """When its handler began, on the clock of the entries, if that was earlier: the slot had the message already."""
 
 
 class Returned(_Fact, frozen=True, tag="returned"):
@@ -174,6 +177,8 @@ class Returned(_Fact, frozen=True, tag="returned"):
     id: int
     outcome: Outcome
     body: bytes
+    ended: float = 0
+    """When that was, on the clock of the entries, if it was earlier: its slot tells of several together."""
 
 
 class Answered(_Fact, frozen=True, tag="answered"):

@@ -18,7 +18,7 @@ import msgspec
 
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.causes import Cause
-from tca_wire.journal.facts import JOURNAL_VERSION, Entry, EntryTime, Fact, Opened
+from tca_wire.journal.facts import JOURNAL_VERSION, OLDEST_READ, Entry, EntryTime, Fact, Opened
 
 _FRAME = struct.Struct(">BIBI")
 _HEAD, _unpack_head = _FRAME.size, _FRAME.unpack_from
@@ -302,7 +302,7 @@ class JournalReader:
             version = None
         if version is None and entry is None:
             self._refuse("not a journal of tca central")
-        if version is not None and version < JOURNAL_VERSION:
+        if version is not None and version < OLDEST_READ:
             written = f"an earlier version of tca wrote it (format {version}, this one reads {JOURNAL_VERSION})"
             self._refuse(f"{written}: read it with that version")
         if version is not None:

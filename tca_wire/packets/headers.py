@@ -12,7 +12,16 @@ from typing import Literal
 import msgspec
 
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, Tapped, Trouble, Watching, WatchOptions
+from tca_wire.packets.parts import (
+    Attachment,
+    EndedRun,
+    HandlerFormat,
+    MessageFormat,
+    Tapped,
+    Trouble,
+    Watching,
+    WatchOptions,
+)
 from tca_wire.packets.routes import Entrance, EntranceGone, Noted, Route, WatchEntrance
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
@@ -112,6 +121,16 @@ class Reply(_Header, frozen=True, tag=5):
     """Seconds that it ran, by its own clock (0: not said)."""
     refusals: int = 0
     """How many refusals of *quiet* tasks that it has sent the handler knows: if there were more, it has failed."""
+
+
+class Replies(_Header, frozen=True, tag=30):
+    """Handlers of informs, queries or broadcasts have returned, one after the other; what they returned is the body,
+    end to end.
+    """
+
+    ended: list[EndedRun]
+    begun: float = -1
+    """How long ago this slot began with what comes after these (below 0: it has not)."""
 
 
 class Fail(_Header, frozen=True, tag=6):
@@ -399,7 +418,7 @@ ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | AwaitPoint | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
     | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
-    | WatchEntrance | Recalled
+    | WatchEntrance | Recalled | Replies
 )  # fmt: skip
 
 

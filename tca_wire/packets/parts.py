@@ -1,5 +1,7 @@
 """The parts of headers: formats, options, and the contexts of deliveries."""
 
+from typing import Annotated
+
 import msgspec
 
 from tca_wire.points import Point, TaskId
@@ -31,6 +33,16 @@ class HandlerFormat(_Part, frozen=True):
     """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
     direct: bool = False
     """They come from their senders directly, if nothing speaks against it."""
+
+
+class EndedRun(_Part, frozen=True, gc=False):
+    """A run of a handler that has ended: how long ago, and how long it *took*, in seconds."""
+
+    delivery: int
+    ago: float
+    took: float
+    size: Annotated[int, msgspec.Meta(ge=0)] = 0
+    """Of what it returned, in bytes (0: nothing)."""
 
 
 class Attachment(_Part, frozen=True):

@@ -8,7 +8,8 @@ from module.real_central import RealCentral
 
 from tca_central.order import ahead
 from tca_module import Client, Inform, LaterReply, Module, Query, Task, connect
-from tca_wire.journal.facts import Delivered, Granted, Returned
+from tca_module.link import turns
+from tca_wire.journal.facts import Delivered, Granted, Received, RequestRefused, Returned
 
 pytestmark = pytest.mark.slow
 MANY = 2000
@@ -129,6 +130,45 @@ def test_nothing_ahead_is_begun_while_an_answer_is_owed(quick: Quick, user: Clie
             reply.reply(len(quick.heard) == before)
         assert all(one.receive(timeout=SOON) for one in asked)
         assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
+
+
+def test_a_handler_that_hangs_keeps_no_reply_of_those_before_it(
+    quick: Quick, user: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(turns, "QUICK", SOON)
+    hang, goes_on = Query("hang", reply=bool), threading.Event()
+    quick.module.handles(hang, resource="ear")(lambda _: goes_on.wait(SOON))
+    with quick.module.running():
+        for _ in range(5):
+            asked = [user.query_send(DOUBLE, number) for number in range(50)]
+            hanging = user.query_send(hang)
+            assert [one.receive(timeout=SOON / 2) for one in asked] == [2 * number for number in range(50)]
+            goes_on.set()
+            assert hanging.receive(timeout=SOON)
+            goes_on.clear()
+
+
+def test_what_a_handler_sends_comes_after_the_replies_of_those_before_it(
+    quick: Quick, user: Client, daemon: RealCentral
+) -> None:
+    echo, tell, echoes = Inform("echo", int), Inform("tell", int), Query("echoes", reply=list[int])
+    echoed: list[int] = []
+
+    @quick.module.handles(tell, resource="ear")
+    def pass_on(task: Task, number: int) -> None:
+        if number % 7 == 0:
+            task.inform(echo, number)
+
+    quick.module.handles(echo, resource="echo")(lambda _, number: echoed.append(number))
+    quick.module.handles(echoes, resource="echo")(lambda _: echoed)
+    with quick.module.running():
+        for number in range(MANY):
+            user.inform(tell, number)
+        user.query(HEARD, timeout=SOON)
+        assert user.query(echoes, timeout=SOON) == list(range(0, MANY, 7))
+    told = {fact.id for fact in daemon.facts(Received) if fact.message == tell.name}
+    assert {fact.origin for fact in daemon.facts(Received) if fact.message == echo.name} <= told
+    assert daemon.facts(RequestRefused) == []
 
 
 def test_a_module_that_leaves_loses_nothing(quick: Quick, user: Client, address: str) -> None:

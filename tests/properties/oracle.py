@@ -247,6 +247,15 @@ class Oracle:
         job.slot, job.nested = "", False
         return job
 
+    def replies(self, connection: str, header: headers.Replies, body: bytes) -> None:
+        """Each but the first was given to the slot when the one before it had returned."""
+        at = 0
+        for run in header.ended:
+            if at:
+                oracle_slots.give_messages(self.world)
+            self.reply(connection, headers.Reply(run.delivery), body[at : at + run.size])
+            at += run.size
+
     def reply(self, _: str, header: headers.Reply, body: bytes) -> None:
         job = self._returned(header.delivery)
         oracle_taps.happened(self.world, job, oracle_taps.after_handler(job.kind, failed=False))
@@ -373,6 +382,7 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Bye: Oracle.bye,
     headers.Send: Oracle.send,
     headers.Reply: Oracle.reply,
+    headers.Replies: Oracle.replies,
     headers.Fail: Oracle.fail,
     headers.Constrain: Oracle.constrain,
     headers.AwaitPoint: Oracle.wait_for,

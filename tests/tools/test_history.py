@@ -1,3 +1,4 @@
+from itertools import pairwise
 from typing import Any, get_args
 
 import click
@@ -265,3 +266,51 @@ def test_what_is_suspended_from_above_waits_for_that_to_be_resumed() -> None:
     known = story.fold()
     assert reasons(known, held) == [f"until walk {{{step}}} is resumed"]
     assert reasons(known, queued) == ["for legs, busy with move {3}"]
+
+
+def told_late() -> Story:
+    """Three notes of one slot, of whose handling it tells with one header at 2.0; a fourth has begun."""
+    story = Story()
+    for number in (1, 2, 3, 4):
+        story.at(1.0 + number / 10).say(
+            facts.Received(number, "note", MessageClass.INFORM, "user", TaskId(0), 0, False, b"", [])
+        )
+        story.say(facts.Delivered(1, 1, "ear", "ear", 1) if number == 1 else facts.Queued(number, number, "ear", "ear"))
+    story.at(2.0)
+    for number, began, ended in ((1, 0.0, 1.6), (2, 1.6, 1.7), (3, 1.8, 1.9)):
+        if began:
+            story.say(facts.Delivered(number, number, "ear", "ear", 1, began=began))
+        story.say(facts.Returned(number, Outcome.DONE, b"", ended))
+    story.say(facts.Delivered(4, 4, "ear", "ear", 1, began=1.95))
+    return story
+
+
+def test_handlers_ran_when_their_slot_says_so() -> None:
+    history = told_late().fold()
+    assert [(one.start, one.end) for one in history.handlings] == [(1.1, 1.6), (1.6, 1.7), (1.8, 1.9), (1.95, None)]
+    assert [(one.start, one.end) for one in history.queueings] == [(1.2, 1.6), (1.3, 1.8), (1.4, 1.95)]
+
+
+@pytest.mark.parametrize(
+    ("time", "waits", "runs"), [(1.5, [2, 3, 4], [1]), (1.65, [3, 4], [2]), (1.75, [3, 4], []), (1.85, [4], [3])]
+)
+def test_what_was_so_at_a_moment_is_known_though_it_was_told_later(
+    time: float, waits: list[int], runs: list[int]
+) -> None:
+    at = RunAt(told_late().fold(), time)
+    assert [one.message_id for one in at.run.queueings if one.goes_on(time)] == waits
+    assert [one.message_id for one in at.run.handlings if one.goes_on(time)] == runs
+
+
+@given(st.lists(st.floats(0, 3), min_size=6, max_size=6))
+def test_runs_of_a_slot_never_overlap_whatever_it_says(said: list[float]) -> None:
+    story = told_late()
+    told = story.entries[-1].facts
+    told.clear()
+    for number in (1, 2, 3):
+        if number > 1:
+            told.append(facts.Delivered(number, number, "ear", "ear", 1, began=said[number]))
+        told.append(facts.Returned(number, Outcome.DONE, b"", said[number + 2]))
+    runs = story.fold().handlings
+    assert all(before.until <= after.start for before, after in pairwise(runs))
+    assert all(run.start <= run.until <= 2.0 for run in runs)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tca_wire.errors import JournalDamaged
-from tca_wire.journal.facts import JOURNAL_VERSION, Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
+from tca_wire.journal.facts import JOURNAL_VERSION, Delivered, Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
 from tca_wire.journal.records import MAX_RECORD, JournalReader, record
 from tca_wire.points import Moment, TaskId, describe_moments
 from tca_wire.text.facts_in_words import fields_of
@@ -61,6 +61,17 @@ def test_a_journal_of_an_earlier_version_is_refused_and_it_is_said_what_to_do() 
     )
     with pytest.raises(JournalDamaged, match=said):
         read(older)
+
+
+def test_a_journal_of_the_version_before_this_one_is_read() -> None:
+    told = [
+        ["opened", 4, "e", 1, 1e9, "0"],
+        ["delivered", 1, 1, "legs", "legs", 1, False, 0],
+        ["returned", 1, "done", b""],
+    ]
+    entries, reader = read(framed([0, 0.0, told]))
+    assert entries[0].facts[1:] == [Delivered(1, 1, "legs", "legs", 1), Returned(1, Outcome.DONE, b"")]
+    assert (reader.version, reader.unknown) == (4, 0)
 
 
 def flipped(*places: int) -> bytes:

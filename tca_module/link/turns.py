@@ -1,0 +1,97 @@
+"""Turns of a slot: it handles what it has ahead one after the other, for a moment, and answers all of it at once.
+
+While a handler of a turn runs the connection is not locked: if that takes long, another thread sends the replies of
+those before it.
+"""
+
+import os
+import threading
+import time
+from collections.abc import Callable
+
+from tca_module.link.packet_line import PacketLine
+from tca_module.session.session import Session
+from tca_wire.packets.headers import Deliver
+
+QUICK = 0.001  # seconds after which a turn takes no further message
+LATE = 0.02  # seconds between two looks for replies that wait for a handler which takes long
+
+
+class Turns:
+    """The turns of one connection. Its thread calls them with the connection locked once."""
+
+    def __init__(self, session: Session, line: PacketLine, lock: threading.RLock, clock: Callable[[], float]) -> None:
+        self._session = session
+        self._line = line
+        self._lock = lock
+        self._clock = clock
+        self._is_watched = False
+
+    def take(self, goes_on: Callable[[], bool], handle: Callable[[Deliver, bytes], None]) -> None:
+        """Handle the first message that is ahead, and more for as long as it *goes on*."""
+        session, until = self._session, self._clock() + QUICK
+        try:
+            while True:
+                header, body = session.ahead.popleft()
+                session.held.begin(header.delivery, self._line.time())
+                if session.held and not self._is_watched:
+                    self._is_watched = True
+                    _watcher.add(self)
+                self._lock.release()
+                try:
+                    handle(header, body)
+                finally:
+                    self._lock.acquire()
+                if self._clock() >= until or not goes_on():
+                    break
+        finally:
+            session.held.stop()
+        self._line.flush()
+
+    def send_late(self) -> bool:
+        """Send the replies that wait; False if there were none. For another thread."""
+        self._is_watched = False  # before it looks: a turn holds a reply, and then asks to be watched
+        if self._session.held:
+            self._is_watched = True
+            if self._lock.acquire(blocking=False):
+                try:
+                    self._line.flush(0.0, is_patient=True)
+                finally:
+                    self._lock.release()
+        return self._is_watched
+
+
+class _Watcher:
+    """A thread that looks after turns, as long as there are any in which replies wait."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._watched: dict[Turns, None] = {}
+        self._is_running = False
+
+    def add(self, turns: Turns) -> None:
+        """Look after this, until no replies wait."""
+        with self._lock:
+            self._watched[turns] = None
+            if not self._is_running:
+                self._is_running = True
+                threading.Thread(target=self._run, name="turns", daemon=True).start()
+
+    def _run(self) -> None:
+        while self._is_running:
+            time.sleep(LATE)
+            with self._lock:
+                self._watched = {turns: None for turns in self._watched if turns.send_late()}
+                self._is_running = bool(self._watched)
+
+
+_watcher = _Watcher()
+
+
+def _begin_anew() -> None:
+    """A forked child has none of the threads."""
+    global _watcher  # noqa: PLW0603
+    _watcher = _Watcher()
+
+
+os.register_at_fork(after_in_child=_begin_anew)

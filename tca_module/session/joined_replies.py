@@ -1,0 +1,70 @@
+"""Replies that leave together: a slot that has messages ahead answers several with one header."""
+
+from typing import Any
+
+from tca_wire.packets.headers import Fail, Replies, Reply
+from tca_wire.packets.parts import EndedRun
+
+_TOGETHER = 64 << 10  # bytes of replies that may share a header
+_NIL = b"\xc0"
+
+Item = tuple[Any, bytes]
+
+
+class HeldReplies:
+    """The replies of a turn, in which a slot handles messages one after the other, until they are sent."""
+
+    def __init__(self) -> None:
+        self._present = 0  #: the delivery that is handled in a turn (0: none is)
+        self._begun: float | None = None  #: when its handler began
+        self._ended: dict[int, float] = {}  #: by delivery, when its handler ended
+
+    def __bool__(self) -> bool:
+        return bool(self._ended)
+
+    def begin(self, delivery: int, now: float) -> None:
+        """The turn comes to a delivery."""
+        self._present, self._begun = delivery, now
+
+    def stop(self) -> None:
+        """The turn is over."""
+        self._present, self._begun = 0, None
+
+    def take(self, header: Reply | Fail, now: float) -> bool:
+        """Hold a reply if it is of the turn; whether it is."""
+        if header.delivery != self._present or not isinstance(header, Reply):
+            return False
+        self._ended[header.delivery] = now
+        self.stop()
+        return True
+
+    def joined(self, items: list[Item], now: float) -> list[Item]:
+        """What is to be sent, with held replies joined where nothing else is between them. They are held no longer."""
+        found: list[Item] = []  # newest first, as all here: each has to say when the run after it began
+        begun = -1.0 if self._begun is None else now - self._begun
+        runs: list[EndedRun] = []
+        bodies: list[bytes] = []
+        size = 0
+        for header, body in reversed(items):
+            ended = self._ended.get(header.delivery) if isinstance(header, Reply) and not header.refusals else None
+            if runs and (ended is None or size + len(body) > _TOGETHER):
+                found.append(_together(runs, bodies, begun))
+                begun, runs, bodies, size = runs[-1].ago + runs[-1].took, [], [], 0
+            if ended is None:
+                found.append((header, body))
+                continue
+            bodies.append(b"" if body == _NIL else body)
+            runs.append(EndedRun(header.delivery, now - ended, header.took, len(bodies[-1])))
+            size += len(bodies[-1])
+        if runs:
+            found.append(_together(runs, bodies, begun))
+        self._ended.clear()
+        return found[::-1]
+
+
+def _together(runs: list[EndedRun], bodies: list[bytes], begun: float) -> Item:
+    """The replies of runs, newest first."""
+    if len(runs) == 1 and begun < 0:
+        (run,) = runs
+        return Reply(run.delivery, run.took), bodies[0] or _NIL
+    return Replies(runs[::-1], begun), b"".join(reversed(bodies))

@@ -1,0 +1,97 @@
+"""A slot says with one header that several handlers have returned: each counts as if it had been said alone."""
+
+import pytest
+from central.player import Player
+
+from tca_central.order import ahead
+from tca_wire.journal.facts import Answered, Delivered, Queued, RequestRefused, Returned
+from tca_wire.packets import headers
+from tca_wire.packets.parts import EndedRun
+
+NIL = b"\xc0"
+
+
+class Ears(Player):
+    """Slots take eight messages ahead."""
+
+    prefetch = 8
+
+
+@pytest.fixture
+def player(monkeypatch: pytest.MonkeyPatch) -> Ears:
+    """A slot that handles a note, and has three more and a question ahead."""
+    monkeypatch.setattr(ahead, "QUICK", 100.0)
+    monkeypatch.setattr(ahead, "QUICK_RUNS", 0)
+    player = Ears.of("ear: inform note, query where", "user")
+    for message in ("note", "note", "note", "note", "where"):
+        player.send("user", message)
+    return player
+
+
+def say(player: Player, *runs: tuple[int, float, float], begun: float = -1.0) -> list[object]:
+    """So many returned: each with its number, how long ago, and how long it took."""
+    return player.receive("ear/1", headers.Replies([EndedRun(*run) for run in runs], begun))
+
+
+def test_many_returns_are_one_entry_and_the_slot_is_given_what_follows(player: Ears) -> None:
+    say(player, (1, 0.3, 0.1), (2, 0.2, 0.1), (3, 0.1, 0.1))
+    assert [fact.id for fact in player.entries[-1].facts if isinstance(fact, Returned)] == [1, 2, 3]
+    assert [fact.id for fact in player.facts(Delivered)] == [1, 2, 3, 4]
+    assert player.delivered("ear/1") == [4]
+
+
+def test_the_bodies_of_replies_are_their_own(player: Ears) -> None:
+    say(player, *((number, 0.1, 0.0) for number in (1, 2, 3)))
+    runs = [EndedRun(4, 0.0, 0.0), EndedRun(5, 0.0, 0.0, 2)]
+    player.receive("ear/1", headers.Replies(runs), b"\xcc\xc8")
+    assert [fact.body for fact in player.facts(Returned)] == [NIL] * 4 + [b"\xcc\xc8"]
+    assert [fact.id for fact in player.facts(Answered)] == [5]
+    assert player.inbox["user"][-1] == (headers.Answer(7), b"\xcc\xc8")
+
+
+def test_what_is_wrong_with_one_reply_does_not_lose_the_others(player: Ears) -> None:
+    said = say(player, (1, 0.1, 0.0), (99, 0.1, 0.0), (1, 0.1, 0.0), (2, 0.1, 0.0))
+    assert [fact.id for fact in player.facts(Returned)] == [1, 2]
+    assert len(player.facts(RequestRefused)) == len([one for one in said if isinstance(one, headers.Refused)]) == 2
+
+
+@pytest.mark.parametrize("body", [b"", b"\xc0\xc0\xc0"])
+def test_a_body_of_another_size_than_the_replies_is_refused(player: Ears, body: bytes) -> None:
+    player.receive("ear/1", headers.Replies([EndedRun(1, 0.0, 0.0), EndedRun(2, 0.0, 0.0, 2)]), body)
+    assert not player.facts(Returned)
+    assert player.delivered("ear/1") == [1]
+
+
+def times(player: Player) -> list[tuple[float, float]]:
+    """When each run began and ended, as the journal has it."""
+    began, ended = ({}, {})  # type: tuple[dict[int, float], dict[int, float]]
+    for entry in player.entries:
+        for fact in entry.facts:
+            if isinstance(fact, Delivered):
+                began[fact.id] = fact.began or entry.time
+            elif isinstance(fact, Returned):
+                ended[fact.id] = fact.ended or entry.time
+    return [(began[one], ended.get(one, 0.0)) for one in began]
+
+
+def test_the_journal_says_when_each_handler_ran(player: Ears) -> None:
+    start = player.time
+    player.time += 9.0
+    say(player, (1, 4.0, 1.0), (2, 3.0, 0.5), (3, 1.0, 1.5), begun=0.5)
+    (first, *others), now = times(player), start + 10.0
+    assert first == (player.entries[-5].time - 1.0, now - 4.0)  # central knows when it gave it
+    assert others == [(now - 3.5, now - 3.0), (now - 2.5, now - 1.0), (now - 0.5, 0.0)]
+    assert player.central.dispatcher.running[4].since == now - 0.5
+    (slot,) = player.central.registry.modules["run of ear"].resources.values()
+    assert slot.busy == pytest.approx(now - 4.0 - first[0] + 0.5 + 1.5)
+
+
+@pytest.mark.parametrize("wrong", [1e300, float("inf"), float("nan"), -5.0])
+def test_no_run_lies_before_what_came_before_it_or_in_the_future(player: Ears, wrong: float) -> None:
+    queued = {fact.id: entry.time for entry in player.entries for fact in entry.facts if isinstance(fact, Queued)}
+    say(player, (1, wrong, 0.0), (2, 0.0, wrong), (3, wrong, wrong), begun=abs(wrong))
+    over = 0.0
+    for number, (began, ended) in enumerate(times(player), 1):
+        assert max(over, queued.get(number, 0.0)) <= began <= player.time
+        assert began <= ended <= player.time or not ended
+        over = ended
