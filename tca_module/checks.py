@@ -159,8 +159,10 @@ CENTRAL = ArgumentKind(
 
 def is_brief(call: object, timeout: float | None) -> bool:
     """Whether a wait is too short to be a deadlock. Raises MisuseError for a wrong *timeout*."""
+    if timeout is None or (type(timeout) is float and timeout >= BRIEF):  # as most are
+        return False
     check(call, TIMEOUT, timeout=timeout)
-    return timeout is not None and timeout < BRIEF
+    return timeout < BRIEF
 
 
 # --- messages --------------------------------------------------------------------------------------------------------
@@ -168,7 +170,7 @@ def is_brief(call: object, timeout: float | None) -> bool:
 
 def name_of(message: Message[Any, Any]) -> str:
     """A message as errors name it."""
-    return f"{message.message_class} '{message.name}'"
+    return message.title
 
 
 def check_message(message: Any) -> None:

@@ -103,7 +103,7 @@ class Client(Sender):
         return self._link
 
     def _connection(self) -> Connection:
-        link = self._opened()
+        link = self._link or self._opened()
         link.check_thread(self, "opened it", "in other threads connect() anew")
         return link
 

@@ -232,18 +232,21 @@ class Connection:
 
     def _catch_up_for(self, header: ToCentral, epoch: str | None = None) -> None:
         """Take in what central has said. Raises CentralLost if a header is for the central before it, of *epoch*."""
-        epoch = self.session.epoch if epoch is None else epoch
+        session = self.session
+        epoch = session.epoch if epoch is None else epoch
         self.line.catch_up(is_sending=True)
+        numbers = numbers_in(header)
+        if not (numbers or session.sends.failed) and epoch == session.epoch:
+            return
         try:
-            self._check_header(header, epoch)
+            self._check_header(header, numbers, epoch)
         except BaseException:
             self.line.flush(wait_seconds=0)
             raise
 
-    def _check_header(self, header: ToCentral, epoch: str) -> None:
+    def _check_header(self, header: ToCentral, numbers: list[EpochNumber], epoch: str) -> None:
         session = self.session
         session.sends.check(getattr(header, "origin", None))
-        numbers = numbers_in(header)
         if not numbers:
             if epoch != session.epoch and refers_to_tasks(header):  # its numbers are of the central before
                 raise CentralLost(f"what was asked is lost: {RESTARTED}; begin anew")
@@ -268,7 +271,7 @@ class Connection:
         is_done = is_over or (lambda: request.is_over)
         with self._lock:
             try:
-                if timeout != 0:
+                if timeout != 0 and request.is_unannounced:
                     self.announce(request)
                 came = is_done() or self.waiting.unless_woken(is_done, timeout, what, request)
             except CentralLost as error:

@@ -48,7 +48,7 @@ class WaitLoop:
         open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
         can_wake = one is not None or open_deliveries.is_ending is not never
         if not can_wake or (request is not None and not waits_for_others(request)):
-            return self.until(is_over, timeout)
+            return self._wait(is_over, timeout, self.patience)
         came = self.until(lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout)
         why = open_deliveries.wake_reason(one)
         if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):

@@ -61,10 +61,9 @@ class PendingReply(Generic[R]):
         return self._reply(*self.request.answers[-1])
 
     def _checked_name(self) -> str:
-        what = name_of(self._message)
         if self._is_cancelled:
-            raise MisuseError(f"{what} was given up: send it again to get a reply")
-        return what
+            raise MisuseError(f"{self._message.title} was given up: send it again to get a reply")
+        return self._message.title
 
     def _reply(self, answer: Answer, body: bytes) -> R:
         if answer.outcome is not Outcome.DONE:

@@ -101,16 +101,16 @@ class TaskSends:
     def __init__(self) -> None:
         self.untold = 0  #: number of those of which central has said nothing yet
         self.lost: list[Any] = []  #: those that were lost with central, and of which nobody has asked since
-        self._failed: dict[int, list[Any]] = {}
+        self.failed: dict[int, list[Any]] = {}  #: those that were refused, by origin
         self._known: dict[int, int] = {}  #: how many refusals the handler of a delivery knows
 
     def add(self, request: Any) -> None:
         """A send was refused."""
-        self._failed.setdefault(request.header.origin, []).append(request)
+        self.failed.setdefault(request.header.origin, []).append(request)
 
     def check(self, origin: int | None) -> None:
         """Raise the first error of what was sent for *origin*, with notes of the others."""
-        if not self._failed or origin is None or not (failed := self._failed.pop(origin, [])):
+        if not self.failed or origin is None or not (failed := self.failed.pop(origin, [])):
             return
         self._note(failed)
         try:
@@ -124,7 +124,7 @@ class TaskSends:
         """The error of a send is about to be raised, if there is one."""
         if request in self.lost:
             self.lost.remove(request)
-        failed = self._failed.get(request.header.origin, [])
+        failed = self.failed.get(request.header.origin, [])
         if request in failed:
             failed.remove(request)
             self._note([request])
@@ -135,11 +135,11 @@ class TaskSends:
 
     def end(self, delivery: int) -> tuple[int, list[str]]:
         """A handler has ended: how many refusals it knows, and errors that were not raised in it."""
-        if not (self._known or self._failed):
+        if not (self._known or self.failed):
             return 0, []
-        return self._known.pop(delivery, 0), [one.why_failed for one in self._failed.pop(delivery, [])]
+        return self._known.pop(delivery, 0), [one.why_failed for one in self.failed.pop(delivery, [])]
 
     def forget(self) -> None:
         """Central was restarted, and has forgotten all deliveries: it may use the same numbers again."""
-        self._failed = {origin: failed for origin, failed in self._failed.items() if not origin}
+        self.failed = {origin: failed for origin, failed in self.failed.items() if not origin}
         self._known.clear()

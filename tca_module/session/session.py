@@ -257,13 +257,6 @@ class Session:
 
     # --- the connection --------------------------------------------------------------------------------------------
 
-    def _asks_at(self, since: float, quiet: float) -> float:
-        again = self._asked + REPEAT
-        if not self.is_welcome:
-            return again
-        silent = max(self.heard, since) + quiet
-        return silent if self.heard >= self._asked else max(silent, again)
-
     def tend(self, now: float, since: float, quiet: float = QUIET) -> float:
         """Do what it is time for; when there is more to do, if nothing arrives before. After a silence central is asked
         for a word, every second. *since* is when somebody began to listen, *quiet* the seconds that it may have nothing
@@ -274,13 +267,14 @@ class Session:
             self.withdrawn()
             self.request(headers.Unregister(0, []))
         due = self.redeclaration.tend(now) if self.is_welcome else float("inf")
-        asks_at = self._asks_at(since, quiet)
+        asks_at = max(self.heard, since) + quiet if self.is_welcome else self._asked + REPEAT
+        if self.heard < self._asked:
+            asks_at = max(asks_at, self._asked + REPEAT)
         if now >= asks_at:
             if self.heard >= self._asked:
                 self.asked_since = now
-            self._asked = now
+            self._asked, asks_at = now, now + REPEAT
             self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
-            asks_at = self._asks_at(since, quiet)
         return min(asks_at, due)
 
     def break_off(self) -> None:

@@ -58,13 +58,13 @@ class Monitor(Message[D, None]):
     def _check(self, what: str, message: Any, kinds: tuple[type, ...]) -> None:
         if not isinstance(message, kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds if kind is not type(None))
-            raise BadFormat(f"the {what} of {self.message_class} '{self.name}' must be a {wanted}, not {message!r:.60}")
+            raise BadFormat(f"the {what} of {self.title} must be a {wanted}, not {message!r:.60}")
 
     def _check_data(self, what: str, message: "Message[Any, Any] | None", data: str, whose: str) -> None:
         """Raise BadFormat for a part that can't take the data that it will get."""
         if message is None or message.data.schema == NO_DATA or not (misfit := first_misfit(data, message.data.schema)):
             return
-        text = f"the {what} '{message.name}' of {self.message_class} '{self.name}' wants data of type {message.data}"
+        text = f"the {what} '{message.name}' of {self.title} wants data of type {message.data}"
         raise BadFormat(f"{text}, and gets {whose}: declare both with the same type, or it without data ({misfit})")
 
 

@@ -45,9 +45,10 @@ class Message(Generic[D, R], metaclass=Declaring):
 
     def __init__(self, name: str, data: Any = None, reply: Any = None) -> None:
         self.name = _checked_name(name)
-        what = f"{self.message_class} '{name}'"
-        self.data: Format[D] = _format(data, f"the data of {what}")
-        self.reply: Format[R] = _format(reply, f"the {'result' if self.message_class.is_task else 'reply'} of {what}")
+        self.title = f"{self.message_class} '{name}'"  #: for errors
+        self.data: Format[D] = _format(data, f"the data of {self.title}")
+        reply_of = f"the {'result' if self.message_class.is_task else 'reply'} of {self.title}"
+        self.reply: Format[R] = _format(reply, reply_of)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, {self.data} -> {self.reply})"
@@ -60,12 +61,12 @@ class Message(Generic[D, R], metaclass=Declaring):
     def encode_data(self, data: D) -> bytes:
         """*data* as bytes. Raises BadData, naming message and field."""
         if data is not None and self.data.kind is type(None):
-            msg = f"{self.message_class} '{self.name}' is declared without data, and was given {data!r:.60}"
+            msg = f"{self.title} is declared without data, and was given {data!r:.60}"
             raise BadData(msg)
         try:
             return self.data.encode(data)
         except BadData as error:
-            msg = f"{self.message_class} '{self.name}' wants data of type {self.data}: {error}"
+            msg = f"{self.title} wants data of type {self.data}: {error}"
             raise BadData(msg) from None
 
     def decode_data(self, data: bytes) -> D:
@@ -73,7 +74,7 @@ class Message(Generic[D, R], metaclass=Declaring):
         try:
             return self.data.decode(data)
         except BadData as error:
-            msg = f"{self.message_class} '{self.name}' came with data that is no {self.data}: {error}"
+            msg = f"{self.title} came with data that is no {self.data}: {error}"
             raise BadData(msg) from None
 
     def encode_reply(self, reply: R) -> bytes:
@@ -81,7 +82,7 @@ class Message(Generic[D, R], metaclass=Declaring):
         try:
             return self.reply.encode(reply)
         except BadData as error:
-            msg = f"the handler of {self.message_class} '{self.name}' must return {self.reply}: {error}"
+            msg = f"the handler of {self.title} must return {self.reply}: {error}"
             raise BadData(msg) from None
 
     def decode_reply(self, reply: bytes) -> R:
@@ -89,7 +90,7 @@ class Message(Generic[D, R], metaclass=Declaring):
         try:
             return self.reply.decode(reply)
         except BadData as error:
-            msg = f"the answer to {self.message_class} '{self.name}' is no {self.reply}: {error}"
+            msg = f"the answer to {self.title} is no {self.reply}: {error}"
             raise BadData(msg) from None
 
 
