@@ -154,7 +154,7 @@ class Central(State):
 
     def _checked_origin(self, origin: int, connection: Connection) -> int:
         """The delivery whose handler asks, as a request says; 0 if its module does not handle that."""
-        asking = self.dispatcher.running.get(origin)
+        asking = self.dispatcher.running.get(origin) or self.dispatcher.begun_ahead(connection, origin)
         is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
         return origin if is_its else 0
 

@@ -87,7 +87,6 @@ def take_back(
     """The slot does not have the deliveries of these numbers any more, which wait as before: those among them that
     nobody wants any more, each with the facts, and those that are to be handled elsewhere.
     """
-    resource.is_recalling = False
     revoked, moved = [], []
     for delivery in [one for one in resource.ahead if one.given_as in unbegun]:
         if (dropped := resource.take_back(delivery)) is not None:

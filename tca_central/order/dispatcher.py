@@ -197,9 +197,9 @@ class Dispatcher:
                 found.append(delivery)
         return found
 
-    def take_back(self, slot: Connection, unbegun: Iterable[int]) -> list[Delivery]:
-        """A slot gives back deliveries of these numbers, which wait as before, and has begun what it keeps. Those that
-        it is not to have again are returned, out of their queue.
+    def take_back(self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool) -> list[Delivery]:
+        """A slot gives back deliveries of these numbers, which wait as before; where it *is answer* to a recall, it has
+        begun what it keeps. Those that it is not to have again are returned, out of their queue.
         """
         resource = slot.resource
         if resource is None or resource.ahead_at is not slot:
@@ -209,8 +209,10 @@ class Dispatcher:
             self.withdraw(delivery, dropped=dropped)
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
-        if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
-            self._give_next(begun, resource)
+        if is_answer:
+            resource.is_recalling = False
+            if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
+                self._give_next(begun, resource)
         self.to_offer.append((resource, None))
         return moved
 

@@ -258,7 +258,8 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
 
 def on_recalled(central: State, connection: Connection, header: headers.Recalled, _: bytes) -> None:
     """A slot gives back what it had ahead; what it is not to handle any more goes elsewhere."""
-    _send_elsewhere(central, central.dispatcher.take_back(connection, header.deliveries), connection.module.name)
+    moved = central.dispatcher.take_back(connection, header.deliveries, is_answer=header.is_answer)
+    _send_elsewhere(central, moved, connection.module.name)
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:

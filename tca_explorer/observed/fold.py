@@ -26,6 +26,7 @@ class Fold(Situation):
         self._tasks: dict[int, int] = {}  #: of deliveries of tasks that are retried
         self._copies: dict[int, int] = {}  #: of what goes to many, and its original
         self._conditions: dict[int, Condition] = {}  #: of wiretaps
+        self._capacities: dict[tuple[str, str], int] = {}  #: by module and resource
 
     def forget_what_is_over(self) -> None:
         """A new action begins."""
@@ -39,6 +40,7 @@ class Fold(Situation):
         self.passed = 0.0
         self.taken = None
         self.broken = ""
+        self.slots_lost.clear()
 
     def take(self, recorded: Iterable[facts.Fact]) -> None:
         """Take in what central recorded, now."""
@@ -101,6 +103,11 @@ class Fold(Situation):
         self.broken = self.broken or promises.delivered(self, self.seen[key], fact)
         self._change(key, is_queued=False, is_begun=True, module=fact.module)
 
+    def begin(self, delivery: int, module: str, resource: str) -> None:
+        """A slot begins with a message that it had ahead: central is told of that with its reply."""
+        if (message := self.seen.get(delivery)) is not None:
+            self.broken = self.broken or promises.kept_out(self, message, module, resource)
+
     def _returned(self, fact: facts.Returned) -> None:
         key = self._tasks.get(fact.id, fact.id)
         seen = self.seen.get(key)
@@ -154,6 +161,13 @@ class Fold(Situation):
             point = Point(TaskId(listener.id), Moment(rule.holds_until))
             self._change(tapped.id, after=(*tapped.after, (rule.before, point)))
 
+    def _resource_changed(self, fact: facts.ResourceChanged) -> None:
+        """Where a slot is gone, what it had not begun may go to another."""
+        key = fact.module, fact.resource
+        if fact.capacity < self._capacities.get(key, 0):
+            self.slots_lost.add(fact.module)
+        self._capacities[key] = fact.capacity
+
     def _joined(self, fact: facts.ModuleJoined) -> None:
         self.modules = (*self.modules, fact.module)
 
@@ -206,6 +220,7 @@ _FOLD: dict[type, Callable[[Fold, Any], None]] = {
     facts.TapAdded: lambda fold, fact: fold._conditions.update({fact.id: fact.condition}),
     facts.TapFired: Fold._tap_fired,
     facts.Reached: Fold._reached,
+    facts.ResourceChanged: Fold._resource_changed,
     facts.ModuleJoined: Fold._joined,
     facts.ModuleLeft: Fold._left,
 }

@@ -80,6 +80,7 @@ class Situation:
         self.now = 0.0  #: seconds since the run began
         self.passed = 0.0  #: seconds that passed with the last action
         self.taken: TakenRequest | None = None  #: the request that central took with the last action
+        self.slots_lost: set[str] = set()  #: the modules that lost one with the last action
         self.broken = ""  #: the promise that central broke with the last action
 
     @property

@@ -34,16 +34,23 @@ def reached(now: Situation, task: TrackedMessage, moments: int) -> str:
 
 def delivered(now: Situation, message: TrackedMessage, fact: Delivered) -> str:
     """The error in giving a message to a handler now; "" if there is none."""
-    held_by = now.held_by.get((fact.module, fact.resource))
-    if held_by is not None and not (held_by.is_reserved and message.sent_by in (held_by.sender, fact.module, "")):
-        how = "reserved" if held_by.is_reserved else "locked"
-        return f"{message} was given to '{fact.resource}' while {held_by.sender} has it {how}"
-    if message.is_handled:
+    if held := kept_out(now, message, fact.module, fact.resource):
+        return held
+    if message.is_handled and message.module not in now.slots_lost:
         return f"{message} was given to a handler while one has it"
     if message.is_suspended or message.is_killed:
         return f"{message} was given to a handler though it is {'suspended' if message.is_suspended else 'killed'}"
     too_early = _not_met(now, message, int(Moment.START_HANDLING))  # of a retried task, too
     return f"{message} was given to a handler before {', '.join(too_early)}" if too_early else ""
+
+
+def kept_out(now: Situation, message: TrackedMessage, module: str, resource: str) -> str:
+    """The error in letting a message in where others have locked or reserved the resource; "" if there is none."""
+    held_by = now.held_by.get((module, resource))
+    if held_by is None or (held_by.is_reserved and message.sent_by in (held_by.sender, module, "")):
+        return ""
+    how = "reserved" if held_by.is_reserved else "locked"
+    return f"{message} was given to '{resource}' while {held_by.sender} has it {how}"
 
 
 def returned(message: TrackedMessage | None, key: int) -> str:

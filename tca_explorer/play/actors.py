@@ -1,11 +1,13 @@
 """The scripts under way in a run (actors), the connections that they act on (lines), and the runs of modules."""
 
 from collections import deque
+from hashlib import blake2b
 from typing import Any
 
 from msgspec.structs import replace
 
 from tca_explorer.play.identifiers import MessageId, RequestNumber
+from tca_explorer.play.inbox import SlotInbox
 from tca_explorer.scenario.scenario import ScenarioModule
 from tca_explorer.scenario.script import Program
 from tca_explorer.scenario.script_connection import CANCELLED, SUSPENDED
@@ -122,6 +124,11 @@ class Actor:
         self.was_told = self.is_told or self.is_ending
         self.suspended = self.suspended[-1:]
 
+    def digest(self, before: bytes | None = None) -> bytes:
+        """What it did and got, after what was there *before*; the same in all explorations."""
+        lived = repr((before, self.program.name, self.life.given, self.life.history()))
+        return blake2b(lived.encode(), digest_size=16).digest()
+
     def real(self, name: int) -> TaskId:
         """Central's id of what the script names."""
         if name == OWN:
@@ -146,11 +153,17 @@ class ModuleLine:
         self.run = run
         self.stack: list[Actor] = []  #: each began while the one before it waited
         self.delivered: deque[Actor] = deque()  #: not begun yet
+        self.inbox: SlotInbox | None = None  #: of a slot that may have messages ahead
 
     @property
     def actors(self) -> list[Actor]:
         """All of them, in the order in which they came."""
         return [*self.stack, *self.delivered]
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it may end. What it has not begun goes to another: that is explored where messages may be ahead."""
+        return not (self.actors if self.inbox is None else self.stack)
 
     @property
     def actor(self) -> Actor | None:
@@ -169,6 +182,7 @@ class ModuleLine:
         """Nothing is done here any more."""
         self.stack.clear()
         self.delivered.clear()
+        self.inbox = None
 
 
 class ModuleRun:
@@ -204,7 +218,7 @@ class ModuleRun:
         if not self.is_leaving:
             return []
         own, *slots = self.lines
-        return [line for line in slots if not line.actors] if slots else [own]
+        return [line for line in slots if line.is_idle] if slots else [own]
 
     def die(self) -> None:
         """Its process is gone, and with it all that it was doing."""

@@ -11,7 +11,8 @@ from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.observed.fold import Fold
 from tca_explorer.observed.messages import TakenRequest
 from tca_explorer.play.actors import Actor, ModuleLine, OpenRequest
-from tca_explorer.play.identifiers import MessageId, RequestNumber, renamed, renamed_rows
+from tca_explorer.play.identifiers import MessageId, RequestNumber, numbers_shown, renamed, renamed_rows
+from tca_explorer.play.inbox import SlotInbox
 from tca_explorer.scenario.requests import call_of
 from tca_explorer.scenario.scenario import Scenario
 from tca_explorer.scenario.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, Return
@@ -33,9 +34,11 @@ class Exchange:
         self.central = Central("explored")
         self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
         self.central.tree.newest = MessageId(0)
+        self.central.dispatcher.messages_ahead.trusts_all = True  # how long handlers took is no part of the state
         self.fold = Fold()
         self.now = 0.0  #: seconds since the run began
         self.lines: dict[str, ModuleLine] = {}  #: connections that central has not seen end
+        self.lived: dict[str, bytes] = {}  #: by line: what its scripts did and got, where messages may be ahead
         self.facts: list[Fact] = []  #: recorded with the last action
         self.names: dict[int, str] = {}  #: of all messages ever sent; for people
         self.scenario = scenario
@@ -49,7 +52,16 @@ class Exchange:
 
     def receive(self, line: str, header: headers.ToCentral, body: bytes = b"") -> list[Effect]:
         """Let central receive something; what came of it."""
-        return self.handle(RequestReceived(self.now, connection_of(line), header, body))
+        inbox = self.lines[line].inbox if line in self.lines else None
+        if inbox is None:
+            return self.handle(RequestReceived(self.now, connection_of(line), header, body))
+        inbox.say(header, body)
+        return self._post(line, inbox)
+
+    def _post(self, line: str, inbox: SlotInbox) -> list[Effect]:
+        """Let central receive what a slot's session says; what came of it."""
+        said = [RequestReceived(self.now, connection_of(line), *item) for item in inbox.outgoing()]
+        return [effect for event in said for effect in self.handle(event)]
 
     def handle(self, event: Event) -> list[Effect]:
         """Let central handle an event, and everybody get what it sends; what came of it."""
@@ -61,11 +73,51 @@ class Exchange:
         for effect in effects:
             if isinstance(effect, Record):
                 self._record(effect.entry.facts)
-            elif get := _GET.get(type(effect.header)):
+            else:
                 line = self.lines.get(effect.connection.decode())
                 if line is not None and line.run.is_alive:
-                    get(self, line, effect.header, effect.body)
+                    self._send(line, effect.header, effect.body)
         return effects
+
+    def _send(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
+        if line.inbox is None:
+            self._get(line, header, body)
+        elif not line.inbox.put(header, body):
+            self.hear(line, line.inbox, header, body)
+
+    def hear(self, line: ModuleLine, inbox: SlotInbox, header: headers.ToModule, body: bytes) -> None:
+        """A slot gets a packet from central."""
+        if inbox.hear(header, body):
+            self._get(line, header, body)
+        self._post(line.name, inbox)
+
+    def _get(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
+        if get := _GET.get(type(header)):
+            get(self, line, header, body)
+
+    def give_back(self, line: ModuleLine, inbox: SlotInbox) -> None:
+        """A slot that leaves gives back what it has ahead."""
+        if inbox.session.ahead:
+            inbox.session.give_back()
+            self._post(line.name, inbox)
+
+    def unlike(self, line: ModuleLine, inbox: SlotInbox) -> str:
+        """The error if a slot has other messages than central has given it: nothing is lost, and nothing is twice."""
+        has = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
+        given = sorted(given_to(self.central, line.name))
+        if has == given:
+            return ""
+        with numbers_shown():
+            return f"{line.name} has {has}, and central has given it {given}"
+
+    def begin_next(self, line: ModuleLine, inbox: SlotInbox) -> None:
+        """A slot begins with the next message that it has ahead."""
+        header, body = inbox.session.ahead.popleft()
+        self._get_delivery(line, header, body)
+        line.begin(line.delivered[0])
+        slot = self.central.registry.connections[connection_of(line.name)]
+        assert slot.resource is not None
+        self.fold.begin(header.delivery, slot.module.name, slot.resource.name)
 
     def _record(self, recorded: list[Fact]) -> None:
         self.facts += recorded
@@ -98,7 +150,7 @@ class Exchange:
                 actor.learn()
                 actor.get(Got(step.kind))
             elif isinstance(step, Return) and not actor.delivery:
-                line.stack.pop()
+                self._end(line)
             else:
                 return
 
@@ -156,8 +208,14 @@ class Exchange:
         actor.get(Got(step.kind, text=request.taken))
         self.receive(line.name, headers.GiveUp(request.number))
 
+    def _end(self, line: ModuleLine) -> None:
+        """The script whose turn it is is over."""
+        actor = line.stack.pop()
+        if self.scenario.has_messages_ahead:
+            self.lived[line.name] = actor.digest(self.lived.get(line.name))
+
     def _return(self, line: ModuleLine, actor: Actor, step: Return) -> None:
-        line.stack.pop()
+        self._end(line)
         if actor.delivery:
             self._reply(line, actor, step.body)
 
@@ -169,7 +227,7 @@ class Exchange:
             self.receive(line.name, headers.Reply(actor.delivery), body)
 
     def _fail(self, line: ModuleLine, actor: Actor, step: Fail) -> None:
-        line.stack.pop()
+        self._end(line)
         if actor.delivery and step.was_killed and (actor.is_told or actor.is_ending):
             actor.learn()
             self._reply(line, actor, NIL)
@@ -245,6 +303,13 @@ def _requests(line: ModuleLine, number: int) -> list[tuple[Actor, OpenRequest]]:
 def connection_of(name: str) -> ConnectionId:
     """The id by which central knows a line."""
     return ConnectionId(name.encode())
+
+
+def given_to(central: Central, line: str) -> list[int]:
+    """The deliveries that central has given to a slot."""
+    slot = central.registry.connections[connection_of(line)]
+    ahead = slot.resource.ahead if slot.resource is not None and slot.resource.ahead_at is slot else ()
+    return [delivery.given_as for delivery in (*slot.handling, *ahead)]
 
 
 def _declines(effect: Effect) -> bool:

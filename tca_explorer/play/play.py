@@ -15,6 +15,7 @@ from tca_explorer.errors import ScenarioError
 from tca_explorer.observed.messages import TrackedMessage
 from tca_explorer.play.actors import Actor, ModuleLine, ModuleRun
 from tca_explorer.play.exchange import Exchange, connection_of
+from tca_explorer.play.inbox import SlotInbox
 from tca_explorer.scenario.scenario import Scenario
 from tca_explorer.scenario.steps import Await, Given, Got, ScriptRun
 from tca_wire.packets import headers
@@ -31,6 +32,8 @@ class ActionKind(StrEnum):
     """The kind of an action."""
 
     STEP = "step"  # a script goes on
+    HEAR = "hear"  # a slot with messages ahead gets the next packet from central
+    BEGIN = "begin"  # and begins with the next of these messages
     TIME = "time"  # time passes until something is due
     LATE = "late"  # a script has waited for as long as it wanted to
     JOIN = "join"  # a run of a module takes its next step of joining
@@ -74,7 +77,8 @@ class Play(Exchange):
 
     def actions(self) -> list[Action]:
         """Everything that may happen now."""
-        return [*self._steps(), *self._passing_of_time(), *self._comings_and_goings(), *self._interventions()]
+        return [*self._steps(), *self._with_inboxes(), *self._passing_of_time(), *self._comings_and_goings(),
+                *self._interventions()]  # fmt: skip
 
     def _steps(self) -> Iterator[Action]:
         for line in self.lines.values():
@@ -82,6 +86,13 @@ class Play(Exchange):
                 for index, branch in enumerate(actor.branches):
                     if actor.may_take(branch):
                         yield Action(ActionKind.STEP, line.name, index)
+
+    def _with_inboxes(self) -> Iterator[Action]:
+        for line in self.lines.values():
+            if line.inbox is not None and line.inbox.under_way:
+                yield Action(ActionKind.HEAR, line.name)
+            if line.inbox is not None and line.inbox.session.has_next and not line.run.is_leaving:
+                yield Action(ActionKind.BEGIN, line.name)
 
     def _passing_of_time(self) -> Iterator[Action]:
         if self.next_time is not None:
@@ -137,6 +148,9 @@ class Play(Exchange):
         self.fold.forget_what_is_over()
         _PERFORM[action.kind](self, action)
         self._go_on()
+        for line in self.lines.values():
+            if line.inbox is not None:
+                self.fold.broken = self.fold.broken or self.unlike(line, line.inbox)
 
     def _go_on(self) -> None:
         for line in list(self.lines.values()):
@@ -158,6 +172,16 @@ class Play(Exchange):
             self.take(line, actor)
         except ScenarioError as error:
             raise ScenarioError(f"{actor.program.place(life, branch)}: {error}") from None
+
+    def _hear(self, action: Action) -> None:
+        line = self.lines[action.name]
+        assert line.inbox is not None
+        self.hear(line, line.inbox, *line.inbox.under_way.popleft())
+
+    def _begin(self, action: Action) -> None:
+        line = self.lines[action.name]
+        assert line.inbox is not None
+        self.begin_next(line, line.inbox)
 
     def _pass_time(self, _: Action) -> None:
         assert self.next_time is not None
@@ -210,7 +234,9 @@ class Play(Exchange):
             line = ModuleLine(f"{run.name}/{done - 1}" if done else run.name, run)
             run.lines.append(line)
             self.lines[line.name] = line
-            hello = headers.Hello(self.next_number(), PROTOCOL_VERSION, module.name, run.name, done, resource)
+            hello = headers.Hello(self.next_number(), PROTOCOL_VERSION, module.name, run.name, done, resource,
+                                  prefetch=module.prefetch or 0)  # fmt: skip
+            line.inbox = SlotInbox(hello) if done and module.prefetch is not None else None
             self.receive(line.name, hello)
         run.steps_joined += 1
         if run.is_joined and module.story:
@@ -243,6 +269,8 @@ class Play(Exchange):
 
     def _say_goodbye(self, action: Action) -> None:
         line = self.lines[action.name]
+        if line.inbox is not None:
+            self.give_back(line, line.inbox)
         self._close(line)
         self.receive(line.name, headers.Bye())
 
@@ -265,6 +293,8 @@ class Play(Exchange):
 # ruff: noqa: SLF001
 _PERFORM: dict[ActionKind, Callable[[Play, Action], None]] = {
     ActionKind.STEP: Play._take_step,
+    ActionKind.HEAR: Play._hear,
+    ActionKind.BEGIN: Play._begin,
     ActionKind.TIME: Play._pass_time,
     ActionKind.LATE: Play._be_late,
     ActionKind.JOIN: lambda play, action: play._join(play.runs[action.name]),
@@ -275,6 +305,13 @@ _PERFORM: dict[ActionKind, Callable[[Play, Action], None]] = {
     ActionKind.SUSPEND: Play._suspend,
     ActionKind.RESUME: Play._resume,
 }
+
+
+def outcome(play: Play) -> bytes:
+    """What has been done, got and left in a run that ends, the same in all explorations."""
+    unfinished = {name: [actor.digest() for actor in line.actors] for name, line in sorted(play.lines.items())}
+    left = sorted((seen.message, seen.body, seen.module) for seen in play.fold.seen.values() if not seen.is_over)
+    return repr((sorted(play.lived.items()), unfinished, left, play.losses, play.kills, play.suspensions)).encode()
 
 
 Waiting = tuple[int] | tuple[Actor, ScriptRun]

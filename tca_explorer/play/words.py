@@ -54,6 +54,21 @@ def _step(play: Play, action: Action) -> str:
     return f"{_who(line, actor, play)} {''.join(found)}{_doing(play, actor, branch.step)}"
 
 
+def _hear(play: Play, action: Action) -> str:
+    inbox = play.lines[action.name].inbox
+    assert inbox is not None
+    header, _ = inbox.under_way[0]
+    named = [header.delivery] if isinstance(header, headers.Deliver) else getattr(header, "deliveries", [])
+    return f"{action.name} hears {type(header).__name__} {', '.join(_name(play, one) for one in named)}".rstrip()
+
+
+def _begin(play: Play, action: Action) -> str:
+    inbox = play.lines[action.name].inbox
+    assert inbox is not None
+    header, _ = inbox.session.ahead[0]
+    return f"{action.name} begins with {_name(play, header.delivery)}, which it has ahead"
+
+
 def _join(play: Play, action: Action) -> str:
     run = play.runs[action.name]
     if not run.steps_joined:
@@ -81,6 +96,8 @@ def _late(play: Play, action: Action) -> str:
 
 _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
     ActionKind.STEP: _step,
+    ActionKind.HEAR: _hear,
+    ActionKind.BEGIN: _begin,
     ActionKind.JOIN: _join,
     ActionKind.BREAK: _break,
     ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",

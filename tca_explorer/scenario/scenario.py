@@ -27,12 +27,14 @@ class ScenarioModule:
     """A module of a scenario. Made by ``Scenario.module``."""
 
     def __init__(self, name: str, capacity: int, *, may_be_lost: int, comes_back: bool, may_leave: bool,
-                 arrives_late: bool, requires: Iterable[Message[Any, Any]]) -> None:  # fmt: skip
+                 arrives_late: bool, prefetch: int | None, requires: Iterable[Message[Any, Any]]) -> None:  # fmt: skip
         self.name = checked_name(name, "a module")
         self.may_be_lost = checked_number(may_be_lost, f"may_be_lost= of module '{name}'", least=0)
         self.comes_back = checked_flag(comes_back, f"comes_back= of module '{name}'")
         self.may_leave = checked_flag(may_leave, f"may_leave= of module '{name}'")
         self.arrives_late = checked_flag(arrives_late, f"arrives_late= of module '{name}'")
+        self.prefetch = prefetch if prefetch is None else checked_number(
+            prefetch, f"prefetch= of module '{name}'", least=0, most=MOST)  # fmt: skip
         self.handlers: dict[str, Program] = {}  #: by message name
         self.formats: list[HandlerFormat] = []  #: the declarations of its handlers
         self.story: Program | None = None  #: the module's own program
@@ -124,20 +126,26 @@ class Scenario:
 
     def module(
         self, name: str, *, capacity: int = 1, may_be_lost: int = 0, comes_back: bool = False, may_leave: bool = False,
-        arrives_late: bool = False, requires: Iterable[Message[Any, Any]] = (),
+        arrives_late: bool = False, prefetch: int | None = None, requires: Iterable[Message[Any, Any]] = (),
     ) -> ScenarioModule:  # fmt: skip
         """Add a module whose own resource takes *capacity* messages at a time.
 
         It may be lost (its process dies) at any moment, *may_be_lost* times; with *comes_back* it is started again each
         time. With *may_leave* it may say goodbye at any moment. With *arrives_late* it joins at some moment of the run
-        instead of before it. It handles nothing before somebody handles all messages that it *requires*.
+        instead of before it. It handles nothing before somebody handles all messages that it *requires*. With
+        *prefetch* its slots hear of central's messages some time later, and may have so many ahead.
         """
         if name in self.modules:
             raise ScenarioError(f"there is a module '{name}' already: choose another name")
         module = ScenarioModule(name, capacity, may_be_lost=may_be_lost, comes_back=comes_back, may_leave=may_leave,
-                                arrives_late=arrives_late, requires=requires)  # fmt: skip
+                                arrives_late=arrives_late, prefetch=prefetch, requires=requires)  # fmt: skip
         self.modules[name] = module
         return module
+
+    @property
+    def has_messages_ahead(self) -> bool:
+        """Whether a module may have messages ahead: then states differ in what scripts have lived, too."""
+        return any(module.prefetch is not None for module in self.modules.values())
 
     def may_kill(self, message: Message[Any, Any], times: int = 1) -> None:
         """Somebody may kill tasks of this message at any moment, so many of them."""

@@ -24,12 +24,17 @@ _OF_MODULES = {
     ActionKind.LEAVE: "{} leaving",
     ActionKind.BYE: "{} leaving",
     ActionKind.STEP: "steps of {}",
+    ActionKind.HEAR: "steps of {}",
+    ActionKind.BEGIN: "steps of {}",
     ActionKind.LATE: "timeouts of {}",
     ActionKind.KILL: "kills of {}",
     ActionKind.SUSPEND: "suspensions of {}",
     ActionKind.RESUME: "suspensions of {}",
     ActionKind.TIME: "{}",
 }
+
+
+_OF_LINES = {ActionKind.STEP, ActionKind.HEAR, ActionKind.BEGIN, ActionKind.LATE, ActionKind.BREAK, ActionKind.BYE}
 
 
 class Branching:
@@ -55,7 +60,7 @@ class Branching:
 def _source(play: Play, action: Action) -> str:
     if action.kind is ActionKind.TIME:
         name = _due(play)
-    elif action.kind in (ActionKind.STEP, ActionKind.LATE, ActionKind.BREAK, ActionKind.BYE):
+    elif action.kind in _OF_LINES:
         name = play.lines[action.name].run.module.name
     elif action.kind in (ActionKind.JOIN, ActionKind.LEAVE):
         name = play.runs[action.name].module.name

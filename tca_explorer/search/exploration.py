@@ -8,7 +8,7 @@ import msgspec
 from tca_central.invariants import check_invariants
 from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.observed.world import World, breach_in_words
-from tca_explorer.play.play import Action, Play, Waiting, carried, waiting
+from tca_explorer.play.play import Action, Play, Waiting, carried, outcome, waiting
 from tca_explorer.play.words import unfinished
 from tca_explorer.pure_core import check_core
 from tca_explorer.scenario.argument_checks import checked_number, nearest
@@ -76,6 +76,7 @@ class _Exploration:
         self.steps = 0
         self.ends = 0
         self.branching = Branching()
+        self.outcomes: dict[bytes, SearchState] = {}
         self.saved = 0  #: bytes that snapshots hold
         self.snapshots = Snapshots()
         self.used = set(scenario.messages())  #: the messages that are handled, or were used so far
@@ -99,7 +100,8 @@ class _Exploration:
         vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
         said_nothing = tuple(f"'{one}': there never is '{words_of(one.case)}'" for one in vacuous)
         return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
-                      said_nothing, self.branching.most())  # fmt: skip
+                      said_nothing, {key: state.actions() for key, state in self.outcomes.items()},
+                      self.branching.most())  # fmt: skip
 
     def _go_round(self, states: list[SearchState]) -> Violation | None:
         """Some runs go on for ever: judge what never happens in them."""
@@ -117,6 +119,8 @@ class _Exploration:
         self.branching.add(play, actions)
         if all(action.is_optional for action in actions):
             self.ends += 1
+            if self.scenario.has_messages_ahead:
+                self.outcomes.setdefault(outcome(play), state)
             if violation := self._end(state, play):
                 return violation
         for action in actions:

@@ -64,7 +64,7 @@ IGNORED = {
         "delivered", "failed", "dropped",  # only counted, for people
         "candidates",  # follow from the handlers
     },
-    "ModuleResource": {"delivered", "busy", "quick_runs"},  # likewise; no slot of a scenario takes anything ahead
+    "ModuleResource": {"delivered", "busy", "quick_runs"},  # likewise; every handler counts as quick
     "Module": {"process"},
     "AttachedHandler": {"holders"},  # for people
     "Delivery": {
@@ -341,10 +341,13 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
         connections = play.central.registry.connections
         lines = [(walk.number_of(connections[connection_of(line.name)]), line) for line in run.lines]
         for number, line in sorted(lines, key=itemgetter(0)):
-            walk.add([number, line.name if detail.names else len(line.actors)])
+            walk.add([number, line.name if detail.names or play.scenario.has_messages_ahead else len(line.actors)])
             for actor in line.actors:
                 _add_actor(walk, actor, has_begun=actor in line.stack)
+            if line.inbox is not None:
+                walk.add(line.inbox.state)
     walk.add([*play.losses.values(), *play.kills.values(), *play.suspensions.values(), *play.suspended.values()])
+    walk.add(sorted(play.lived.items()))
 
 
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:

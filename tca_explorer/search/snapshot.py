@@ -8,8 +8,11 @@ their central are made anew for the copy.
 import io
 import pickle
 import sys
+from collections.abc import Callable
+from threading import Lock
 from types import CellType, CodeType, FunctionType, MethodType
 from typing import Any
+from weakref import WeakValueDictionary
 
 from tca_explorer.play.identifiers import MessageId, RequestNumber
 from tca_explorer.play.play import Play
@@ -19,6 +22,9 @@ from tca_explorer.scenario.steps import Branch, ScriptRun
 from tca_wire.messages.declarations import Message
 
 _SHARED = (Scenario, ScenarioModule, Program, ScriptRun, Branch, Message, CodeType, FunctionType)
+
+_EMPTY: dict[type, Callable[[], Any]] = {type(Lock()): Lock, WeakValueDictionary: WeakValueDictionary}
+"""Of a slot's session: nothing of a scenario is in these."""
 
 _ATOMS = (MessageId, RequestNumber)
 
@@ -60,6 +66,8 @@ class _Pickler(pickle.Pickler):
         if kind is FunctionType and thing.__closure__ is not None:  # it knows something of its central
             cells = tuple(cell.cell_contents for cell in thing.__closure__)
             return _function, (thing.__code__, thing.__module__, cells, thing.__defaults__)
+        if kind in _EMPTY:
+            return _EMPTY[kind], ()
         if isinstance(thing, _SHARED) and thing not in _OURS:
             self._shared[id(thing)] = thing
             return _known, (id(thing),)

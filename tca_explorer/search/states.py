@@ -36,6 +36,8 @@ class Result(msgspec.Struct, frozen=True):
     violation: Violation | None = None
     vacuous: tuple[str, ...] = ()
     """Properties that hold because what they are about never was: "'a before b': there never is 'b'"."""
+    outcomes: dict[bytes, tuple[Action, ...]] = {}
+    """Where modules have a prefetch: what was done, got and left in runs that end, and the shortest such run."""
     branching: tuple[str, ...] = ()
     """The commonest alternatives in states, with the part of the states: "steps of arm (61 %)"."""
 

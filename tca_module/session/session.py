@@ -100,8 +100,7 @@ class Session:
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Make a numbered request of central. Raises MisuseError if central could not read it."""
         check_fields(header)
-        if isinstance(header, headers.Lock) and self.ahead:
-            self.give_back()  # or a claim on its own resource would wait for them
+        self.make_way(header)
         return self.ask(header, body, wants_answer=wants_answer)
 
     def ask(self, header: Any, body: bytes, *, wants_answer: bool = True) -> Request:
@@ -196,13 +195,23 @@ class Session:
         while len(self._replies) > number:
             del self._replies[next(iter(self._replies))]
 
+    @property
+    def has_next(self) -> bool:
+        """Whether the next message is ahead, and no handler owes an answer."""
+        return bool(self.ahead) and len(self.open_deliveries) == len(self.ahead)
+
+    def make_way(self, header: headers.ToCentral) -> None:
+        """Give back all that came ahead before a claim, which might wait for it."""
+        if isinstance(header, headers.Lock) and self.ahead:
+            self.give_back()
+
     def give_back(self, wanted: Collection[int] | None = None) -> None:
         """Give back the deliveries that came ahead and have not begun, of those *wanted* (None: of all)."""
         back = [header.delivery for header, _ in self.ahead if wanted is None or header.delivery in wanted]
         self.ahead = deque(one for one in self.ahead if one[0].delivery not in back)
         for delivery in back:
             self.open_deliveries.end(delivery)
-        self.post(headers.Recalled(back))
+        self.post(headers.Recalled(back, is_answer=wanted is not None))
 
     def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool = False) -> None:
         """Remember what central has accepted, to declare it again after a restart."""

@@ -146,9 +146,11 @@ class Fail(_Header, frozen=True, tag=6):
 
 
 class Recalled(_Header, frozen=True, tag=29):
-    """This slot gives back what it had ahead and had not begun: it never begins it. Answers Recall, or goes unasked."""
+    """This slot gives back what it had ahead and had not begun: it never begins it."""
 
     deliveries: list[int]
+    is_answer: bool = True
+    """To a Recall: what that named, and is not given back, has been begun."""
 
 
 class Constrain(_Header, frozen=True, tag=7):

@@ -1,0 +1,66 @@
+"""The packets from central to a slot that may have messages ahead, and the library's own session, which reads them.
+
+Other connections hear central at once. Here a packet may be under way for a while. What a slot says reaches central at
+once here, too: what it does before that, nobody can see.
+"""
+
+from collections import deque
+from typing import Any
+
+from tca_module.session.session import Session
+from tca_wire.packets import headers
+
+Item = tuple[Any, bytes]
+
+
+class SlotInbox:
+    """One slot's packets and session."""
+
+    def __init__(self, hello: headers.Hello) -> None:
+        self.session = Session(hello)
+        self.under_way: deque[Item] = deque()
+
+    def put(self, header: Any, body: bytes) -> bool:
+        """Central has sent a packet; whether it is under way for a while. An answer for which the slot waits, and a
+        message when it is free, might as well be heard at once, if nothing is before them.
+        """
+        is_later = bool(self.under_way) or _is_about_what_is_ahead(header)
+        if is_later:
+            self.under_way.append((header, body))
+        return is_later
+
+    def hear(self, header: Any, body: bytes) -> bool:
+        """A packet has come; whether it is one for scripts."""
+        if isinstance(header, headers.Welcome | headers.Deliver | headers.Recall):
+            self.session.receive(header, body, 0.0)
+            self.session.routing.clear()
+            self.session.deliveries.clear()  # they are scripts now
+        return not _is_about_what_is_ahead(header)
+
+    def say(self, header: headers.ToCentral, body: bytes) -> None:
+        """A script says something to central, which is among ``outgoing`` then."""
+        if isinstance(header, headers.Reply | headers.Fail):
+            self.session.reply(header, body)
+            return
+        self.session.make_way(header)
+        self.session.outgoing.append((header, body))
+
+    def outgoing(self) -> list[Item]:
+        """What goes to central now."""
+        items, self.session.outgoing = self.session.outgoing, []
+        return items
+
+    @property
+    def state(self) -> list[Any]:
+        """All of it that matters."""
+        return [[header.delivery for header, _ in self.session.ahead], *self.under_way]
+
+    @property
+    def deliveries(self) -> list[int]:
+        """Those that came ahead, or are under way, and are not begun."""
+        return [header.delivery for header, _ in (*self.session.ahead, *self.under_way)
+                if isinstance(header, headers.Deliver)]  # fmt: skip
+
+
+def _is_about_what_is_ahead(header: Any) -> bool:
+    return isinstance(header, headers.Recall) or (isinstance(header, headers.Deliver) and header.ahead > 0)
