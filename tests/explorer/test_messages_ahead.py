@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explorer import ahead
-from explorer.ahead import Street
+from explorer import with_ahead as ahead
+from explorer.with_ahead import Street
 from explorer.scenarios import good
 from msgspec.structs import replace
 
