@@ -47,8 +47,7 @@ class SlotInbox:
 
     def outgoing(self) -> list[Item]:
         """What goes to central now."""
-        items, self.session.outgoing = self.session.outgoing, []
-        return items
+        return self.session.take_outgoing(0.0)
 
     @property
     def state(self) -> list[Any]:

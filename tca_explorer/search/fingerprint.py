@@ -57,6 +57,7 @@ IGNORED = {
         "id", "session", "number", "answers", "last_number", "orphans", "late",  # addresses; scripts repeat nothing
         "tasks", "untold",  # nor name they anything by its request
         "handling", "waits", "pauses", "lost_claims",  # met as what is handled and asked
+        "begins", "known_until",  # for people: when runs began and ended
         "begins", "known_until",  # times, for people
     },
     "MessageType": {

@@ -102,7 +102,7 @@ class WaitLoop:
             due = session.tend(now, since, quiet)
             if session.outgoing and not self._has_sent(max(0.0, deadline - now)):
                 due = now
-            is_next = idle is not None and self._has_next
+            is_next = idle is not None and session.has_next
             step = 0.0 if is_next else self._seconds_to(due, deadline, since, patience)
             line.listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.handle_delivery is not None:
@@ -122,17 +122,12 @@ class WaitLoop:
         within = SEND_WAIT if session.is_welcome else 0.0 if self._direct.is_used and session.epoch else STEP
         return self._line.flush(min(within, left), is_patient=left < min(within, STEP))
 
-    @property
-    def _has_next(self) -> bool:
-        """Whether the next message is ahead, and no handler owes an answer."""
-        return bool(self._session.ahead) and len(self._session.open_deliveries) == len(self._session.ahead)
-
     def _goes_on(self) -> bool:
-        return self._has_next and not self.has_news
+        return self._session.has_next and not self.has_news
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
         """Handle what is next when nothing else is: messages that were sent ahead, or one that came directly."""
-        if self._has_next:
+        if self._session.has_next:
             self._turns.take(self._goes_on, handle)
         elif (message := self._direct.take()) is not None:
             handle(*message)

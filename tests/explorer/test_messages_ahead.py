@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 from explorer import with_ahead as ahead
-from explorer.with_ahead import Street
 from explorer.scenarios import good
+from explorer.with_ahead import Street
 from msgspec.structs import replace
 
 import tca_explorer as tca
