@@ -43,10 +43,13 @@ log = logging.getLogger("tca.central")
 _EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)
 _DONTWAIT, _SNDMORE = int(zmq.DONTWAIT), int(zmq.SNDMORE | zmq.DONTWAIT)
 
+LIVELY = 20  # milliseconds after a packet in which the next one is likely to come
+
 _OPTIONS = (
     (zmq.ROUTER_MANDATORY, 1),
     (zmq.SNDHWM, 1000),
     (zmq.RCVHWM, 1000),
+    (zmq.RCVTIMEO, LIVELY),
     (zmq.MAXMSGSIZE, int(Limit.PACKET)),
     (zmq.LINGER, 1000),
     (zmq.HANDSHAKE_IVL, 2000),
@@ -116,6 +119,7 @@ class Server:
         self._wake.setblocking(False)
         self.socket, self._door = self._bind(endpoint)
         self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
+        self._is_lively = False  #: something has arrived just now, so that more is likely to
         self._poller = zmq.Poller()
         self._poller.register(self._woken.fileno(), _POLLIN)
         self._poller.register(self.socket, _POLLIN)
@@ -140,11 +144,14 @@ class Server:
         """Run until ``stopping`` says why to stop."""
         while not self.stopping:
             patience = self._patience()
-            for source, _ in self._poller.poll(patience):
-                if source is self.socket:
-                    self._receive()
-                else:
-                    self._woken.recv(4096)
+            if self._is_lively and patience > LIVELY:
+                self._is_lively = self._receive(0)  # ZeroMQ's own wait costs less, but only a packet ends it
+            else:
+                for source, _ in self._poller.poll(patience):
+                    if source is self.socket:
+                        self._is_lively = self._receive()
+                    else:
+                        self._woken.recv(4096)
             if not patience:
                 self._do_what_is_due()
             self._flush()
@@ -218,16 +225,16 @@ class Server:
 
     # --- receiving -------------------------------------------------------------------------------------------------
 
-    def _receive(self) -> None:
-        """Let happen what has arrived, up to a bound."""
+    def _receive(self, flags: int = _DONTWAIT) -> bool:
+        """Let happen what has arrived, up to a bound; whether anything has. With *flags* 0 wait a moment for it."""
         receive = self.socket.recv
         for count in range(PACKETS_PER_TURN):
             if count == 1 and not self._has_arrived():
-                return
+                break
             try:
-                connection = ConnectionId(receive(_DONTWAIT))
+                connection = ConnectionId(receive(_DONTWAIT if count else flags))
             except zmq.Again:  # dearer than to ask, but where there are two packets there may be many
-                return
+                return count > 0
             frame, now = receive(_DONTWAIT, copy=False), self.now()
             self._pulses.heard.add(connection)
             try:
@@ -245,6 +252,7 @@ class Server:
                 if isinstance(header, Bye):
                     self._expected += self._lines_of(connection)
                 self._let_happen(RequestReceived(now, connection, header, body))
+        return True
 
     def _one_frame(self, frame: zmq.Frame) -> bytes:
         """Take in the other frames of a message that has several. Raises ProtocolError."""
@@ -329,9 +337,8 @@ class Server:
     def _hear_last_words(self) -> None:
         """Let happen all that has arrived by now: a connection may have said goodbye before it went."""
         for _ in range(TURNS_OF_LAST_WORDS):
-            if not self._has_arrived():
+            if not self._receive():
                 return
-            self._receive()
 
     def _has_arrived(self) -> bool:
         # Asking is cheaper than the exception that a socket without messages raises.
