@@ -58,7 +58,6 @@ IGNORED = {
         "tasks", "untold",  # nor name they anything by its request
         "handling", "waits", "pauses", "lost_claims",  # met as what is handled and asked
         "begins", "known_until",  # for people: when runs began and ended
-        "begins", "known_until",  # times, for people
     },
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
