@@ -12,7 +12,7 @@ from tca_bench.own.zeromq import Socket, socket
 from tca_bench.processes import address_in
 from tca_wire.constraints import Flags
 from tca_wire.packets import codec, headers
-from tca_wire.packets.parts import HandlerFormat
+from tca_wire.packets.parts import EndedRun, HandlerFormat
 from tca_wire.points import Moment, Point, TaskId
 
 NIL = b"\xc0"
@@ -63,14 +63,28 @@ def attend(lines: list[Socket]) -> None:
         poller.register(line, zmq.POLLIN)
     while True:
         for line, _ in poller.poll():
-            replies: list[tuple[Any, bytes]] = []
-            for header, body in codec.unpack_to_module(line.recv()):
-                if isinstance(header, headers.Recall):
-                    replies.append((headers.Recalled([]), b""))  # it has begun with all
-                if isinstance(header, headers.Deliver):
-                    replies.append((headers.Reply(header.delivery), handle(line, header.message, body, counts)))
-            if replies:
-                line.send(codec.pack(replies))
+            if said := answers(line, counts):
+                line.send(codec.pack(said))
+
+
+def answers(line: Socket, counts: dict[Socket, int]) -> list[tuple[Any, bytes]]:
+    """What there is to say to the next packet: all that is no task is answered together."""
+    said: list[tuple[Any, bytes]] = []
+    ended: list[EndedRun] = []
+    replies: list[bytes] = []
+    for header, body in codec.unpack_to_module(line.recv()):
+        if isinstance(header, headers.Recall):
+            said.append((headers.Recalled([]), b""))  # it has begun with all
+        elif isinstance(header, headers.Deliver):
+            reply = handle(line, header.message, body, counts)
+            if header.task:
+                said.append((headers.Reply(header.delivery), reply))
+            else:
+                ended.append(EndedRun(header.delivery, 0.0, 0.0, len(reply)))
+                replies.append(reply)
+    if ended:
+        said.append((headers.Replies(ended), b"".join(replies)))
+    return said
 
 
 def handle(line: Socket, message: str, body: bytes, counts: dict[Socket, int]) -> bytes:

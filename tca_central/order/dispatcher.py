@@ -183,6 +183,8 @@ class Dispatcher:
         resource, first = slot.resource, first_ahead(slot)
         if first is None or first.given_as != number or resource is None or not slot.has_room:
             return None
+        if self.to_offer and self.to_offer[-1] == (resource, slot):  # as most: what it had before has just returned
+            self.to_offer.pop()
         resource.free_slot(slot)
         self._take_next(first, resource)
         return first

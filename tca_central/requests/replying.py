@@ -41,7 +41,7 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
 
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
     """A handler returned."""
-    _return(central, connection, header, body)
+    _return(central, connection, header.delivery, body, header.took, header.refusals)
 
 
 def on_replies(central: State, connection: Connection, header: headers.Replies, body: bytes) -> None:
@@ -53,23 +53,25 @@ def on_replies(central: State, connection: Connection, header: headers.Replies, 
         connection.begins = connection.then(now, run.ago + run.took)
         mine, at = body[at : at + run.size], at + run.size
         try:
-            _return(central, connection, headers.Reply(run.delivery, run.took), mine or NIL, run.ago)
+            _return(central, connection, run.delivery, mine or NIL, run.took, ago=run.ago)
         except RequestError as error:
             central.refuse(connection, 0, error.refusal, error.text)
     connection.begins = connection.then(now, header.begun) if header.begun >= 0 else 0.0
 
 
-def _return(central: State, connection: Connection, header: headers.Reply, body: bytes, ago: float = 0.0) -> None:
-    delivery = _running_delivery(central, connection, header.delivery)
+def _return(
+    central: State, connection: Connection, number: int, body: bytes, took: float, refusals: int = 0, ago: float = 0.0
+) -> None:
+    delivery = _running_delivery(central, connection, number)
     if delivery is None:
         return
     refused, now = delivery.refused, central.clock.now
-    if refused.delivery == header.delivery and refused.number > header.refusals:
-        on_fail(central, connection, headers.Fail(header.delivery, HANDLER_ERROR, refused.text), b"")
+    if refused.delivery == number and refused.number > refusals:
+        on_fail(central, connection, headers.Fail(number, HANDLER_ERROR, refused.text), b"")
         return
     ended = max(delivery.since, connection.then(now, ago)) if ago else now
     central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body, ended if ended < now else 0.0))
-    central.dispatcher.complete(delivery, ended, header.took)
+    central.dispatcher.complete(delivery, ended, took)
     fire_after(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
         end_claims_of(central, delivery, "it has ended")

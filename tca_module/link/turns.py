@@ -15,6 +15,7 @@ from tca_wire.packets.headers import Deliver
 
 QUICK = 0.001  # seconds after which a turn takes no further message
 LATE = 0.02  # seconds between two looks for replies that wait for a handler which takes long
+_IDLE = 50  # looks in vain after which the thread ends
 
 
 class Turns:
@@ -78,11 +79,13 @@ class _Watcher:
                 threading.Thread(target=self._run, name="turns", daemon=True).start()
 
     def _run(self) -> None:
+        idle = 0
         while self._is_running:
             time.sleep(LATE)
             with self._lock:
+                idle = 0 if self._watched else idle + 1
                 self._watched = {turns: None for turns in self._watched if turns.send_late()}
-                self._is_running = bool(self._watched)
+                self._is_running = idle < _IDLE
 
 
 _watcher = _Watcher()

@@ -80,7 +80,9 @@ class OpenDeliveries:
 
     def begin(self, delivery: int, name: str) -> OpenDelivery:
         """A handler begins with a delivery."""
-        one = self._known.setdefault(delivery, OpenDelivery(self, delivery))
+        one = self._known.get(delivery)
+        if one is None:
+            one = self._known[delivery] = OpenDelivery(self, delivery)
         one.name = name
         return one
 
