@@ -47,7 +47,7 @@ class SlotInbox:
 
     def outgoing(self) -> list[Item]:
         """What goes to central now."""
-        return self.session.take_outgoing(0.0)
+        return self.session.take_outgoing(float)  # nothing is held, so no time matters
 
     @property
     def state(self) -> list[Any]:

@@ -98,7 +98,7 @@ very long; or no central listens there, but another program"
         *is_patient*.
         """
         if self._session.outgoing:
-            outgoing = self._session.take_outgoing(self.time())
+            outgoing = self._session.take_outgoing(self.time)
             for before, packet in packets(outgoing):
                 if not self._transport.send(packet, wait_seconds):
                     self._session.outgoing = outgoing[before:]

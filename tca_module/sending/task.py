@@ -30,16 +30,17 @@ class Task(Sender, SteerableTask):
         self._link: Connection | None = connection
         self._message = message
         self._delivery = delivery
-        epoch, what = connection.session.epoch, numbered(message.name, delivery.task) * bool(delivery.task)
-        task_id = with_epoch(delivery.task, epoch, what)
+        self._what = numbered(message.name, delivery.task) if delivery.task else f"'{message.name}'"
+        epoch = connection.session.epoch
+        task_id = with_epoch(delivery.task, epoch, self._what)
         origin = max(0, delivery.delivery)  # central knows no direct delivery
-        Sender.__init__(self, task_id, with_epoch(origin, epoch, what or f"'{message.name}'"))
+        Sender.__init__(self, task_id, with_epoch(origin, epoch, self._what))
         SteerableTask.__init__(self, task_id)
         self.began = connection.now()
         self.later: LaterReply[Any] | None = None  #: answers for the handler, if it said so
 
     def __repr__(self) -> str:
-        return numbered(self.message, self.id) if self.id else f"'{self.message}'"
+        return self._what
 
     @property
     def delivery(self) -> int:

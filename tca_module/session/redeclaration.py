@@ -109,9 +109,8 @@ class Redeclaration:
 
     def tend(self, now: float) -> float:
         """Do what it is time for; when there is more to do, if central says nothing before."""
-        if self._attachments.unwanted:
-            for standing in self._attachments.take_unwanted(self._epoch):
-                self._ask(headers.Remove(0, standing.number))
+        for standing in self._attachments.take_unwanted(self._epoch):
+            self._ask(headers.Remove(0, standing.number))
         if self.is_over or self.is_answered_soon:
             return _NEVER
         if self._due == _NEVER:

@@ -92,8 +92,8 @@ class Session:
         self.epoch = ""
         self.module = hello.module  #: the name under which central knows the module
         self.attachments = LastingAttachments() if attachments is None else attachments
-        own = self.attachments if not hello.connection else LastingAttachments()
-        self.redeclaration = Redeclaration(own, self.request, self.complaints.append, self._declare_handlers)
+        self._own = self.attachments if not hello.connection else LastingAttachments()
+        self.redeclaration = Redeclaration(self._own, self.request, self.complaints.append, self._declare_handlers)
 
     # --- calls of the module ---------------------------------------------------------------------------------------
 
@@ -168,10 +168,10 @@ class Session:
         """Whether central has had all that was sent."""
         return self.is_welcome and not (self.unheard or self._replies or self.sends.untold)
 
-    def take_outgoing(self, now: float) -> list[Item]:
+    def take_outgoing(self, clock: Callable[[], float]) -> list[Item]:
         """What is to be sent, which is not kept any more."""
         outgoing, self.outgoing = self.outgoing, []
-        return self.held.joined(outgoing, now) if self.held else outgoing
+        return self.held.joined(outgoing, clock()) if self.held else outgoing
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes, now: float = 0.0) -> bool:
         """A handler ended. Nothing is said of a delivery that central has forgotten. Returns whether it is held until
@@ -275,7 +275,8 @@ class Session:
             self.is_to_withdraw = False
             self.withdrawn()
             self.request(headers.Unregister(0, []))
-        due = self.redeclaration.tend(now) if self.is_welcome else float("inf")
+        is_restless = self.is_welcome and (self._own.unwanted or not self.redeclaration.is_over)
+        due = self.redeclaration.tend(now) if is_restless else float("inf")
         asks_at = max(self.heard, since) + quiet if self.is_welcome else self._asked + REPEAT
         if self.heard < self._asked:
             asks_at = max(asks_at, self._asked + REPEAT)
@@ -353,9 +354,9 @@ class Session:
             named = first_foreign(numbers_in(request.header), self.epoch)
             if named is not None or refers_to_tasks(request.header):
                 request.gone = named.what if named is not None else ""
-                self._end(request, RESTARTED)
+                self.end(request, RESTARTED)
             elif request.was_sent and not is_for_any_central(request.header):
-                self._end(request, "central was restarted meanwhile and has forgotten it")
+                self.end(request, "central was restarted meanwhile and has forgotten it")
         for lock in self._locks.values():
             lock.taken = "central was restarted and has forgotten it"
         self._locks.clear()
@@ -384,7 +385,7 @@ class Session:
             request.accepted = number = EpochNumber(header.id, self.epoch, what)
             if request.settled is None and is_lasting(asked):
                 self.attachments.add(asked, self._messages, number)
-            self._end(request)
+            self.end(request)
 
     def _on_tasks_made(self, header: headers.TasksMade, _: bytes) -> None:
         for number, task in header.tasks:
@@ -403,7 +404,7 @@ class Session:
             self._ask_again(request)
         else:
             request.refused = header
-            self._end(request)
+            self.end(request)
 
     def _not_welcome(self, header: headers.Refused) -> None:
         """Central refused Hello; with number 0 if it could not even read it, because it is of another version."""
@@ -422,7 +423,7 @@ class Session:
             self._number(request)
             self._send(request)
         else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
-            self._end(request, "the connection to central broke before the answer came")
+            self.end(request, "the connection to central broke before the answer came")
 
     def _on_answer(self, header: headers.Answer, body: bytes) -> None:
         request = self._answered(header.number)
@@ -431,18 +432,16 @@ class Session:
             if not header.more:
                 if isinstance(request.header, headers.Lock) and header.outcome is Outcome.DONE:
                     self._locks[header.number] = request
-                self._end(request)
+                self.end(request)
             elif request.notify is not None:
                 self.news.append(request.notify)
 
-    def _end(self, request: Request, lost: str = "") -> None:
-        del self._requests[request.header.number]
-        request.lost = lost
-        self.end(request)
-
-    def end(self, request: Request) -> None:
-        """A request is over: call those who want to know."""
+    def end(self, request: Request, lost: str = "") -> None:
+        """A request is over, or was *lost*: call those who want to know."""
+        self._requests.pop(request.header.number, None)  # one that went directly has no number here
         request.is_over = True
+        if lost:
+            request.lost = lost
         if request.what:
             self._end_send(request)
         if request.settled is not None:

@@ -65,7 +65,7 @@ class Worker:
 
     def post(self) -> None:
         """What the session says is on its way, in order."""
-        self.to_central.extend(self.session.take_outgoing(self.now))
+        self.to_central.extend(self.session.take_outgoing(lambda: self.now))
 
     def listen(self) -> None:
         if self.from_central:
