@@ -211,7 +211,9 @@ class Dispatcher:
             self.withdraw(delivery, dropped=dropped)
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
-        if is_answer:
+        if not is_answer:
+            self.messages_ahead.recall(resource)  # what is under way comes after these
+        else:
             resource.is_recalling = False
             if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
                 self._give_next(begun, resource)

@@ -201,9 +201,13 @@ class Session:
         return bool(self.ahead) and len(self.open_deliveries) == len(self.ahead)
 
     def make_way(self, header: headers.ToCentral) -> None:
-        """Give back all that came ahead before a claim, which might wait for it."""
+        """Give back what came ahead before a claim, which might wait for it. Where no handler runs, but a callback, the
+        next stays: central has given it to this slot by now, or recalls it.
+        """
         if isinstance(header, headers.Lock) and self.ahead:
+            kept = [self.ahead.popleft()] if self.has_next else []
             self.give_back()
+            self.ahead.extend(kept)
 
     def give_back(self, wanted: Collection[int] | None = None) -> None:
         """Give back the deliveries that came ahead and have not begun, of those *wanted* (None: of all)."""

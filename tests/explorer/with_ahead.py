@@ -111,6 +111,19 @@ def locked_from_inside(prefetch: int | None) -> Street:
     return street
 
 
+def locks_another(task: tca.Task, number: int) -> None:
+    if number == 1:
+        with task.lock("eyes"):
+            pass
+
+
+def locked_elsewhere(prefetch: int | None) -> Street:
+    street = Street("a handler's lock of something else", prefetch, act=locks_another)
+    street.scenario.module("eyes").handles(SEEN)(note)
+    street.does("user", informs(1, 2, 3))
+    return street
+
+
 def locks_itself_once(task: tca.Task, number: int) -> None:
     if number == 1:
         with suppress(Timeout), task.lock("legs", timeout=1.0):
@@ -216,7 +229,7 @@ def given_up_and_leaving(prefetch: int | None) -> Street:
     return street
 
 
-SMALL = [overtaken, locked, newer, tasks]
+SMALL = [overtaken, locked, locked_elsewhere, newer, tasks]
 LARGE = [reserved, locked_from_inside, given_up, busy, nested, leaving, wider, to_many, tapped,
          given_up_and_leaving]  # fmt: skip
 """What comes of these with messages ahead may come of them without."""

@@ -16,6 +16,7 @@ from tools.runs import OPENED, checked
 
 from tca_central.events import ConnectionId
 from tca_central.model.deliveries import Delivery
+from tca_module.session.request import Request
 from tca_module.session.session import Session
 from tca_tools.check import rules
 from tca_tools.run.at_time import RunAt
@@ -44,6 +45,7 @@ class Worker:
         self.to_central: deque[tuple[Any, bytes]] = deque()
         self.from_central: deque[tuple[Any, bytes]] = deque()
         self.handling = self.breaks = 0
+        self.locking: Request | None = None
         self.connect()
 
     def connect(self) -> None:
@@ -73,12 +75,21 @@ class Worker:
             self.post()
 
     def begin(self) -> None:
-        """Begin with the next message, as a slot does that handles nothing."""
-        waiting = self.session.deliveries or self.session.ahead
+        """Begin with the next message, as a slot does that handles nothing; what is ahead waits for a callback's end."""
+        waiting = self.session.deliveries or (self.session.ahead if self.locking is None else None)
         if not self.handling and waiting:
             self.handling = waiting.popleft()[0].delivery
             self.session.held.begin(self.handling, self.now)
             self.town.begins(self, self.handling)
+
+    def lock(self) -> None:
+        """A callback of a slot that handles nothing locks its own resource, or has it and releases it."""
+        if self.locking is not None and self.locking.is_over:
+            self.session.request(headers.Release(0, self.locking.header.number))
+            self.locking = None
+        elif self.locking is None and not self.handling:
+            self.locking = self.session.request(headers.Lock(0, "it", self.name), wants_answer=True)
+        self.post()
 
     def end(self) -> None:
         if self.handling:
@@ -113,7 +124,8 @@ class Town:
         assert delivery not in self.begun, f"{delivery} is begun twice"
         self.begun[delivery], self.times[delivery] = worker.name, [worker.now]
         held_by = self.player.central.registry.modules[f"run of {worker.name}"].resources["it"].held_by
-        assert held_by is None, f"{delivery} is begun while others have the resource"
+        is_own = held_by is not None and held_by.slot.module.called == worker.name
+        assert held_by is None or is_own, f"{delivery} is begun while others have the resource"
 
     def ends(self, delivery: int) -> None:
         self.times[delivery].append(self.player.time)
@@ -132,7 +144,7 @@ class Town:
         player, dice = self.player, self.dice
         worker = dice.choice(self.workers)
         what = dice.choice(["send"] * 7 + ["hear"] * 6 + ["listen"] * 6 + ["begin"] * 7 + ["end"] * 7 + ["post"]
-                           + ["lock", "unlock", "give up", "work", "rare"])  # fmt: skip
+                           + ["lock", "unlock", "own lock", "give up", "work", "rare"])  # fmt: skip
         if what == "send":
             player.send("user", dice.choice(FORMATS).name, priority=dice.choice((0, 0, 0, 1)))
         elif what == "hear" and worker.to_central:
@@ -141,6 +153,8 @@ class Town:
             getattr(worker, what)()
         elif what == "rare" and dice.random() < 0.5:
             self.kill(worker) if dice.random() < 0.2 else worker.reconnect()
+        elif what == "own lock":
+            worker.lock()
         elif what == "lock":
             number = player.number("user")
             player.receive("user", headers.Lock(number, "it", worker.name, timeout=-1, priority=dice.choice((0, 1))))
@@ -172,6 +186,8 @@ class Town:
         for _ in range(200):
             self.deliver()
             for worker in self.workers:
+                if worker.locking is not None:
+                    worker.lock()
                 worker.begin()
                 worker.end()
                 worker.post()
