@@ -30,6 +30,10 @@ class HeldReplies:
         """The turn is over."""
         self._present, self._begun = 0, None
 
+    def clear(self) -> None:
+        """None is to be sent any more."""
+        self._ended.clear()
+
     def take(self, header: Reply | Fail, now: float) -> bool:
         """Hold a reply if it is of the turn; whether it is."""
         if header.delivery != self._present or not isinstance(header, Reply):
@@ -58,7 +62,7 @@ class HeldReplies:
             size += len(bodies[-1])
         if runs:
             found.append(_together(runs, bodies, begun))
-        self._ended.clear()
+        self.clear()
         return found[::-1]
 
 

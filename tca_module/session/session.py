@@ -303,6 +303,7 @@ class Session:
         self.doubtful += self.unheard - (self.dropped - dropped)
         self._arrived = self._posted
         self.outgoing.clear()
+        self.held.clear()
         self._asked = float("-inf")
 
     def receive(self, header: headers.ToModule, body: bytes, now: float) -> None:

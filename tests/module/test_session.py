@@ -455,3 +455,14 @@ def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> No
     events = [RequestReceived(0.0, somebody, header, b"") for header in (Send(7, "walk"), Reply(8))]
     effects = [effect for event in events for effect in core.handle(event)]
     assert [effect.header for effect in effects if isinstance(effect, Transmit)] == [Unknown(7), Unknown(0)]
+
+
+def test_replies_that_were_held_when_the_connection_broke_are_said_alone(session: Session) -> None:
+    for delivery in (5, 6):
+        hear(session, Deliver(delivery, "note", ahead=1))
+        session.held.begin(delivery, 1.0)
+        assert session.reply(Reply(delivery), b"", 2.0)
+    session.break_off()
+    assert not session.held
+    hear(session, welcome())
+    assert session.take_outgoing(lambda: 3.0) == [(Reply(5), b""), (Reply(6), b"")]
