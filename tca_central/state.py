@@ -237,6 +237,7 @@ class State:
     def recall(self, slot: Connection) -> None:
         """Ask a slot for what it has ahead and has not begun."""
         assert slot.resource is not None
+        self.facts.append(facts.Recalling(slot.resource.module, slot.resource.name))
         self.tell(slot, headers.Recall([delivery.given_as for delivery in slot.resource.ahead]))
 
     def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:

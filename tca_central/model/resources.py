@@ -174,7 +174,7 @@ class Resource(Generic[S, Q]):
         self.numbers.pop(slot, None)
         self._free.pop(slot, None)
         if slot is self.ahead_at:
-            self.ahead_at, self.is_recalling = None, False
+            self.ahead_at = None
 
     @property
     def is_locked(self) -> bool:

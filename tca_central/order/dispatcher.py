@@ -12,7 +12,7 @@ from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.order.ahead import MessagesAhead, WaysAhead, first_ahead, note_run, take_back
-from tca_wire.journal.facts import HandlerRemoved, Queued, Unqueued
+from tca_wire.journal.facts import HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
@@ -199,6 +199,11 @@ class Dispatcher:
                 found.append(delivery)
         return found
 
+    def _end_recall(self, resource: ModuleResource) -> None:
+        if resource.is_recalling:
+            resource.is_recalling = False
+            self._facts.append(Recalling(resource.module, resource.name, is_over=True))
+
     def take_back(self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool) -> list[Delivery]:
         """A slot gives back deliveries of these numbers, which wait as before; where it *is answer* to a recall, it has
         begun what it keeps. Those that it is not to have again are returned, out of their queue.
@@ -214,7 +219,7 @@ class Dispatcher:
         if not is_answer:
             self.messages_ahead.recall(resource)  # what is under way comes after these
         else:
-            resource.is_recalling = False
+            self._end_recall(resource)
             if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
                 self._give_next(begun, resource)
         self.to_offer.append((resource, None))
@@ -283,6 +288,8 @@ class Dispatcher:
         ahead: list[Delivery] = []
         if slot.resource is not None:
             ahead = self._take_all_back(slot, slot.resource)
+            if slot is slot.resource.ahead_at:
+                self._end_recall(slot.resource)
             slot.resource.remove_slot(slot)
             self.to_offer.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:

@@ -170,6 +170,7 @@ FOLD: dict[type, Take] = {
     facts.ModuleJoined: presence.joined,
     facts.ModuleLeft: presence.left,
     facts.ResourceChanged: presence.resource,
+    facts.Recalling: presence.recalling,
     facts.FormatDefined: presence.format_defined,
     facts.HandlerAdded: presence.handler,
     facts.HandlerRemoved: presence.no_handler,

@@ -252,9 +252,9 @@ def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -
     if not world.is_whole or not capacity or claims.held_by is not None:
         return
     if claims.waiting:
-        if not any(one.waiting or one.runs or one.nested for one in claims.places):
+        if not any(one.waiting or one.runs or one.nested or one.is_recalling for one in claims.places):
             claim = next(iter(claims.waiting.values()))
             world.broken(rules.FREE, claim.origin, f"{claim_in_words(claim)} is not granted, and nobody is in there")
-    elif place.waiting and taken + len(place.nested) < capacity:
+    elif place.waiting and taken + len(place.nested) < capacity and not place.is_recalling:
         what = f"waits for {said(place)}, which takes {capacity} and has {taken}"
         world.broken(rules.FREE, next(iter(place.waiting.values())), what)

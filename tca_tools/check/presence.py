@@ -41,6 +41,13 @@ def resource(world: JournalWorld, fact: facts.ResourceChanged) -> None:
     place.capacity = fact.capacity
 
 
+def recalling(world: JournalWorld, fact: facts.Recalling) -> None:
+    """A slot is to give back what it has ahead, or has."""
+    place = world.place(fact.module, fact.resource)
+    place.is_recalling = not fact.is_over
+    world.places_touched[place] = None
+
+
 def format_defined(world: JournalWorld, fact: facts.FormatDefined) -> None:
     """A message is declared."""
     world.classes[fact.message] = fact.message_class

@@ -52,6 +52,7 @@ class ResourceRecord:
     runs: "dict[int, MessageRecord]" = field(default_factory=dict)
     nested: "dict[int, MessageRecord]" = field(default_factory=dict)
     """Messages that a handler may have taken while it waits for its own module."""
+    is_recalling: bool = False  #: nobody is let in before its slot has spoken
     waiting: "dict[int, MessageRecord]" = field(default_factory=dict)
 
 

@@ -73,6 +73,16 @@ class ResourceChanged(_Fact, frozen=True, tag="resource"):
     capacity: int
 
 
+class Recalling(_Fact, frozen=True, tag="recalling"):
+    """The slot of a resource is asked what it has ahead and has not begun, or (*is over*) has said so, or is gone.
+    Nobody is let in meanwhile.
+    """
+
+    module: str
+    resource: str
+    is_over: bool = False
+
+
 class FormatDefined(_Fact, frozen=True, tag="format"):
     """The first declaration of a message (formats as JSON Schema)."""
 
@@ -491,7 +501,7 @@ class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
 
 Fact = (
     Opened | Closed
-    | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
+    | ModuleJoined | ModuleLeft | ResourceChanged | Recalling | FormatDefined | HandlerAdded | HandlerRemoved
     | RequestRefused | Ignored
     | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly
     | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet

@@ -139,6 +139,9 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.ModuleJoined: lambda _, fact: f"{fact.module}, {fact.process}" if fact.process else fact.module,
     facts.ModuleLeft: lambda _, fact: f"{fact.module}: {fact.why}",
     facts.ResourceChanged: lambda _, fact: f"{place(fact.module, fact.resource)} takes {fact.capacity} at a time",
+    facts.Recalling: lambda _, fact: (
+        f"{place(fact.module, fact.resource)} {'has said' if fact.is_over else 'is asked'} what it has not begun"
+    ),
     facts.FormatDefined: lambda _, fact: f"{fact.message_class} {fact.message}, declared by {fact.module}",
     facts.HandlerAdded: lambda _, fact: f"{place(fact.module, fact.resource)} handles {fact.message}",
     facts.HandlerRemoved: lambda _, fact: f"{fact.module} handles {fact.message} no longer",

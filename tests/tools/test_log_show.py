@@ -64,6 +64,7 @@ def told_of_control(story: Story, task: TaskId) -> None:
         facts.MonitorTested(task, holds=True),
         facts.MonitorEnded(task, "its end point is reached"),
     )
+    story.say(facts.Recalling("legs", "motors"), facts.Recalling("legs", "motors", is_over=True))
     story.say(facts.Claimed(24, "legs", "motors", True, "map", 0), facts.Granted(24), facts.ClaimEnded(24, "released"))
     story.say(facts.SuspendedOrResumed(task, is_suspended=True, by="panel"))
     story.say(facts.Kept(task, "script"), facts.Released(task, "script"), facts.Released(task, ""))
