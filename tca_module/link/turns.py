@@ -35,7 +35,7 @@ class Turns:
             while True:
                 header, body = session.ahead.popleft()
                 session.held.begin(header.delivery, self._line.time())
-                if session.held and not self._is_watched:
+                if session.held.ended and not self._is_watched:
                     self._is_watched = True
                     _watcher.add(self)
                 self._lock.release()
@@ -52,7 +52,7 @@ class Turns:
     def send_late(self) -> bool:
         """Send the replies that wait; False if there were none. For another thread."""
         self._is_watched = False  # before it looks: a turn holds a reply, and then asks to be watched
-        if self._session.held:
+        if self._session.held.ended:
             self._is_watched = True
             if self._lock.acquire(blocking=False):
                 try:

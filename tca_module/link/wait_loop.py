@@ -96,7 +96,7 @@ class WaitLoop:
             if self.has_news:
                 self.take_news()
                 continue
-            if self.handle_delivery is not None and (delivery := direct.next_delivery()) is not None:
+            if session.deliveries and self.handle_delivery and (delivery := direct.next_delivery()) is not None:
                 self.handle_delivery(*delivery)
                 continue
             due = session.tend(now, since, quiet)

@@ -17,10 +17,7 @@ class HeldReplies:
     def __init__(self) -> None:
         self._present = 0  #: the delivery that is handled in a turn (0: none is)
         self._begun: float | None = None  #: when its handler began
-        self._ended: dict[int, float] = {}  #: by delivery, when its handler ended
-
-    def __bool__(self) -> bool:
-        return bool(self._ended)
+        self.ended: dict[int, float] = {}  #: by delivery, when its handler ended
 
     def begin(self, delivery: int, now: float) -> None:
         """The turn comes to a delivery."""
@@ -32,13 +29,13 @@ class HeldReplies:
 
     def clear(self) -> None:
         """None is to be sent any more."""
-        self._ended.clear()
+        self.ended.clear()
 
     def take(self, header: Reply | Fail, now: float) -> bool:
         """Hold a reply if it is of the turn; whether it is."""
         if header.delivery != self._present or not isinstance(header, Reply):
             return False
-        self._ended[header.delivery] = now
+        self.ended[header.delivery] = now
         self.stop()
         return True
 
@@ -50,7 +47,7 @@ class HeldReplies:
         bodies: list[bytes] = []
         size = 0
         for header, body in reversed(items):
-            ended = self._ended.get(header.delivery) if isinstance(header, Reply) and not header.refusals else None
+            ended = self.ended.get(header.delivery) if isinstance(header, Reply) and not header.refusals else None
             if runs and (ended is None or size + len(body) > _TOGETHER):
                 found.append(_together(runs, bodies, begun))
                 begun, runs, bodies, size = runs[-1].ago + runs[-1].took, [], [], 0

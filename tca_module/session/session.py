@@ -171,7 +171,7 @@ class Session:
     def take_outgoing(self, clock: Callable[[], float]) -> list[Item]:
         """What is to be sent, which is not kept any more."""
         outgoing, self.outgoing = self.outgoing, []
-        return self.held.joined(outgoing, clock()) if self.held else outgoing
+        return self.held.joined(outgoing, clock()) if self.held.ended else outgoing
 
     def reply(self, header: headers.Reply | headers.Fail, body: bytes, now: float = 0.0) -> bool:
         """A handler ended. Nothing is said of a delivery that central has forgotten. Returns whether it is held until

@@ -463,6 +463,6 @@ def test_replies_that_were_held_when_the_connection_broke_are_said_alone(session
         session.held.begin(delivery, 1.0)
         assert session.reply(Reply(delivery), b"", 2.0)
     session.break_off()
-    assert not session.held
+    assert not session.held.ended
     hear(session, welcome())
     assert session.take_outgoing(lambda: 3.0) == [(Reply(5), b""), (Reply(6), b"")]

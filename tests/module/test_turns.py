@@ -43,7 +43,7 @@ def test_joined_replies_are_the_same_in_the_same_order(given_: list[Any]) -> Non
     assert [header for header, _ in joined if not isinstance(header, Replies | Reply)] == [
         header for header, _ in items if not isinstance(header, Reply)
     ]
-    assert not held
+    assert not held.ended
 
 
 def test_a_header_says_when_its_handlers_ended_and_when_the_next_began() -> None:
