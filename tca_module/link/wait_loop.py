@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from tca_module.direct.messages import DirectMessages
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
-from tca_module.link.turns import Turns
+from tca_module.link.turns import QUICK, Turns
 from tca_module.session.open_deliveries import KILLED, never, wake_error, working_on
 from tca_module.session.request import Request, waits_for_others
 from tca_module.session.session import Session, quiet_within
@@ -126,8 +126,12 @@ class WaitLoop:
         return self._session.has_next and not self.has_news
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
-        """Handle what is next when nothing else is: messages that were sent ahead, or one that came directly."""
+        """Handle, for a moment, what is next when nothing else is: messages that were sent ahead, or came directly."""
         if self._session.has_next:
             self._turns.take(self._goes_on, handle)
-        elif (message := self._direct.take()) is not None:
+            return
+        until = self._clock() + QUICK
+        while (message := self._direct.take()) is not None:
             handle(*message)
+            if self.has_news or self._clock() >= until:
+                return
