@@ -163,7 +163,7 @@ class ModuleLine:
     @property
     def is_idle(self) -> bool:
         """Whether it may end. What it has not begun goes to another: that is explored where messages may be ahead."""
-        return not (self.actors if self.inbox is None else self.stack)
+        return not (self.actors if self.inbox is None else self.stack or self.inbox.session.held.ended)
 
     @property
     def actor(self) -> Actor | None:

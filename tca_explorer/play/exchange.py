@@ -55,10 +55,9 @@ class Exchange:
         inbox = self.lines[line].inbox if line in self.lines else None
         if inbox is None:
             return self.handle(RequestReceived(self.now, connection_of(line), header, body))
-        inbox.say(header, body)
-        return self._post(line, inbox)
+        return [] if inbox.say(header, body) else self.post(line, inbox)
 
-    def _post(self, line: str, inbox: SlotInbox) -> list[Effect]:
+    def post(self, line: str, inbox: SlotInbox) -> list[Effect]:
         """Let central receive what a slot's session says; what came of it."""
         said = [RequestReceived(self.now, connection_of(line), *item) for item in inbox.outgoing()]
         return [effect for event in said for effect in self.handle(event)]
@@ -89,7 +88,7 @@ class Exchange:
         """A slot gets a packet from central."""
         if inbox.hear(header, body):
             self._get(line, header, body)
-        self._post(line.name, inbox)
+        self.post(line.name, inbox)
 
     def _get(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
         if get := _GET.get(type(header)):
@@ -99,7 +98,7 @@ class Exchange:
         """A slot that leaves gives back what it has ahead."""
         if inbox.session.ahead:
             inbox.session.give_back()
-            self._post(line.name, inbox)
+            self.post(line.name, inbox)
 
     def unlike(self, line: ModuleLine, inbox: SlotInbox) -> str:
         """The error if a slot has other messages than central has given it: nothing is lost, and nothing is twice."""
@@ -112,7 +111,7 @@ class Exchange:
 
     def begin_next(self, line: ModuleLine, inbox: SlotInbox) -> None:
         """A slot begins with the next message that it has ahead."""
-        header, body = inbox.session.ahead.popleft()
+        header, body = inbox.begin_next()
         self._get_delivery(line, header, body)
         line.begin(line.delivered[0])
         slot = self.central.registry.connections[connection_of(line.name)]

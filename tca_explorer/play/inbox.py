@@ -1,7 +1,7 @@
 """The packets from central to a slot that may have messages ahead, and the library's own session, which reads them.
 
-Other connections hear central at once. Here a packet may be under way for a while. What a slot says reaches central at
-once here, too: what it does before that, nobody can see.
+Other connections hear central at once. Here a packet may be under way for a while, and replies may be held until a turn
+ends, to leave together. What a slot says reaches central at once here, too: what it does before that, nobody can see.
 """
 
 from collections import deque
@@ -19,6 +19,7 @@ class SlotInbox:
     def __init__(self, hello: headers.Hello) -> None:
         self.session = Session(hello)
         self.under_way: deque[Item] = deque()
+        self.in_turn = 0  #: the delivery whose reply may be held
 
     def put(self, header: Any, body: bytes) -> bool:
         """Central has sent a packet; whether it is under way for a while. An answer for which the slot waits, and a
@@ -37,28 +38,36 @@ class SlotInbox:
             self.session.deliveries.clear()  # they are scripts now
         return not _is_about_what_is_ahead(header)
 
-    def say(self, header: headers.ToCentral, body: bytes) -> None:
-        """A script says something to central, which is among ``outgoing`` then."""
+    def begin_next(self) -> Item:
+        """Begin with the next message that is ahead."""
+        header, body = self.session.ahead.popleft()
+        self.in_turn = header.delivery
+        self.session.held.begin(header.delivery, 0.0)
+        return header, body
+
+    def say(self, header: headers.ToCentral, body: bytes) -> bool:
+        """A script says something to central, which is among ``outgoing`` then; whether it is held."""
         if isinstance(header, headers.Reply | headers.Fail):
-            self.session.reply(header, body)
-            return
+            return self.session.reply(header, body) and self.session.has_next
         self.session.make_way(header)
         self.session.outgoing.append((header, body))
+        return False
 
     def outgoing(self) -> list[Item]:
         """What goes to central now."""
-        return self.session.take_outgoing(float)  # nothing is held, so no time matters
+        return self.session.take_outgoing(float)
 
     @property
     def state(self) -> list[Any]:
         """All of it that matters."""
-        return [[header.delivery for header, _ in self.session.ahead], *self.under_way]
+        ahead = [header.delivery for header, _ in self.session.ahead]
+        return [self.in_turn, ahead, [*self.session.outgoing], *self.under_way]
 
     @property
     def deliveries(self) -> list[int]:
-        """Those that came ahead, or are under way, and are not begun."""
-        return [header.delivery for header, _ in (*self.session.ahead, *self.under_way)
-                if isinstance(header, headers.Deliver)]  # fmt: skip
+        """Those that came ahead, or are under way, and are not begun, and those whose replies are held."""
+        packets = (*self.session.outgoing, *self.session.ahead, *self.under_way)
+        return [header.delivery for header, _ in packets if isinstance(header, headers.Deliver | headers.Reply)]
 
 
 def _is_about_what_is_ahead(header: Any) -> bool:

@@ -34,6 +34,7 @@ class ActionKind(StrEnum):
     STEP = "step"  # a script goes on
     HEAR = "hear"  # a slot with messages ahead gets the next packet from central
     BEGIN = "begin"  # and begins with the next of these messages
+    ANSWER = "answer"  # and sends the replies that it has held
     TIME = "time"  # time passes until something is due
     LATE = "late"  # a script has waited for as long as it wanted to
     JOIN = "join"  # a run of a module takes its next step of joining
@@ -88,10 +89,12 @@ class Play(Exchange):
                         yield Action(ActionKind.STEP, line.name, index)
 
     def _with_inboxes(self) -> Iterator[Action]:
-        for line in self.lines.values():
-            if line.inbox is not None and line.inbox.under_way:
+        for line, inbox in ((line, line.inbox) for line in self.lines.values() if line.inbox is not None):
+            if inbox.session.held.ended:
+                yield Action(ActionKind.ANSWER, line.name)
+            elif inbox.under_way:
                 yield Action(ActionKind.HEAR, line.name)
-            if line.inbox is not None and line.inbox.session.has_next and not line.run.is_leaving:
+            if inbox.session.has_next and not line.run.is_leaving:
                 yield Action(ActionKind.BEGIN, line.name)
 
     def _passing_of_time(self) -> Iterator[Action]:
@@ -177,6 +180,11 @@ class Play(Exchange):
         line = self.lines[action.name]
         assert line.inbox is not None
         self.hear(line, line.inbox, *line.inbox.under_way.popleft())
+
+    def _answer_all(self, action: Action) -> None:
+        line = self.lines[action.name]
+        assert line.inbox is not None
+        self.post(line.name, line.inbox)
 
     def _begin(self, action: Action) -> None:
         line = self.lines[action.name]
@@ -295,6 +303,7 @@ _PERFORM: dict[ActionKind, Callable[[Play, Action], None]] = {
     ActionKind.STEP: Play._take_step,
     ActionKind.HEAR: Play._hear,
     ActionKind.BEGIN: Play._begin,
+    ActionKind.ANSWER: Play._answer_all,
     ActionKind.TIME: Play._pass_time,
     ActionKind.LATE: Play._be_late,
     ActionKind.JOIN: lambda play, action: play._join(play.runs[action.name]),

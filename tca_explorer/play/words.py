@@ -98,6 +98,7 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
     ActionKind.STEP: _step,
     ActionKind.HEAR: _hear,
     ActionKind.BEGIN: _begin,
+    ActionKind.ANSWER: lambda _, action: f"{action.name} sends the replies that it has held",
     ActionKind.JOIN: _join,
     ActionKind.BREAK: _break,
     ActionKind.LEAVE: lambda _, action: f"{action.name} begins to leave",

@@ -26,6 +26,7 @@ _OF_MODULES = {
     ActionKind.STEP: "steps of {}",
     ActionKind.HEAR: "steps of {}",
     ActionKind.BEGIN: "steps of {}",
+    ActionKind.ANSWER: "steps of {}",
     ActionKind.LATE: "timeouts of {}",
     ActionKind.KILL: "kills of {}",
     ActionKind.SUSPEND: "suspensions of {}",
@@ -34,7 +35,15 @@ _OF_MODULES = {
 }
 
 
-_OF_LINES = {ActionKind.STEP, ActionKind.HEAR, ActionKind.BEGIN, ActionKind.LATE, ActionKind.BREAK, ActionKind.BYE}
+_OF_LINES = {
+    ActionKind.STEP,
+    ActionKind.HEAR,
+    ActionKind.BEGIN,
+    ActionKind.ANSWER,
+    ActionKind.LATE,
+    ActionKind.BREAK,
+    ActionKind.BYE,
+}
 
 
 class Branching:

@@ -14,6 +14,7 @@ from tca_central.model.resources import Resource
 from tca_central.order.ahead import MessagesAhead
 from tca_explorer import never_stuck
 from tca_explorer.search.states import Violation
+from tca_module.session import joined_replies
 from tca_module.session.session import Session
 from tca_wire.packets import headers
 
@@ -85,12 +86,20 @@ def what_is_given_back_is_turned_round(patch: Patch) -> None:
     patch.setattr(Resource, "take_back", take_back)
 
 
+def the_last_of_several_replies_is_cut_off(patch: Patch) -> None:
+    def together(runs: list[Any], bodies: list[bytes], begun: float) -> tuple[Any, bytes]:
+        return headers.Replies(runs[:0:-1] or runs, begun), b"".join(bodies[:0:-1] or bodies)
+
+    patch.setattr(joined_replies, "_together", together)
+
+
 FAULTS: dict[Callable[[Patch], None], tuple[Make, str]] = {
     nobody_waits_for_what_is_given_back: (ahead.locked, "central's own invariants"),
     what_is_recalled_is_begun: (ahead.overtaken, "what central promises"),
     what_is_recalled_is_lost: (ahead.overtaken, "what central promises"),
     the_next_is_begun_before_an_answer: (ahead.overtaken, "central's own invariants"),
-    what_is_given_back_is_turned_round: (ahead.overtaken, "as without"),
+    the_last_of_several_replies_is_cut_off: (ahead.locked_elsewhere, "what central promises"),
+    what_is_given_back_is_turned_round: (ahead.locked_elsewhere, "as without"),
 }
 
 

@@ -73,6 +73,13 @@ def reserves(me: tca.Script) -> None:
 
 def overtaken(prefetch: int | None) -> Street:
     street = Street("a message of higher priority", prefetch)
+    street.does("user", informs(1, 2))
+    street.does("boss", asks(3, priority=1))
+    return street
+
+
+def overtaken_among_more(prefetch: int | None) -> Street:
+    street = Street("a message of higher priority among more", prefetch)
     street.does("user", informs(1, 2, 3))
     street.does("boss", asks(4, priority=1))
     return street
@@ -229,8 +236,8 @@ def given_up_and_leaving(prefetch: int | None) -> Street:
     return street
 
 
-SMALL = [overtaken, locked, locked_elsewhere, newer, tasks]
-LARGE = [reserved, locked_from_inside, given_up, busy, nested, leaving, wider, to_many, tapped,
+SMALL = [overtaken, locked, locked_elsewhere, tasks]
+LARGE = [overtaken_among_more, newer, reserved, locked_from_inside, given_up, busy, nested, leaving, wider, to_many, tapped,
          given_up_and_leaving]  # fmt: skip
 """What comes of these with messages ahead may come of them without."""
 
