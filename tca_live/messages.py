@@ -11,7 +11,6 @@ from typing import Any
 import click
 
 from tca_live.shared import SECONDS, as_json, as_text, central_option, json_option, talking
-from tca_module.checks import name_of
 from tca_module.client import Client
 from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.sending.replies import QUERY_TIMEOUT
@@ -52,9 +51,9 @@ def send(
             return
         if isinstance(message, Variable | ExceptionHandler):
             how = "set it with 'tca set'" if isinstance(message, Variable) else "raise its failure with 'tca raise'"
-            raise click.UsageError(f"{name_of(message)} is not sent: {how}")
+            raise click.UsageError(f"{message.title} is not sent: {how}")
         if (wait or timeout is not None) and not isinstance(message, Goal | Command):
-            raise click.UsageError(f"{name_of(message)} has no end to wait for: leave --wait and --timeout out")
+            raise click.UsageError(f"{message.title} has no end to wait for: leave --wait and --timeout out")
         value = _read(message, data)
         message.encode_data(value)
         _say_if_unhandled(client, message)
@@ -85,9 +84,9 @@ def query(
         message = client.declared(name)
         if not isinstance(message, Query | MultiQuery):
             how = "'tca get' reads it" if isinstance(message, Variable) else "send it with 'tca send'"
-            raise click.UsageError(f"{name_of(message)} is no query: {how}")
+            raise click.UsageError(f"{message.title} is no query: {how}")
         if maximum is not None and isinstance(message, Query):
-            raise click.UsageError(f"{name_of(message)} has one reply: leave --maximum out")
+            raise click.UsageError(f"{message.title} has one reply: leave --maximum out")
         _ask(client, message, data, timeout, maximum, in_json=in_json)
 
 
@@ -123,7 +122,7 @@ def set_variable(variable: str, data: tuple[str, ...], central: str | None) -> N
 def _variable(client: Client, name: str) -> Variable[Any]:
     message = client.declared(name)
     if not isinstance(message, Variable):
-        raise click.UsageError(f"{name_of(message)} is no variable: 'tca variables' lists them")
+        raise click.UsageError(f"{message.title} is no variable: 'tca variables' lists them")
     return message
 
 
@@ -134,7 +133,7 @@ def _read(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
     """The data that the words of a command line mean. Raises UsageError, or BadData when they are encoded."""
     takes_fields = getattr(message.data, "takes_fields", True)
     if message.data.kind is type(None) and words:
-        raise click.UsageError(f"{name_of(message)} takes no data, and '{printable(words[0])}' was given")
+        raise click.UsageError(f"{message.title} takes no data, and '{printable(words[0])}' was given")
     if words == ("-",):
         return _from_standard_input()
     if not words:
@@ -145,9 +144,9 @@ def _read(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
     if len(words) == 1:
         return Bare(words[0])
     if not takes_fields:
-        raise click.UsageError(f"{name_of(message)} takes one value ({message.data}), and {len(words)} were given")
+        raise click.UsageError(f"{message.title} takes one value ({message.data}), and {len(words)} were given")
     wrong = next(word for word, pair in zip(words, pairs, strict=True) if pair is None)
-    raise click.UsageError(f"'{printable(wrong)}' is no field of {name_of(message)}: write key=value")
+    raise click.UsageError(f"'{printable(wrong)}' is no field of {message.title}: write key=value")
 
 
 def _without_words(message: Message[Any, Any], *, takes_fields: bool) -> Any:
@@ -155,7 +154,7 @@ def _without_words(message: Message[Any, Any], *, takes_fields: bool) -> Any:
         message.data.encode(None)
     except BadData:
         if not takes_fields:
-            raise click.UsageError(f"{name_of(message)} wants data ({message.data}), and none were given") from None
+            raise click.UsageError(f"{message.title} wants data ({message.data}), and none were given") from None
         return {}
     return None
 
@@ -190,7 +189,7 @@ def _say_if_unhandled(client: Client, message: Message[Any, Any]) -> None:
     """Warn if nobody handles the message to be sent now."""
     if not any(handler.capacity for handler in client.handlers(message)):
         fate = "it reaches nobody" if isinstance(message, Broadcast | MultiQuery) else "it waits until a module does"
-        click.echo(f"nobody handles {printable(name_of(message))} now: {fate}", err=True)
+        click.echo(f"nobody handles {printable(message.title)} now: {fate}", err=True)
 
 
 def _follow(ref: SentTask[Any], timeout: float | None, *, wait: bool, in_json: bool) -> None:
@@ -257,4 +256,4 @@ def _ask(
     if in_json:
         click.echo(show(replies))
     if not replies:
-        raise click.ClickException(f"nobody replied to {name_of(message)}: see 'tca messages'")
+        raise click.ClickException(f"nobody replied to {message.title}: see 'tca messages'")

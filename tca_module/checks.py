@@ -168,11 +168,6 @@ def is_brief(call: object, timeout: float | None) -> bool:
 # --- messages --------------------------------------------------------------------------------------------------------
 
 
-def name_of(message: Message[Any, Any]) -> str:
-    """A message as errors name it."""
-    return message.title
-
-
 def check_message(message: Any) -> None:
     """Raise MisuseError for a value that is no message, such as its name."""
     if not isinstance(message, Message):
@@ -193,7 +188,7 @@ def check_handles(failure: Any, handler: Any) -> None:
     """
     if not isinstance(handler, ExceptionHandler):
         raise MisuseError(f"{handler!r:.60} is no ExceptionHandler: declare the message as one")
-    wants = f"{name_of(handler)} wants data of type {handler.data}"
+    wants = f"{handler.title} wants data of type {handler.data}"
     if failure is None:
         if first_misfit(NO_DATA, handler.data.schema):
             advice = f"declare it without data, or with {handler.data} | None"

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
-from tca_module.checks import TIMEOUT, check, check_message, name_of
+from tca_module.checks import TIMEOUT, check, check_message
 from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, NotSent, Refused, Stopped, Timeout
 from tca_module.link.arrivals import Arrivals
@@ -126,7 +126,7 @@ class Connection:
         new, handled = [message for message in messages if not self.has_declared(message)], list(handlers)
         if not new and not handled and not is_ready:
             return
-        formats, names = [message.format for message in new], ", ".join(map(name_of, new or messages))
+        formats, names = [message.format for message in new], ", ".join(one.title for one in new or messages)
         self.call(Register(0, formats, handled, is_ready), f"declaring {names or 'that it is ready'}", within=within)
         self.session.declared(formats, handled, is_ready=is_ready)
         self._declared.update({message.name: message for message in new})

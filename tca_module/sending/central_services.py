@@ -7,7 +7,7 @@ from typing import Any, Self, TypeVar, overload
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import check, is_brief, name_of
+from tca_module.checks import check, is_brief
 from tca_module.errors import LockLost, MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.link.questions import ask
@@ -269,7 +269,7 @@ class CentralServices:
             raise Timeout(f"{self._unhandled(messages, timeout)}; start the module that does, see 'tca messages'")
 
     def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
-        named = {message.name: name_of(message) for message in messages}
+        named = {message.name: message.title for message in messages}
         try:
             answer = ask(self._connection(), Ask(0, "messages"), "the question for messages", within=_WHY_WITHIN)
         except Timeout:

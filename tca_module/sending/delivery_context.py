@@ -2,7 +2,7 @@
 
 from typing import Any, Generic, TypeVar, overload
 
-from tca_module.checks import LateText, name_of
+from tca_module.checks import LateText
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued
@@ -85,7 +85,7 @@ def check_action(what: object, wanted: str, action: Any) -> None:
         return
     if not isinstance(action, Message) or action.name != wanted:
         says = f"its action is '{wanted}'" if wanted else "it needs none, fire() it without a message"
-        given = name_of(action) if isinstance(action, Message) else repr(action)
+        given = action.title if isinstance(action, Message) else repr(action)
         raise MisuseError(f"{what} can't be fired with {given:.60}: {says}")
 
 

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic, Self
 
-from tca_module.checks import TIMEOUT, check, name_of
+from tca_module.checks import TIMEOUT, check
 from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import ORDINARY
@@ -20,7 +20,7 @@ QUERY_TIMEOUT = 30.0  # seconds that a query waits for its reply where nobody sa
 def not_answered(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:
     """The Timeout of a query without a reply in time; *why* says where it was ("": unknown)."""
     where = f": {why}" if why else ""
-    return Timeout(f"{name_of(message)} was not answered within {timeout:g} s{where}", can_wait=True)
+    return Timeout(f"{message.title} was not answered within {timeout:g} s{where}", can_wait=True)
 
 
 class PendingReply(Generic[R]):
@@ -36,7 +36,7 @@ class PendingReply(Generic[R]):
         """The reply; waits at most *timeout* seconds (None: for ever). Raises QueryFailed if the handler failed;
         Timeout if no reply came in time, TaskKilled or Stopped as ``query`` does: the query is given up then.
         """
-        check(name_of(self._message), TIMEOUT, timeout=timeout)
+        check(self._message.title, TIMEOUT, timeout=timeout)
         return self.receive_within(timeout, timeout)
 
     def receive_within(self, left: float | None, timeout: float | None) -> R:
@@ -67,7 +67,7 @@ class PendingReply(Generic[R]):
 
     def _reply(self, answer: Answer, body: bytes) -> R:
         if answer.outcome is not Outcome.DONE:
-            raise QueryFailed(name_of(self._message), answer.failure or str(answer.outcome), answer.text, body)
+            raise QueryFailed(self._message.title, answer.failure or str(answer.outcome), answer.text, body)
         return self._message.decode_reply(body)
 
     def cancel(self) -> None:
@@ -101,7 +101,7 @@ class PendingReplies(Iterator[R], Generic[R]):
                 return self._message.decode_reply(body)
             if answer.outcome is not Outcome.DONE:
                 self.cancel()
-                raise QueryFailed(name_of(self._message), answer.failure or str(answer.outcome), answer.text, body)
+                raise QueryFailed(self._message.title, answer.failure or str(answer.outcome), answer.text, body)
         self.cancel()
         raise StopIteration
 
@@ -110,7 +110,7 @@ class PendingReplies(Iterator[R], Generic[R]):
             patience = None if self._deadline is None else max(0.0, self._deadline - self._connection.now())
             try:
                 came = self._connection.wait(
-                    self._request, patience, name_of(self._message), lambda: bool(self._request.answers)
+                    self._request, patience, self._message.title, lambda: bool(self._request.answers)
                 )
                 if not came and not self._has_reply:  # a failure may have come instead
                     self._connection.give_up(self._request)

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import EXECUTED, LateText, check, check_class, check_function, check_options, is_brief, name_of
+from tca_module.checks import EXECUTED, LateText, check, check_class, check_function, check_options, is_brief
 from tca_module.errors import Refused, Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
@@ -140,7 +140,7 @@ class Sender(WatchingServices):
     def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> SentTask[R] | None:
         """The new task; None if *handled* and nobody handles the message."""
         if options:
-            check_options(name_of(message), options, _OPTIONS)
+            check_options(message.title, options, _OPTIONS)
         body, recoveries = message.encode_data(data), options.get("on_failure", ())
         connection = self._declare(message, *(one.handler for one in recoveries))
         sequential = options.get("sequential", True)
@@ -158,8 +158,8 @@ class Sender(WatchingServices):
             keep=options.get("keep", False), suspended=options.get("suspended", False),
         )  # fmt: skip
         if not handled:
-            task_id = connection.send_task(header, body, name_of(message))
-        elif not (task_id := TaskId(connection.call(header, name_of(message), body))):
+            task_id = connection.send_task(header, body, message.title)
+        elif not (task_id := TaskId(connection.call(header, message.title, body))):
             return None
         self._ordering.add(task_id, sequential=sequential)
         return SentTask(connection, message, task_id, self._origin)
@@ -260,7 +260,7 @@ class Sender(WatchingServices):
         maximum: int = 0, if_handled: bool = False, is_awaited: bool = True,
     ) -> tuple[Connection, Request]:  # fmt: skip
         if not checks.PRIORITY.fits(priority):
-            check(name_of(message), checks.PRIORITY, priority=priority)
+            check(message.title, checks.PRIORITY, priority=priority)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(
@@ -310,8 +310,8 @@ class Sender(WatchingServices):
         self, message: MultiQuery[D, R], data: D, maximum: int | None, timeout: float | None, *, blocking: bool
     ) -> PendingReplies[R]:
         check_class(message, MultiQuery)
-        check(name_of(message), checks.TIMEOUT, timeout=timeout)
-        check(name_of(message), checks.MAXIMUM, maximum=maximum)
+        check(message.title, checks.TIMEOUT, timeout=timeout)
+        check(message.title, checks.MAXIMUM, maximum=maximum)
         try:
             left = self._declare_within(timeout, message)
         except Timeout:
@@ -348,7 +348,7 @@ class Sender(WatchingServices):
     def _tell(self, message: Message[D, None], kind: type[Message[Any, Any]], data: D, wait: float | None) -> None:
         check_class(message, kind)
         if wait is not None:
-            check(name_of(message), checks.SECONDS_OR_NONE, wait=wait)
+            check(message.title, checks.SECONDS_OR_NONE, wait=wait)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(0, message.name, origin=self._origin, flags=Flags.NONE)
@@ -358,14 +358,14 @@ class Sender(WatchingServices):
         until, pause = connection.now() + wait, _SHORTEST_PAUSE
         while True:
             try:
-                connection.call(header, name_of(message), body)
+                connection.call(header, message.title, body)
             except Refused as error:
                 left = until - connection.now()
                 if error.refusal is not Refusal.OVERLOAD or left <= 0:
                     raise
             else:
                 return
-            connection.pause(min(pause, left), name_of(message))
+            connection.pause(min(pause, left), message.title)
             pause = min(2 * pause, _LONGEST_PAUSE)
 
     # --- whatever the class ----------------------------------------------------------------------------------------
@@ -429,11 +429,11 @@ class Sender(WatchingServices):
             return self._ask_if_handled(message, data)
         body = message.encode_data(data)
         header = Send(0, message.name, origin=self._origin, flags=Flags.NONE, if_handled=True)
-        return bool(self._declare(message).call(header, name_of(message), body))
+        return bool(self._declare(message).call(header, message.title, body))
 
     def _ask_if_handled(self, message: Query[D, R] | MultiQuery[D, R], data: D) -> R | list[R] | None:
         connection, request = self._question(message, data, blocking=True, if_handled=True)
-        is_over = connection.wait(request, QUERY_TIMEOUT, name_of(message))
+        is_over = connection.wait(request, QUERY_TIMEOUT, message.title)
         if request.accepted is not None:  # instead of answered: it was not sent
             return None
         if isinstance(message, MultiQuery):

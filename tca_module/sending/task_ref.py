@@ -7,7 +7,7 @@ from typing import Any, Generic, NamedTuple, overload
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import LateText, check, check_class, check_handles, check_message, is_brief, name_of
+from tca_module.checks import LateText, check, check_class, check_handles, check_message, is_brief
 from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
 from tca_module.link.connection import Connection
 from tca_module.link.questions import answered
@@ -102,7 +102,7 @@ class Recovery:
         self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
     ) -> None:
         check_handles(failure, handler)
-        check(name_of(handler), checks.MAXIMUM, maximum=maximum)
+        check(handler.title, checks.MAXIMUM, maximum=maximum)
         self.handler = handler
         self.attachment = Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, TypedDict, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import LateText, check, check_class, check_message, check_options, name_of
+from tca_module.checks import LateText, check, check_class, check_message, check_options
 from tca_module.errors import MisuseError
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import A, MonitorRef, check_action
@@ -203,7 +203,7 @@ class WatchingServices(CentralServices):
 def name_of_monitor(monitor: Monitor[Any], action: Any) -> str:
     """The name of a monitor that is fired. Raises MisuseError if it is none, or can't be fired with that action."""
     check_class(monitor, Monitor, call="fire")
-    check_action(name_of(monitor), fired_with(monitor), action)
+    check_action(monitor.title, fired_with(monitor), action)
     return monitor.name
 
 
@@ -217,7 +217,7 @@ def _watch_options(
     monitor: Monitor[Any], options: Watched | MonitorOptions, kinds: Mapping[str, checks.ArgumentKind]
 ) -> WatchOptions:
     """The options as central knows them. Raises MisuseError for those that the monitor can't have."""
-    what = name_of(monitor)
+    what = monitor.title
     check_options(what, options, kinds)
     for name in ("period", "initial_wait"):
         if name in options and not isinstance(monitor, PollingMonitor):

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.checks import FLAG, MESSAGE, PENDING, check, check_function, is_async, name_of
+from tca_module.checks import FLAG, MESSAGE, PENDING, check, check_function, is_async
 from tca_module.errors import NIL, MisuseError, Stopped, TaskKilled
 from tca_module.sending.handler_errors import ORDINARY, Misfit, failed, handler_error
 from tca_module.sending.later_reply import LaterReply
@@ -81,7 +81,7 @@ class Handler:
         # Without data one argument comes first: a second one with a default is the author's own.
         has_data = message.data.kind is not type(None)
         wanted, possible = (f"(task, data: {message.data})", (2,)) if has_data else ("(task)", (1, 2))
-        what = f"a handler of {name_of(message)}"
+        what = f"a handler of {message.title}"
         self._arguments = check_function(what, function, wanted, possible, may_be_async=True)
 
     def handle(self, task: Task, body: bytes) -> Answer:
@@ -130,7 +130,7 @@ class Handler:
 
 def _check_options(message: Message[Any, Any], pending: int | None, *, direct: bool) -> None:
     """Raise MisuseError for options with which the message can't be handled."""
-    what = name_of(message)
+    what = message.title
     check(what, PENDING, pending=pending)
     check(what, FLAG, direct=direct)
     if isinstance(message, Monitor):
