@@ -1,5 +1,6 @@
 """Shared fixtures."""
 
+import gc
 import os
 import resource
 import signal
@@ -30,7 +31,8 @@ def pytest_configure(config: pytest.Config) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    settings.register_profile("ours", derandomize=not config.getoption("--new-lives"), deadline=None)
+    new = bool(config.getoption("--new-lives"))
+    settings.register_profile("ours", derandomize=not new, deadline=None, max_examples=100 if new else 40)
     settings.load_profile("ours")
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):
         compile_once(config)
@@ -41,6 +43,11 @@ def compile_once(config: pytest.Config) -> None:
     if not Path(__file__).with_name("central").joinpath("__pycache__").exists():
         command = [sys.executable, "-m", "pytest", "-n", "0", "--collect-only", "-qq", *config.args]
         subprocess.run(command, cwd=config.invocation_params.dir, stdout=subprocess.DEVNULL, check=False)
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """No collection of garbage looks through thousands of tests, and all modules, again."""
+    gc.freeze()
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -16,7 +16,7 @@ QUICK = ("--quick", "--rounds", "1", "--seconds", "0.001")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("only", [["round trip"], pytest.param([], marks=pytest.mark.soak)])
+@pytest.mark.parametrize("only", [["round trip of 10 KiB"], pytest.param([], marks=pytest.mark.soak)])
 def test_each_case_has_figures_and_finite_ratios(only: list[str], tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     chosen_by = [word for name in only for word in ("--only", name)]

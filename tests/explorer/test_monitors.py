@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from explorer.scenarios import BATTERY, GAUGE, IS_LOW, RECHARGE, STEP, found, good, nothing
+from sampling import one_in
 
 import tca_explorer as tca
 from tca_explorer import achieved, at_most_in_all, before, eventually, never, never_stuck, sent
@@ -43,11 +44,13 @@ def put_under(task: Task, **options: Any) -> None:
             raise
 
 
-@pytest.mark.parametrize("options", [{}, {"maximum": 1}], ids=["endless", "bounded"])
-@pytest.mark.parametrize(
-    "condition", [Condition.WHEN_SENT, Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING]
-)
-def test_one_that_a_listener_puts_under_a_tapped_task(condition: Condition, options: dict[str, Any]) -> None:
+CONDITIONS = [Condition.WHEN_SENT, Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING]
+BOUNDS: dict[str, dict[str, Any]] = {"endless": {}, "bounded": {"maximum": 1}}
+
+
+@pytest.mark.parametrize(("condition", "bounds"), one_in(2, CONDITIONS, BOUNDS))
+def test_one_that_a_listener_puts_under_a_tapped_task(condition: Condition, bounds: str) -> None:
+    options = BOUNDS[bounds]
     scenario = stepping()
     watcher = scenario.module("watcher")
     watcher.handles(BEGINS)(lambda task: put_under(task, **options))

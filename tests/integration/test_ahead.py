@@ -12,7 +12,7 @@ from tca_module.link import turns
 from tca_wire.journal.facts import Delivered, Granted, Received, RequestRefused, Returned
 
 pytestmark = pytest.mark.slow
-MANY = 2000
+MANY = 1000
 NOTE, HEARD = Inform("note", int), Query("heard", reply=list[int])
 DOUBLE, REST = Query("double", int, reply=int), Query("rest", reply=bool)
 

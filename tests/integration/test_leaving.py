@@ -3,6 +3,7 @@
 import signal
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 from integration.programs import Central, central, program
@@ -110,7 +111,12 @@ def stopped_when_there(running: "subprocess.Popen[str]", daemon: Central) -> Non
     running.stdin.flush()
 
 
-@pytest.mark.parametrize("text", [SCRIPT, IN_A_THREAD, IDLE, WAITING, IN_A_CHILD])
+def soaked(*values: str) -> Any:
+    """Each of these programs is also in another test, which is not of the soak."""
+    return pytest.param(*values, marks=pytest.mark.soak)
+
+
+@pytest.mark.parametrize("text", [SCRIPT, IN_A_THREAD, *map(soaked, (IDLE, WAITING)), IN_A_CHILD])
 def test_all_arrives_at_a_central_that_takes_its_time(text: str, tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(text.format(linger=60), daemon.address) as script:
         stopped_when_there(script, daemon)
@@ -137,10 +143,10 @@ def test_a_thread_that_never_stops_sending_is_cut_off_without_a_word(tmp_path: P
     [
         (SCRIPT.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WITHOUT_BLOCK, "2 messages of 'script' may not have reached central at "),
-        (IN_A_THREAD.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
+        soaked(IN_A_THREAD.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (IDLE.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WAITING.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
-        (IN_A_CHILD.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
+        soaked(IN_A_CHILD.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (MODULE, "2 messages of 'legs' may not have reached central at "),
     ],
 )

@@ -525,7 +525,7 @@ def run(tmp_path: Path) -> Path:
     [
         CONTROL_C,
         "/nothing like it" + ENTER + "q",  # as fast as a program types
-        "gsoon" + LINE_END + "q",
+        pytest.param("gsoon" + LINE_END + "q", marks=pytest.mark.soak),
     ],
 )
 def test_keys_that_end_it(run: Path, keys: str) -> None:

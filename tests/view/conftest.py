@@ -106,7 +106,8 @@ def look(browser: Browser, window: BrowserContext, serve: Callable[[Path], str])
             addresses.append(what if isinstance(what, str) else serve(what))
             context = at_last.enter_context(browser.new_context()) if clock else window
             page = context.pages[0] if context.pages else context.new_page()
-            page.goto("about:blank")
+            if page.url != "about:blank":
+                page.goto("about:blank")
             page.set_default_timeout(SOON)
             page.set_viewport_size({"width": 1400, "height": 860})
             for kind, note in notes.items():

@@ -178,9 +178,8 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
 
 
-@pytest.mark.parametrize("width", [1280, 800, 600])
 def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
-    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int
+    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     journals = default_journals()
@@ -188,7 +187,6 @@ def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
         (journals / name).mkdir(parents=True)
         (journals / name / "00000001.tcaj").write_bytes(content)
     page = look(stumbling().write(journals / "20231114-walk"))
-    page.set_viewport_size({"width": width, "height": 700})
     page.locator("#outcomes").click()
     cells = page.locator("#all td:last-child")
     expect(cells).to_have_text(
@@ -198,7 +196,9 @@ def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
             re.compile("^1 killed8 tasks in allfailure 'terrain collision' of"),
         ]
     )
-    assert page.evaluate("document.getElementById('all').scrollWidth <= document.getElementById('all').clientWidth")
+    for width in (1280, 800, 600):
+        page.set_viewport_size({"width": width, "height": 700})
+        assert page.evaluate("document.getElementById('all').scrollWidth <= document.getElementById('all').clientWidth")
 
 
 def test_the_list_of_runs_says_when_the_server_does_not_answer(look: Look, tmp_path: Path) -> None:
