@@ -27,6 +27,9 @@ LIMIT = 100_000
 KEPT_BYTES = 256 << 20
 """How much the snapshots of states yet to be left may hold; what has none is played again from the start."""
 
+KEPT_PLAYS = 500
+"""How many states keep their play itself: going on from it costs no copy, but it takes ten times the room."""
+
 WATCHED_EVERY = 32
 """States that are gone on from between one call of *watch* and the next."""
 
@@ -77,6 +80,7 @@ class _Exploration:
         self.ends = 0
         self.branching = Branching()
         self.outcomes: dict[bytes, SearchState] = {}
+        self.plays: dict[SearchState, Play] = {}  #: of states yet to be left
         self.saved = 0  #: bytes that snapshots hold
         self.snapshots = Snapshots()
         self.used = set(scenario.messages())  #: the messages that are handled, or were used so far
@@ -114,7 +118,7 @@ class _Exploration:
     def _leave(self, state: SearchState) -> Violation | None:
         """Take every action that is possible in a state."""
         check_wanted()
-        play = self._play_of(state)
+        play = self.plays.pop(state, None) or self._play_of(state)
         actions = play.actions()
         self.branching.add(play, actions)
         if all(action.is_optional for action in actions):
@@ -123,6 +127,8 @@ class _Exploration:
                 self.outcomes.setdefault(outcome(play), state)
             if violation := self._end(state, play):
                 return violation
+        if len(actions) > 1:
+            self._save(state, play)
         for action in actions:
             violation = self._take(state, action, play if action is actions[-1] else self._play_of(state))
             if violation is not None:
@@ -168,10 +174,16 @@ class _Exploration:
         self.used.update(play.central.registry.messages)
         self.known[key] = state
         self.frontier.append(state)
-        if self.saved < KEPT_BYTES:
+        if len(self.plays) < KEPT_PLAYS:
+            self.plays[state] = play
+        else:
+            self._save(state, play)
+        return None
+
+    def _save(self, state: SearchState, play: Play) -> None:
+        if state.snapshot is None and self.saved < KEPT_BYTES:
             state.snapshot = self.snapshots.save(play)
             self.saved += len(state.snapshot)
-        return None
 
     def _judge(self, state: SearchState, play: Play, order: tuple[int, ...]) -> Violation | None:
         """The first violation of a property in a state; stores the memories of the properties."""

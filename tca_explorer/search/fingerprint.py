@@ -33,6 +33,7 @@ IGNORED = {
         "events",  # numbers the journal's entries
         "facts", "failed", "messages", "origin",  # empty between events
         "untold",  # scripts are told at once
+        "_outputs", "_output_queues",  # met where they are filled
         "suspects", "blocked", "look_after", "next_look", "scan", "may_have_closed",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached
@@ -178,15 +179,14 @@ class _Walk:
         for value, write in zip(fetch(thing), writes, strict=True):
             if write is not None:
                 write(self, thing, value)
-            elif type(value) in _PLAIN:  # most are: what add would do, without the call
+            elif (of := type(value)) in _PLAIN:  # most are: what add would do, without the call
                 out.append(value)
+            elif of in _EMPTY and not value:
+                out += _EMPTY[of]
             else:
                 add(value)
 
     # --- values ------------------------------------------------------------------------------------------------------
-
-    def add_int(self, value: int) -> None:
-        self._out.append(value if -(1 << 63) <= value < 1 << 63 else hex(value))  # MessagePack has no longer ones
 
     def add_struct(self, value: msgspec.Struct) -> None:
         self._out.append(type(value).__name__)
@@ -195,7 +195,10 @@ class _Walk:
     def add_list(self, values: Any) -> None:
         self._out += _LIST, len(values)
         for value in values:
-            self.add(value)
+            if type(value) in _PLAIN:
+                self._out.append(value)
+            else:
+                self.add(value)
 
     def add_dict(self, values: dict[Any, Any]) -> None:
         self._out += _DICT, len(values)
@@ -257,19 +260,24 @@ class _Walk:
         for ranks in self._ranks.values():
             for rank, (arrival, place) in enumerate(sorted(ranks), start=1):
                 self._out[place] = rank if arrival else 0
-        return blake2b(msgspec.msgpack.encode(self._out), digest_size=16).digest()
+        try:
+            written = msgspec.msgpack.encode(self._out)
+        except OverflowError:  # MessagePack has no longer integers
+            written = msgspec.msgpack.encode([hex(one) if type(one) is int else one for one in self._out])
+        return blake2b(written, digest_size=16).digest()
 
 
 _LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for code in range(6))
 """Marks that no value looks like."""
 
-_PLAIN = frozenset((str, bytes, bool, float, type(None)))
+_PLAIN = frozenset((str, bytes, bool, int, float, type(None)))
+_EMPTY = {list: (_LIST, 0), tuple: (_LIST, 0), deque: (_LIST, 0), dict: (_DICT, 0)}
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
 _WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
     ((Enum,), lambda walk, value: walk.add(value.value)),
     ((Identifier,), lambda walk, name: walk.write(_NAME, walk.number_of_name(name))),
-    ((int,), _Walk.add_int),
+    ((int,), lambda walk, value: walk.write(int(value))),
     ((msgspec.Struct,), _Walk.add_struct),
     ((list, tuple, deque), _Walk.add_list),
     ((dict,), _Walk.add_dict),

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from explorer.scenarios import NOTE, REST, STEP, WALK, WHERE, found, good, walking
+from explorer.test_good import polled
 
 import tca_explorer as tca
 from tca_central.core import Central
@@ -123,12 +124,19 @@ def test_whoever_watches_is_told_how_far_it_is() -> None:
 # --- going on from a snapshot ----------------------------------------------------------------------------------------
 
 
-def test_where_there_is_no_room_for_snapshots_runs_are_played_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario = walking(never_stuck(), may_be_lost=1, comes_back=True)
+@pytest.mark.parametrize(
+    "scenario",
+    [walking(never_stuck(), may_be_lost=1, comes_back=True), polled(never_stuck())],
+    ids=["walking", "polled"],
+)
+def test_a_kept_play_a_snapshot_and_a_run_played_again_are_the_same(
+    scenario: tca.Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
     kept = tca.explore(scenario, limit=80)
-    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 0)
-    played = tca.explore(scenario, limit=80)
-    assert (kept.states, kept.steps, kept.ends) == (played.states, played.steps, played.ends)
+    for room in ("KEPT_PLAYS", "KEPT_BYTES"):
+        monkeypatch.setattr(f"tca_explorer.search.exploration.{room}", 0)
+        again = tca.explore(scenario, limit=80)
+        assert (kept.states, kept.steps, kept.ends) == (again.states, again.steps, again.ends)
 
 
 def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,6 +149,7 @@ def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(self, play)
 
     monkeypatch.setattr(Snapshots, "save", save)
+    monkeypatch.setattr("tca_explorer.search.exploration.KEPT_PLAYS", 0)
     monkeypatch.setattr("tca_explorer.search.exploration.KEPT_BYTES", 100_000)
     result = tca.explore(walking(never_stuck()))
     assert result.ok
