@@ -271,7 +271,7 @@ _LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for 
 """Marks that no value looks like."""
 
 _PLAIN = frozenset((str, bytes, bool, int, float, type(None)))
-_EMPTY = {list: (_LIST, 0), tuple: (_LIST, 0), deque: (_LIST, 0), dict: (_DICT, 0)}
+_EMPTY: dict[type, tuple[Any, int]] = {list: (_LIST, 0), tuple: (_LIST, 0), deque: (_LIST, 0), dict: (_DICT, 0)}
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
 _WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
