@@ -89,15 +89,14 @@ class WaitLoop:
         self, is_over: Callable[[], bool], timeout: float | None, patience: float,
         idle: Callable[[float], bool] | None = None,
     ) -> bool:  # fmt: skip
-        session, direct, line, since = self._session, self._direct, self._line, self._clock()
+        session, line, since = self._session, self._line, self._clock()
         now, deadline = since, _FOR_EVER if timeout is None else since + timeout
         quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
         while not is_over():
             if self.has_news:
                 self.take_news()
                 continue
-            if session.deliveries and self.handle_delivery and (delivery := direct.next_delivery()) is not None:
-                self.handle_delivery(*delivery)
+            if (session.deliveries or session.ahead) and self._handles_now(is_nested=idle is None):
                 continue
             due = session.tend(now, since, quiet)
             if session.outgoing and not self._has_sent(max(0.0, deadline - now)):
@@ -115,6 +114,20 @@ class WaitLoop:
             if now >= max(session.heard, since) + patience:
                 raise line.lost()
         return True
+
+    def _handles_now(self, *, is_nested: bool) -> bool:
+        """Handle a message that is to be handled now; in the wait of a callback also what is next, for the answer may
+        depend on it. Whether there was one.
+        """
+        session, handle = self._session, self.handle_delivery
+        if handle is None:
+            return False
+        delivery = self._direct.next_delivery() if session.deliveries else None
+        if delivery is None and is_nested and session.has_next and not session.is_claiming:
+            delivery = session.ahead.popleft()
+        if delivery is not None:
+            handle(*delivery)
+        return delivery is not None
 
     def _has_sent(self, left: float) -> bool:
         """Send what is to be said; whether it left in time."""

@@ -200,6 +200,11 @@ class Session:
         """Whether the next message is ahead, and no handler owes an answer."""
         return bool(self.ahead) and len(self.open_deliveries) == len(self.ahead)
 
+    @property
+    def is_claiming(self) -> bool:
+        """Whether a claim is open: what has to wait for it may yet come ahead."""
+        return any(isinstance(one.header, headers.Lock | headers.GiveUp) for one in self._requests.values())
+
     def make_way(self, header: headers.ToCentral) -> None:
         """Give back what came ahead before a claim, which might wait for it. Where no handler runs, but a callback, the
         next stays: central has given it to this slot by now, or recalls it.
@@ -304,6 +309,9 @@ class Session:
         self._arrived = self._posted
         self.outgoing.clear()
         self.held.clear()
+        for header, _ in self.ahead:  # central gives it again
+            self.open_deliveries.end(header.delivery)
+        self.ahead.clear()
         self._asked = float("-inf")
 
     def receive(self, header: headers.ToModule, body: bytes, now: float) -> None:

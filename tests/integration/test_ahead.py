@@ -1,5 +1,6 @@
 """A quick handler has messages ahead, over real sockets: all are handled once, in order, and nobody gets in between."""
 
+import queue
 import threading
 
 import pytest
@@ -7,13 +8,14 @@ from integration.commanded import SOON
 from module.real_central import RealCentral
 
 from tca_central.order import ahead
-from tca_module import Client, Inform, LaterReply, Module, Query, Task, connect
+from tca_module import Callback, Client, Inform, LaterReply, Module, Query, Task, connect
 from tca_module.link import turns
 from tca_wire.journal.facts import Delivered, Granted, Received, RequestRefused, Returned
 
 pytestmark = pytest.mark.slow
 MANY = 1000
 NOTE, HEARD = Inform("note", int), Query("heard", reply=list[int])
+HOLD, ASK_BACK = Inform("hold"), Query("ask back", reply=int)
 DOUBLE, REST = Query("double", int, reply=int), Query("rest", reply=bool)
 
 
@@ -180,3 +182,31 @@ def test_a_module_that_leaves_loses_nothing(quick: Quick, user: Client, address:
     with after.module.running():
         assert user.query(HEARD, timeout=SOON) == after.heard
     assert sorted(quick.heard + after.heard) == list(range(MANY))
+
+
+def test_a_callback_that_waits_lets_what_is_next_be_handled(quick: Quick, user: Client, daemon: RealCentral) -> None:
+    """Who answers it may ask the slot that it waits in."""
+    asker, answers, is_ready = Module("asker", daemon.address), queue.Queue[int](), threading.Event()
+    asker.handles(ASK_BACK)(lambda task: task.query(DOUBLE, 2, timeout=SOON))
+
+    @quick.module.handles(HOLD, resource="ear")
+    def hold(task: Task) -> None:
+        is_ready.wait(SOON)
+        task.modules()  # what central has sent ahead comes before its answer
+
+    @quick.module.every(0.001, resource="ear")
+    def ask(callback: Callback) -> None:
+        if callback._connection().session.ahead:
+            callback.cancel()
+            answers.put(callback.query(ASK_BACK, timeout=SOON))
+
+    with quick.module.running(), asker.running():
+        for number in range(ahead.QUICK_RUNS):
+            user.inform(NOTE, number)
+        user.query(HEARD, timeout=SOON)
+        user.inform(HOLD)
+        for number in range(3):
+            user.inform(NOTE, number)
+        user.modules()
+        is_ready.set()
+        assert answers.get(timeout=SOON) == 4

@@ -74,8 +74,8 @@ class Worker:
             self.post()
 
     def begin(self) -> None:
-        """Begin with the next message, as a slot does that handles nothing; what is ahead waits for a callback's end."""
-        waiting = self.session.deliveries or (self.session.ahead if self.locking is None else None)
+        """Begin with the next message, as a slot does that handles nothing; what is ahead waits for a callback's lock."""
+        waiting = self.session.deliveries or (None if self.session.is_claiming else self.session.ahead)
         if not self.handling and waiting:
             self.handling = waiting.popleft()[0].delivery
             self.session.held.begin(self.handling, self.now)
