@@ -184,8 +184,11 @@ def test_a_module_that_leaves_loses_nothing(quick: Quick, user: Client, address:
     assert sorted(quick.heard + after.heard) == list(range(MANY))
 
 
-def test_a_callback_that_waits_lets_what_is_next_be_handled(quick: Quick, user: Client, daemon: RealCentral) -> None:
+def test_a_callback_that_waits_lets_what_is_next_be_handled(
+    quick: Quick, user: Client, daemon: RealCentral, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Who answers it may ask the slot that it waits in."""
+    monkeypatch.setattr(turns, "QUICK", 0.0)  # callbacks come between any two messages
     asker, answers, is_ready = Module("asker", daemon.address), queue.Queue[int](), threading.Event()
     asker.handles(ASK_BACK)(lambda task: task.query(DOUBLE, 2, timeout=SOON))
 
@@ -194,7 +197,7 @@ def test_a_callback_that_waits_lets_what_is_next_be_handled(quick: Quick, user: 
         is_ready.wait(SOON)
         task.modules()  # what central has sent ahead comes before its answer
 
-    @quick.module.every(0.001, resource="ear")
+    @quick.module.every(0.000001, resource="ear")
     def ask(callback: Callback) -> None:
         if callback._connection().session.ahead:
             callback.cancel()
