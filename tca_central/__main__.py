@@ -1,6 +1,7 @@
 """The command line of the daemon: arguments, journal, signals."""
 
 import contextlib
+import gc
 import logging
 import os
 import signal
@@ -115,6 +116,7 @@ def central(
         log.info("listening on %s", server.endpoint)
         earlier = ", after earlier runs" if server.journal is not None and server.journal.before else ""
         log.info("no journal" if no_journal else f"journal in {folder}{earlier}")
+        gc.freeze()  # what lasts as long as central need not be looked through each time
         server.serve()
     except CentralError as error:
         raise click.ClickException(str(error)) from None
