@@ -8,6 +8,7 @@ from typing import Protocol
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Module, ModuleResource
 from tca_central.model.resources import Claim, Resource
+from tca_wire.rules import DELIVERED
 
 QUICK = 0.001
 """Seconds: messages are sent ahead to slots whose handlers have taken no longer of late."""
@@ -98,10 +99,10 @@ def take_back(
 
 def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
     """Whether nothing but its place in the queue decides when a delivery is handled: it is no task, waits for nothing
-    else, and nobody has to see it before.
+    else, and nobody listens when it is delivered.
     """
     message = delivery.message
-    is_plain = not delivery.is_task and not delivery.role and not message.taps
+    is_plain = not delivery.is_task and not delivery.role and not any(tap.at & DELIVERED for tap in message.taps)
     return is_plain and delivery.queues == (resource,) and message.name not in resource.limits
 
 

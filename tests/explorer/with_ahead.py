@@ -221,6 +221,14 @@ def tapped(prefetch: int | None) -> Street:
     return street
 
 
+def listened(prefetch: int | None) -> Street:
+    street = Street("a wiretap that listens when all is over", prefetch)
+    street.scenario.module("eyes").handles(SEEN)(note)
+    street.does("user", informs(1, 2))
+    street.does("boss", lambda me: me.tap(Condition.AFTER_HANDLED, NOTE, SEEN), asks(3, priority=1))
+    return street
+
+
 def lost(prefetch: int | None) -> Street:
     street = Street("a module that is lost", prefetch, may_be_lost=1, comes_back=True)
     street.does("user", informs(1), asks(2), informs(3))
@@ -238,7 +246,7 @@ def given_up_and_leaving(prefetch: int | None) -> Street:
 
 SMALL = [overtaken, locked, locked_elsewhere, tasks]
 LARGE = [overtaken_among_more, newer, reserved, locked_from_inside, given_up, busy, nested, leaving, wider, to_many, tapped,
-         given_up_and_leaving]  # fmt: skip
+         listened, given_up_and_leaving]  # fmt: skip
 """What comes of these with messages ahead may come of them without."""
 
 UNLIKE = [lost, lock_given_up, locked_from_both]

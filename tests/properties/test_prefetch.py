@@ -16,6 +16,8 @@ from tca_central.model.deliveries import Connection, Delivery
 from tca_central.order import ahead
 from tca_wire.packets import headers
 from tca_wire.packets.parts import EndedRun
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Condition
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -26,6 +28,8 @@ def every_handler_is_quick() -> Iterator[None]:
         yield
 
 
+SENT = ("note", "pose", "all", "where")
+LISTENING = (Condition.WHEN_SENT, Condition.AFTER_HANDLED, Condition.AFTER_REPLIED)
 HANDLERS_CHANGE = headers.Hello | headers.Register | headers.Unregister | headers.Bye
 
 
@@ -35,14 +39,15 @@ class ToldLate:
     def __init__(self, central: Central) -> None:
         self.central = central
         self.recalled: list[Connection] = []
-        self.most = self.recalls = 0
+        self.most = self.recalls = self.tapped = 0
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_there: bool) -> None:
         del is_there
         self.central.deliver(delivery, slot, is_there=False)
 
-    def send_ahead(self, _: Delivery, slot: Connection) -> None:
+    def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
         assert slot.resource is not None
+        self.tapped += bool(delivery.message.taps)
         self.most = max(self.most, len(slot.resource.ahead))
 
     def recall(self, slot: Connection) -> None:
@@ -120,7 +125,16 @@ class PrefetchLife(JudgedLife):
         self.player.module(f"{module}{self.generation}", *self.modules[module], pool=pool)
 
     def sent_name(self, b: int) -> str:
-        return super().sent_name(b) if b % 4 == 0 else ("note", "pose", "all", "where")[b // 4 % 4]
+        return super().sent_name(b) if b % 4 == 0 else SENT[b // 4 % len(SENT)]
+
+    def tap_(self, a: int, b: int, c: int, d: int) -> None:
+        """Half of the wiretaps are of what may be ahead all the same: they listen when it is sent, or over."""
+        if a % 2:
+            super().tap_(a // 2, b, c, d)
+            return
+        condition, listener = LISTENING[a // 2 % len(LISTENING)], ("note", "pose", "lift", "watch")[c % 4]
+        options = self.watch_options(d, b, c) if listener == "watch" else None
+        self.request(headers.Tap, condition, listener, SENT[b % len(SENT)], TaskId(0), options)
 
     def join_(self, a: int, *others: int) -> None:
         if len(self.connections()) < 10:
@@ -149,13 +163,14 @@ def test_the_oracle_sees_no_difference_in_many_lives(seed: int) -> None:
 
 
 def test_in_these_lives_messages_are_ahead_and_are_recalled_and_replies_are_joined() -> None:
-    most = recalls = joined = 0
+    most = recalls = joined = tapped = 0
     for seed in range(30):
-        if most > 1 and recalls and joined:
+        if most > 1 and recalls and joined and tapped:
             return
         life = PrefetchLife()
         life.go_on(seed, 400)
         assert isinstance(life.player, PrefetchPlayer)
         most, recalls = max(most, life.player.out.most), recalls + life.player.out.recalls
-        joined += life.player.joined
-    pytest.fail(f"at most {most} were ahead, {recalls} recalls, {joined} replies joined: these lives test nothing")
+        joined, tapped = joined + life.player.joined, tapped + life.player.out.tapped
+    what = f"at most {most} were ahead, {tapped} of them tapped, {recalls} recalls, {joined} replies joined"
+    pytest.fail(f"{what}: these lives test nothing")
