@@ -10,6 +10,9 @@ from tca_central.shell.loss_log import LossLog, loss_in
 from tca_wire.journal import facts
 from tca_wire.text.printable import first_line, printable
 
+NAMED = 3
+"""So many tasks and messages that failed of one cause are named in a line."""
+
 
 class LogLines:
     """A line for each fact that people should know of."""
@@ -26,7 +29,6 @@ class LogLines:
             facts.Ignored: lambda fact, _: log.warning("nothing done for module '%s': %s", fact.sender, fact.text),
             facts.ModuleJoined: lambda fact, _: log.info("module '%s' joined (%s)", fact.module, fact.process),
             facts.ModuleLeft: lambda fact, _: log.info("module '%s' left: %s", fact.module, fact.why),
-            facts.Failed: self._failed,
             facts.Queued: self._queued,
             facts.HandlerAdded: lambda fact, _: self._unseen.discard(fact.message),
         }
@@ -36,6 +38,8 @@ class LogLines:
         for fact in record.entry.facts:
             if (way := self._ways.get(type(fact))) is not None:
                 way(fact, record)
+        if record.failed:
+            self._failed(record)
 
     def _lost(self, fact: facts.Fact, record: Record) -> bool:
         if (loss := loss_in(fact)) is None:
@@ -47,9 +51,16 @@ class LogLines:
         if not self._lost(fact, record):
             self._log.warning("refused module '%s': %s", fact.sender, fact.text)
 
-    def _failed(self, fact: facts.Failed, record: Record) -> None:
-        said = printable(first_line(fact.text))
-        self._log.warning("failure '%s' of %s%s", fact.failure, record.failed[fact.id], f": {said}" if said else "")
+    def _failed(self, record: Record) -> None:
+        """A line for each cause: a module that is lost may take many messages along."""
+        causes: dict[tuple[str, str], list[str]] = {}
+        for fact in record.entry.facts:
+            if isinstance(fact, facts.Failed):
+                causes.setdefault((fact.failure, fact.text), []).append(record.failed[fact.id])
+        for (failure, text), parts in causes.items():
+            which, said = ", ".join(parts[:NAMED]), printable(first_line(text))
+            more = f" and {len(parts) - NAMED:,} more" if len(parts) > NAMED else ""
+            self._log.warning("failure '%s' of %s%s%s", failure, which, more, f": {said}" if said else "")
 
     def _queued(self, fact: facts.Queued, _: Record) -> None:
         if fact.module or (watch := self._central.watch_of_condition.get(fact.id)) is None:

@@ -151,7 +151,7 @@ def _count(run: Run, stats: MessageStats, message: Message) -> None:
         stats.open += message.state not in OVER
     else:
         end, last = message.answered, message.handlings[-1] if message.handlings else None
-        stats.failed += last is not None and last.outcome is Outcome.FAILED
+        stats.failed += last.outcome is Outcome.FAILED if last else bool(message.failure)
         stats.open += end is None and not message.dropped and _goes_on(run, message)
     if end is not None:
         stats.to_end.seconds.append(end - message.received)
@@ -166,10 +166,12 @@ def _count_drop(stats: MessageStats, drop: Drop) -> None:
 
 
 def _goes_on(run: Run, message: Message) -> bool:
-    """Whether its handler has still to end; of a broadcast or variable that of one of its copies."""
+    """Whether its handler has still to end; of a broadcast or variable that of one of its copies. What a lost
+    module had ahead fails without one.
+    """
     if message.message_class.fans_out and not message.message_class.has_reply:
         return any(one.end is None for one in (*run.copies.get(message.id, ()), *message.handlings))
-    return not message.handlings or message.handlings[-1].end is None
+    return message.handlings[-1].end is None if message.handlings else not message.failure
 
 
 def _count_handling(stats: MessageStats, handling: Handling) -> None:

@@ -1,9 +1,14 @@
 """Which messages a slot has ahead, and which it does not: every condition of decision 68 that is central's alone."""
 
+import logging
+
 import pytest
 from central.player import Player
 
+from tca_central.events import Record
 from tca_central.order import ahead
+from tca_central.shell.log_lines import LogLines
+from tca_wire.journal.facts import Dropped
 from tca_wire.packets import headers
 from tca_wire.vocabulary import Condition
 
@@ -17,10 +22,14 @@ class Ears(Player):
     prefetch = 8
 
 
+def trust_every_handler(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(ahead, "QUICK", 100.0)
+    patch.setattr(ahead, "QUICK_RUNS", 0)
+
+
 @pytest.fixture(autouse=True)
 def every_handler_is_quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ahead, "QUICK", 100.0)
-    monkeypatch.setattr(ahead, "QUICK_RUNS", 0)
+    trust_every_handler(monkeypatch)
 
 
 def got(player: Player, slot: str) -> list[int]:
@@ -50,3 +59,41 @@ def test_nothing_is_ahead_of_which_a_listener_is_told_when_it_is_delivered(condi
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     ask_three(player, condition)
     assert len(got(player, "ear/1")) == 1
+
+
+def test_what_waits_within_a_limit_is_not_ahead_so_the_oldest_gives_way_at_once() -> None:
+    player = Ears.of("user")
+    player.module("ear", "inform note", pending=2)
+    for _ in range(5):
+        player.send("user", "note")
+    assert len(got(player, "ear/1")) == 1
+    assert len(player.facts(Dropped)) == 2
+
+
+def test_what_a_module_handles_no_longer_it_gives_back_for_another() -> None:
+    player = Ears.of("spare: query where", "ear: query where, inform note", "user")
+    for _ in range(3):
+        player.send("user", "where")
+    first, *others = got(player, "ear/1")
+    player.receive("ear", headers.Unregister(player.number("ear"), ["where"]))
+    recalled = [header.deliveries for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)]
+    assert recalled == [others]
+    player.receive("ear/1", headers.Recalled(others))
+    player.reply("ear/1", first)
+    assert got(player, "spare/1") == others
+    assert got(player, "ear/1") == [first, *others]
+
+
+def test_a_lost_module_is_one_line_of_the_log_with_all_that_it_had(caplog: pytest.LogCaptureFixture) -> None:
+    player = Ears.of("ear: query where", "user")
+    for _ in range(5):
+        player.send("user", "where")
+    lines = LogLines(logging.getLogger("t"), player.central)
+    for effect in player.lose("ear/1"):
+        if isinstance(effect, Record):
+            lines.write(effect)
+    first, *_ = got(player, "ear/1")
+    named = ", ".join(f"query {number} 'where'" for number in range(first, first + 3))
+    assert [line for line in caplog.messages if "failure" in line] == [
+        f"failure 'module lost' of {named} and 2 more: module 'ear' was lost: its connection closed"
+    ]

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from central.player import Player
+from central.test_what_goes_ahead import Ears, trust_every_handler
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
@@ -143,6 +144,19 @@ def test_a_message_for_many_is_open_while_a_copy_of_it_waits_or_is_handled() -> 
 
 def _open(player: Player) -> dict[str, int]:
     return {one.message: one.open for one in measure(History.until([OPENED, *player.entries])).messages}
+
+
+def test_what_a_lost_module_had_ahead_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    trust_every_handler(monkeypatch)
+    player = Ears.of("ear: inform note, query where", "user")
+    for message in ("note", "where", "note", "where"):
+        player.send("user", message)
+    player.lose("ear/1")
+    measured = measure(History.until([OPENED, *player.entries])).messages
+    assert {one.message: (one.failed, one.open, one.handled) for one in measured} == {
+        "note": (2, 0, 1),
+        "where": (2, 0, 0),
+    }
 
 
 def test_a_failure_that_was_dealt_with_counts() -> None:
