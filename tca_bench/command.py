@@ -26,8 +26,9 @@ _PEERS = {entry.title for entry in (*MESSAGE_PEERS, ROBOT_BUS, *TASK_PEERS)}
 @click.option("--quick", is_flag=True, help="Few messages: whether all works. The figures mean nothing.")
 @click.option("--list", "listing", is_flag=True, help="Name the cases and those who take part, and measure nothing.")
 @click.option(
-    "--json", "path", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path), help="Write all figures."
-)
+    "--json", "path", metavar="FILE", type=click.Path(dir_okay=False, writable=True, path_type=Path),
+    help="Write all figures.",
+)  # fmt: skip
 def bench(
     only: tuple[str, ...], rounds: int, seconds: float, path: Path | None, *, peers: bool, quick: bool, listing: bool
 ) -> None:
@@ -39,6 +40,8 @@ def bench(
     known = [name for stage in STAGES for name in (stage.title, *(case.name for case in stage.cases))]
     if unknown := [name for name in only if name not in known]:
         raise click.UsageError(f"no case '{unknown[0]}': 'tca bench --list' names them")
+    if path and not path.parent.is_dir():
+        raise click.UsageError(f"no folder '{path.parent}' for the figures: make it first")
     stages = chosen(
         small(STAGES) if quick else STAGES,
         lambda name: not only or name in only,
@@ -50,10 +53,10 @@ def bench(
             click.echo(f"    of {', '.join(entry.title for entry in stage.entries)}")
         return
     report = reported(run(stages, rounds, seconds, lambda text: click.echo(text, err=True)), rounds, seconds)
-    if path:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
     for line in lines(report):
         click.echo(line)
+    if path:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
 
 
 def _is_peer(entry: Entrant) -> bool:

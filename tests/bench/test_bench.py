@@ -66,3 +66,9 @@ def test_cases_are_chosen_by_name() -> None:
     assert result.exit_code == 2
     assert "no case 'nonsense': 'tca bench --list' names them" in result.output
     assert "commands, 100 open" in CliRunner().invoke(bench, ["--list"]).stdout
+
+
+def test_nothing_is_measured_that_could_not_be_written(tmp_path: Path) -> None:
+    result = CliRunner().invoke(bench, [*QUICK, "--json", str(tmp_path / "nowhere" / "figures.json")])
+    assert result.exit_code == 2
+    assert f"no folder '{tmp_path / 'nowhere'}' for the figures: make it first" in " ".join(result.output.split())
