@@ -30,6 +30,7 @@ class WaitLoop:
         self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
         self.is_calling_back = False  #: one of them is being called
+        self._word: Request | None = None  #: asked of central: nothing that is ahead begins before its answer
 
     def until(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait until *is_over*; whether it is in time. Raises CentralLost if central is silent for too long."""
@@ -101,14 +102,15 @@ class WaitLoop:
             due = session.tend(now, since, quiet)
             if session.outgoing and not self._has_sent(max(0.0, deadline - now)):
                 due = now
-            is_next = idle is not None and session.has_next
+            is_next = idle is not None and self._has_next
             step = 0.0 if is_next else self._seconds_to(due, deadline, since, patience)
             line.listen(0.0 if idle is not None and idle(step) else step)
-            if idle is not None and self.handle_delivery is not None:
-                self._handle_next(self.handle_delivery)  # and central is heard in between
             before, now = now, self._clock()
             if now - before > step + STALL:
                 since = now  # this process stood still, and central's words have yet to be read: blame nobody
+                self._doubt_what_is_ahead()
+            if idle is not None and self.handle_delivery is not None:
+                self._handle_next(self.handle_delivery)  # and central is heard in between
             if now >= deadline:
                 return is_over()
             if now >= max(session.heard, since) + patience:
@@ -123,7 +125,7 @@ class WaitLoop:
         if handle is None:
             return False
         delivery = self._direct.next_delivery() if session.deliveries else None
-        if delivery is None and is_nested and session.has_next and not session.is_claiming:
+        if delivery is None and is_nested and self._may_begin_next() and not session.is_claiming:
             delivery = session.ahead.popleft()
         if delivery is not None:
             handle(*delivery)
@@ -135,12 +137,32 @@ class WaitLoop:
         within = SEND_WAIT if session.is_welcome else 0.0 if self._direct.is_used and session.epoch else STEP
         return self._line.flush(min(within, left), is_patient=left < min(within, STEP))
 
+    def _doubt_what_is_ahead(self) -> None:
+        """Ask central for a word: what is ahead it may have given to another meanwhile."""
+        self._hear_all()
+        if self._session.ahead and (self._word is None or self._word.is_over):
+            self._word = self._session.ask_for_word()
+
+    def _hear_all(self) -> None:
+        while self._line.listen(0.0):
+            pass
+
+    @property
+    def _has_next(self) -> bool:
+        return self._session.has_next and (self._word is None or self._word.is_over)
+
+    def _may_begin_next(self) -> bool:
+        """Whether the next message is ahead, and nothing that has arrived recalls it."""
+        if self._has_next:
+            self._hear_all()
+        return self._has_next
+
     def _goes_on(self) -> bool:
         return self._session.has_next and not self.has_news
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
         """Handle, for a moment, what is next when nothing else is: messages that were sent ahead, or came directly."""
-        if self._session.has_next:
+        if self._may_begin_next():
             self._turns.take(self._goes_on, handle)
             return
         until = self._clock() + QUICK

@@ -149,7 +149,11 @@ class Session:
 
     def confirm(self) -> None:
         """Ask central for a word: its answer shows that all before has arrived."""
-        self._confirming, self._replies_before = self.request(_ARE_YOU_THERE), list(self._replies)
+        self._confirming, self._replies_before = self.ask_for_word(), list(self._replies)
+
+    def ask_for_word(self) -> Request:
+        """Ask central for a word that comes after all that it has said; over when that is there."""
+        return self.request(_ARE_YOU_THERE)
 
     @property
     def unheard(self) -> int:
@@ -197,8 +201,9 @@ class Session:
 
     @property
     def has_next(self) -> bool:
-        """Whether the next message is ahead, and no handler owes an answer."""
-        return bool(self.ahead) and len(self.open_deliveries) == len(self.ahead)
+        """Whether the next message is ahead, no handler owes an answer, and the module goes on."""
+        is_free = bool(self.ahead) and len(self.open_deliveries) == len(self.ahead)
+        return is_free and not self.open_deliveries.is_ending()
 
     @property
     def is_claiming(self) -> bool:

@@ -106,7 +106,7 @@ def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
 
 def _may_go_to(world: JournalWorld, item: MessageRecord, place: ResourceRecord) -> None:
     handled_in = world.handlers.get(item.message, {}).get(place.module)
-    if world.is_whole and handled_in != place.name:
+    if world.is_whole and handled_in != place.name and not place.is_recalling:  # it had it ahead
         instead = f", which handles it in '{handled_in}'" if handled_in else ", which does not handle it"
         world.broken(rules.HANDLES, item, f"was given to {said(place)}{instead}")
     held_by = place.claims.held_by

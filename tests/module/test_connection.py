@@ -7,7 +7,7 @@ import pytest
 
 from tca_module.errors import CentralLost, FormatRefused, Refused, Timeout
 from tca_module.link.connection import Connection
-from tca_module.link.packet_line import SEND_WAIT, STEP
+from tca_module.link.packet_line import SEND_WAIT, STALL, STEP
 from tca_module.session.session import QUIET, Session
 from tca_module.sockets.transport import Waker
 from tca_wire.messages.declarations import Goal
@@ -23,6 +23,8 @@ from tca_wire.packets.headers import (
     Deliver,
     GiveUp,
     Hello,
+    Recall,
+    Recalled,
     Register,
     Reply,
     Send,
@@ -279,6 +281,64 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
     assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2)]
+
+
+# --- what is ahead ---------------------------------------------------------------------------------------------------
+
+
+class Ear:
+    """A slot whose first message is followed by what *news* brings in; it handles what is *slow* for so long."""
+
+    def __init__(self, *news: ToModule, slow: dict[int, float], is_nested: bool = False, ends_in: int = 0) -> None:
+        self.connection, self.central = connected()
+        self.begun: list[int] = []
+        self.connection.waiting.handle_delivery = self.attend
+        self.connection.session.open_deliveries.is_ending = lambda: ends_in in self.begun
+        self.news, self.slow, self.is_nested = news, slow, is_nested
+
+    def attend(self, delivery: Deliver, _: bytes) -> None:
+        self.begun.append(delivery.delivery)
+        if len(self.begun) == 1:
+            for one in self.news:
+                self.central.say(one)
+        self.central.now += self.slow.get(delivery.delivery, 0.0)
+        self.connection.reply(Reply(delivery.delivery), b"")
+
+    def serve(self) -> list[int]:
+        """Handle all that comes; the deliveries that were begun."""
+        self.central.say(Deliver(8, "note"))
+        self.connection.serve(lambda: self.central.now > 150.0, None if self.is_nested else lambda _: False)
+        return self.begun
+
+
+@pytest.mark.parametrize("is_nested", [False, True])
+def test_what_is_recalled_is_not_begun_though_other_packets_came_before(*, is_nested: bool) -> None:
+    numbers = list(range(9, 20))
+    news = [Deliver(number, "note", ahead=number - 8) for number in numbers]
+    ear = Ear(*news, Recall(numbers), slow=dict.fromkeys(numbers, 0.1), is_nested=is_nested)
+    assert ear.serve() == [8]
+    assert Recalled(numbers) in ear.central.heard
+
+
+def test_nothing_that_is_ahead_is_begun_when_the_module_ends() -> None:
+    assert Ear(Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={}, ends_in=9).serve() == [8, 9]
+
+
+@pytest.mark.parametrize("is_forgotten", [False, True])
+def test_a_process_that_stood_still_asks_before_it_begins_what_is_ahead(*, is_forgotten: bool) -> None:
+    ear = Ear(Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={9: STALL + 0.1})
+    begun_when_asked: list[list[int]] = []
+
+    def script(header: ToCentral) -> list[ToModule]:
+        if isinstance(header, Register):
+            begun_when_asked.append([*ear.begun])
+            if is_forgotten and len(begun_when_asked) == 1:
+                return [Unknown()]
+        return friendly(header)
+
+    ear.central.script = script
+    assert ear.serve() == ([8, 9] if is_forgotten else [8, 9, 10])
+    assert begun_when_asked[0] == [8, 9]
 
 
 # --- central is gone -------------------------------------------------------------------------------------------------

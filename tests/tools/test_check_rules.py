@@ -157,6 +157,16 @@ def test_a_message_that_waits_while_its_handler_has_nothing_to_do() -> None:
     assert _told(story) == [rules.FREE.text]
 
 
+def test_a_message_is_given_to_a_handler_that_is_gone_unless_it_had_that_ahead() -> None:
+    for is_ahead in (False, True):
+        story = Story().module("user").module("legs", "where")
+        first, second = (story.received("where", MessageClass.QUERY, "user") for _ in range(2))
+        story.queued(second, "legs").delivered(first, "legs")
+        story.at(1.0).say(*[facts.Recalling("legs", "legs")] * is_ahead, facts.HandlerRemoved("where", "legs"))
+        story.at(2.0).returned(first).say(facts.Answered(first)).delivered(second, "legs")
+        assert _told(story) == ([] if is_ahead else [rules.HANDLES.text])
+
+
 def test_somebody_gets_into_what_is_locked() -> None:
     story = Story().module("user").module("legs", "move")
     story.say(facts.Claimed(1, "legs", "legs", False, "user", 0), facts.Granted(1))
