@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 END = "in the end for calibrate {3}, which no module handles"
 
 
-def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Path) -> None:
+def test_every_row_that_waits_says_for_what_in_the_end_and_the_head_counts_by_that(look: Look, tmp_path: Path) -> None:
     page = look(stuck().write(tmp_path / "stuck"), "#task=6")
     page.set_viewport_size({"width": 2200, "height": 860})
     why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
@@ -31,10 +31,8 @@ def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Pat
     expect(why[2]).to_have_text("until calibrate {3} is achieved, for 3 s; no module handles that")
     page.locator("#task .lead.end button").click()
     expect(page.locator("#task h2")).to_have_text("calibrate {3}")
-
-
-def test_the_head_counts_by_what_is_waited_for_in_the_end(look: Look, tmp_path: Path) -> None:
-    page = look(stuck().write(tmp_path / "stuck"))
+    why[1].click()
+    expect(page.locator("#task h2")).to_have_text("mission {1}")
     causes = page.locator("#causes")
     expect(causes).to_have_text("6 wait for 1 thing:calibrate {3}, which no module handles")
     page.keyboard.press("Home")

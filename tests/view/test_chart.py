@@ -85,7 +85,7 @@ LOOKS = """([time, before]) => {
 """The colour of the first row so many pixels before a time."""
 
 
-def test_a_bar_of_what_was_killed_has_a_dark_end(look: Look, tmp_path: Path) -> None:
+def test_a_bar_of_what_was_killed_has_a_dark_end_and_what_is_to_come_is_paler(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk").at(1.0)
     for outcome in (Outcome.DONE, Outcome.KILLED):
         task = story.command("walk", "user")
@@ -95,16 +95,12 @@ def test_a_bar_of_what_was_killed_has_a_dark_end(look: Look, tmp_path: Path) -> 
     bar, dark = page.evaluate(LOOKS, [ends[0], 20]), [31, 41, 51]
     assert [page.evaluate(LOOKS, [ends[0], 2]), page.evaluate(LOOKS, [ends[1], 20])] == [bar, bar]
     assert page.evaluate(LOOKS, [ends[1], 2]) == dark
-
-
-def test_what_is_to_come_is_paler_also_where_nothing_else_is_seen(look: Look, tmp_path: Path) -> None:
-    story = Story().module("legs", "walk").at(1.0)
-    page = look(story.acted(story.command("walk", "user"), "legs", 9.0).write(tmp_path / "walk"), "#t=2")
-    expect(page.locator("#clock")).to_have_text("2.000 s")
-    now, to_come = (page.evaluate(LOOKS, [time, 0]) for time in (1.9, 5.0))
+    page.evaluate("tca.slider.setTime(2)")
+    until(page, "tca.chart.time === 2")
+    now, to_come = (page.evaluate(LOOKS, [time, 0]) for time in (1.9, 2.9))
     assert now != to_come
-    page.evaluate("Object.assign(tca.chart, { from: 4, to: 6 })")
-    assert page.evaluate(LOOKS, [5.0, 0]) == to_come
+    page.evaluate("Object.assign(tca.chart, { from: 2.5, to: 3.5 })")  # also where nothing else is seen
+    assert page.evaluate(LOOKS, [2.9, 0]) == to_come
 
 
 def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: Path) -> None:

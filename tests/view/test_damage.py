@@ -21,19 +21,20 @@ def damaged(content: bytes) -> bytes:
     return content[:-3] + bytes(byte ^ 0xFF for byte in content[-3:])
 
 
-def two_more(story: Story) -> tuple[bytes, bytes]:
+def more(story: Story) -> list[bytes]:
     """What is written next."""
     known = len(story.entries)
-    for time, name in ((5.0, "fly"), (6.0, "swim")):
+    for time, name in enumerate(("fly", "swim", "dive", "rest"), start=5):
         story.at(time).command(name, "user")
-    first, second = map(record, story.entries[known:])
-    return first, second
+    return [record(entry) for entry in story.entries[known:]]
 
 
-def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes(look: Look, tmp_path: Path) -> None:
+def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes_and_also_if_none_does(
+    look: Look, tmp_path: Path
+) -> None:
     story = walking()
     run = story.write(tmp_path / "run")
-    first, second = two_more(story)
+    first, second, third, fourth = more(story)
     with silent_for(run, 1.0):
         page = look(run)
         expect(page.locator("#status")).to_have_text("live")
@@ -43,23 +44,14 @@ def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes(look: Look, tm
         expect(page.locator("#problem")).to_contain_text("after 4.000 s: a damaged entry is left out")
         expect(page.locator(".row").last).to_contain_text("swim")
         expect(page.locator("#status")).to_have_text("live")
-
-
-def test_a_damaged_last_entry_is_told_of_though_no_other_one_comes(look: Look, tmp_path: Path) -> None:
-    story = walking()
-    run = story.write(tmp_path / "run")
-    first, second = two_more(story)
-    with silent_for(run, 1.0):
-        page = look(run)
+        with (run / "00000001.tcaj").open("ab") as segment:
+            segment.write(damaged(third))
+        expect(page.locator("#problem")).to_contain_text(f"cut off, the last {len(third)} bytes are no whole entry")
         expect(page.locator("#status")).to_have_text("live")
         with (run / "00000001.tcaj").open("ab") as segment:
-            segment.write(damaged(first))
-        expect(page.locator("#problem")).to_contain_text(f"cut off, the last {len(first)} bytes are no whole entry")
-        expect(page.locator("#status")).to_have_text("live")
-        with (run / "00000001.tcaj").open("ab") as segment:
-            segment.write(second)
-        expect(page.locator("#problem")).to_contain_text("after 4.000 s: a damaged entry is left out")
-        expect(page.locator(".row").last).to_contain_text("swim")
+            segment.write(fourth)
+        expect(page.locator("#problem")).to_contain_text("after 4.000 s: 2 damaged entries are left out")
+        expect(page.locator(".row").last).to_contain_text("rest")
 
 
 def test_a_journal_of_a_later_version_is_shown_as_far_as_it_is_known(look: Look, tmp_path: Path) -> None:
@@ -107,9 +99,25 @@ def test_a_journal_that_can_t_be_followed_any_more_is_told_of(
         expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
 
 
-def test_a_journal_that_is_there_again_is_read_anew(look: Look, serve: Callable[[Path], str], tmp_path: Path) -> None:
+def test_a_journal_that_is_whole_again_or_there_again_is_read_anew(
+    look: Look, serve: Callable[[Path], str], tmp_path: Path
+) -> None:
     run, away = walking().write(tmp_path / "run"), tmp_path / "away"
-    address = serve(run)
+    segment, address = run / "00000001.tcaj", serve(run)
+    whole, page = segment.read_bytes(), look(address)
+    expect(page.locator("#status")).to_have_text("not closed")
+    cut_short(run)
+    expect(page.locator("#problem")).to_contain_text("by 200 bytes; what was read before is shown")
+    asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
+    request = page.context.request
+    page.close()  # it would load itself anew, and the browser complain of the answer for which it does
+    segment.rename(away)
+    assert request.get(asked).status == 200
+    away.rename(segment)
+    assert request.get(asked).status == 200
+    segment.write_bytes(whole)
+    assert request.get(asked).status == 410
+
     page = look(address)
     expect(page.locator("#status")).to_have_text("not closed")
     run.rename(away)
@@ -118,38 +126,16 @@ def test_a_journal_that_is_there_again_is_read_anew(look: Look, serve: Callable[
     expect(page.locator("#status")).to_have_text("damaged")
     expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
     asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
-    request = page.context.request
     assert request.get(asked).status == 200
-    page.close()  # it would load itself anew, and the browser complain of the answer for which it does
+    page.close()  # as above
     away.rename(run)
     assert request.get(asked).status == 410
     page = look(address)
     expect(page.locator("#status")).to_have_text("not closed")
     expect(page.locator("#problem")).to_be_hidden()
-    with (run / "00000001.tcaj").open("ab") as segment:
-        segment.write(b"".join(two_more(walking())))
+    with segment.open("ab") as stream:
+        stream.write(b"".join(more(walking())[:2]))
     expect(page.locator(".row").last).to_contain_text("swim")
-
-
-def test_a_journal_that_was_cut_short_is_read_anew_when_it_is_whole(
-    look: Look, serve: Callable[[Path], str], tmp_path: Path
-) -> None:
-    run = walking().write(tmp_path / "run")
-    segment, address = run / "00000001.tcaj", serve(run)
-    whole, page = segment.read_bytes(), look(address)
-    expect(page.locator("#status")).to_have_text("not closed")
-    cut_short(run)
-    expect(page.locator("#problem")).to_contain_text("by 200 bytes; what was read before is shown")
-    asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
-    request = page.context.request
-    page.close()  # as above
-    segment.rename(tmp_path / "away")
-    assert request.get(asked).status == 200
-    (tmp_path / "away").rename(segment)
-    assert request.get(asked).status == 200
-    segment.write_bytes(whole)
-    assert request.get(asked).status == 410
-    expect(look(address).locator("#status")).to_have_text("not closed")
 
 
 def test_that_the_server_does_not_answer_is_told_soon_of_a_damaged_journal_too(look: Look, tmp_path: Path) -> None:

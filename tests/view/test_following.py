@@ -56,7 +56,7 @@ def first_number(step: int) -> int:
     return step * 4 + 1
 
 
-def test_the_failure_that_one_goes_to_is_in_sight(look: Look, walk: Path) -> None:
+def test_what_one_goes_to_is_in_sight(look: Look, walk: Path) -> None:
     page = look(walk, "#t=15")
     expect(page.locator(".row").first).to_be_visible()
     page.keyboard.press("]")
@@ -67,11 +67,13 @@ def test_the_failure_that_one_goes_to_is_in_sight(look: Look, walk: Path) -> Non
     page.locator("#tree").focus()
     page.keyboard.press("]")
     expect(chosen(page)).to_be_in_viewport()
+    page.evaluate("location.hash = '#t=15'")
+    expect(page.locator("#clock")).to_have_text("15.000 s")
+    is_in_sight_by_its_bar(page)
 
 
-def test_what_a_bar_of_the_future_stands_for_is_in_sight(look: Look, walk: Path) -> None:
-    page = look(walk, "#t=15")
-    expect(page.locator(".row").first).to_be_visible()
+def is_in_sight_by_its_bar(page: Page) -> None:
+    """What a bar of the future stands for."""
     x, y = page.evaluate("""() => {
       Object.assign(tca.chart, { from: 580, to: 600 });
       tca.chart.draw();
@@ -102,8 +104,9 @@ def test_a_query_that_failed_is_no_task_that_was_chosen_before(look: Look, tmp_p
     expect(chosen(page)).to_have_count(0)
 
 
-def test_where_nothing_is_handled_the_tree_shows_what_happened_last(look: Look, walk: Path) -> None:
+def test_where_nothing_is_handled_the_tree_shows_what_happened_last_unless_one_scrolls(look: Look, walk: Path) -> None:
     page = look(walk)
+    who_scrolls_is_left_alone_until_he_asks(page)
     for share in (0.5, 0.999):
         on_slider(page, share)
         expect(page.locator("#follow")).to_have_class("on" if share > 0.9 else "")
@@ -122,21 +125,7 @@ def test_where_nothing_is_handled_the_tree_shows_what_happened_last(look: Look, 
     expect(chosen(page)).to_be_in_viewport()
 
 
-def test_where_everything_waits_the_newest_wait_is_in_sight(look: Look, tmp_path: Path) -> None:
-    story = Story().module("planner", "step")
-    for number in range(50):
-        task = story.at(float(number)).command("open door", "user")
-        if number % 2:
-            story.queued(task)
-    page = look(story.write(tmp_path / "waiting"))
-    expect(page.locator(".row[data-task='50']")).to_be_in_viewport()
-    expect(page.locator(".row[data-task='1']")).not_to_be_in_viewport()
-    on_slider(page, 0.6)
-    expect(page.locator(".row[data-task='29']")).to_be_in_viewport()
-
-
-def test_who_scrolls_is_left_alone_until_he_asks(look: Look, walk: Path) -> None:
-    page = look(walk)
+def who_scrolls_is_left_alone_until_he_asks(page: Page) -> None:
     on_slider(page, 0.5)
     page.locator("#rows").hover()
     page.mouse.wheel(0, -100_000)
@@ -154,6 +143,19 @@ def test_who_scrolls_is_left_alone_until_he_asks(look: Look, walk: Path) -> None
         page.mouse.wheel(0, -100_000)
     expect(page.locator("#play")).to_have_text("▶")  # until the end, which he sees there
     expect(first).to_be_in_viewport()
+
+
+def test_where_everything_waits_the_newest_wait_is_in_sight(look: Look, tmp_path: Path) -> None:
+    story = Story().module("planner", "step")
+    for number in range(50):
+        task = story.at(float(number)).command("open door", "user")
+        if number % 2:
+            story.queued(task)
+    page = look(story.write(tmp_path / "waiting"))
+    expect(page.locator(".row[data-task='50']")).to_be_in_viewport()
+    expect(page.locator(".row[data-task='1']")).not_to_be_in_viewport()
+    on_slider(page, 0.6)
+    expect(page.locator(".row[data-task='29']")).to_be_in_viewport()
 
 
 def test_the_head_names_what_rows_lie_under_that_is_out_of_sight(look: Look, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 from tools.story import Story, stumbling
 
 from tca_wire.journal import facts
@@ -63,8 +63,8 @@ def test_the_name_of_what_is_to_come_is_dark_on_its_pale_bar(look: Look, tmp_pat
     assert ("walk", "#1f2933") in written(page)
 
 
-def test_the_cursor_leaves_the_labels_of_the_axis_free(look: Look, tmp_path: Path) -> None:
-    page = look(long_run().write(tmp_path / "moves"), "#t=20")  # where a label is
+def leaves_the_labels_of_the_axis_free(page: Page) -> None:
+    """The cursor at 20 s, where a label is."""
     expect(page.locator("#clock")).to_have_text("20.000 s")
     blue = """(y) => {
       const { chart } = tca, [from, to] = chart.window, scale = devicePixelRatio;
@@ -117,7 +117,9 @@ def test_a_failure_is_told_once_and_with_its_data_if_it_has_no_text(look: Look, 
 def test_the_chart_shows_the_last_seconds_and_goes_to_the_chosen_task_and_columns_stand_still(
     look: Look, tmp_path: Path
 ) -> None:
-    page = look(long_run().say(facts.Closed("done")).write(tmp_path / "moves"), "#t=38")
+    page = look(long_run().say(facts.Closed("done")).write(tmp_path / "moves"), "#t=20")
+    leaves_the_labels_of_the_axis_free(page)
+    page.evaluate("tca.slider.setTime(38)")
     window = "tca.chart.window.map((time) => Math.round(time))"
     page.locator("#tree").focus()
     page.keyboard.press("l")

@@ -31,9 +31,16 @@ def moments(page: Page, number: int, milliseconds: int) -> list[float]:
     return found
 
 
-def test_play_goes_on_from_between_two_messages(look: Look, quiet: Path) -> None:
-    page = look(quiet, "#t=6", clock=True)
-    page.clock.run_for(500)
+def test_a_run_is_played(look: Look, quiet: Path) -> None:
+    """One page for all: its clock is the test's, and takes the browser longest."""
+    page = look(quiet, clock=True)
+    for time, plays in ((6, plays_from_between_two_messages), (20, hurries_through_silence), (3.5, moves_zoomed_chart)):
+        page.evaluate(f"location.hash = '#t={time}'")
+        page.clock.run_for(500)
+        plays(page)
+
+
+def plays_from_between_two_messages(page: Page) -> None:
     assert page.evaluate("tca.slider.time") == 6
     page.locator("#play").click()
     shown = [6.0, *moments(page, 10, 100)]  # in the middle of an action, which is played in half its time
@@ -53,9 +60,8 @@ def test_play_goes_on_from_between_two_messages(look: Look, quiet: Path) -> None
     assert page.evaluate("tca.slider.time") == stopped
 
 
-def test_play_hurries_through_a_long_silence_and_says_so(look: Look, quiet: Path) -> None:
-    page = look(quiet, "#t=20", clock=True)
-    page.clock.run_for(500)
+def hurries_through_silence(page: Page) -> None:
+    """And says so."""
     page.locator("#play").click()
     shown = moments(page, 3, 500)
     assert shown == sorted(set(shown))
@@ -69,9 +75,8 @@ def test_play_hurries_through_a_long_silence_and_says_so(look: Look, quiet: Path
     expect(page.locator("#clock")).to_have_text("1:00:01.0")
 
 
-def test_a_zoomed_chart_follows_what_is_played_but_not_against_the_reader(look: Look, quiet: Path) -> None:
-    page = look(quiet, "#t=3.5", clock=True)
-    page.clock.run_for(500)
+def moves_zoomed_chart(page: Page) -> None:
+    """But not against the reader."""
     zoom = "([from, to]) => { Object.assign(tca.chart, { from, to }); tca.chart.draw(); }"
     seen = "[...tca.chart.window, tca.chart.time]"
     page.evaluate(zoom, [3.0, 4.0])

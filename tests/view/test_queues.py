@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page, expect
-from tools.story import Story, walking
+from tools.story import Story
 
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
@@ -83,6 +83,7 @@ def test_a_queue_that_empties_and_fills_again_lies_as_in_other_charts(look: Look
     assert max(bars) > 12
     by_start = sorted(row.queued, key=lambda bar: bar.start)
     assert [lane for _, lane in lanes_on(page, "legs")] == [bar.lane for bar in by_start]
+    counts_what_waits(page)
 
 
 NOW = 60
@@ -95,9 +96,9 @@ PEAKS = """async ([begun, ended, times]) => {
 """The most at a time between each of some times and the next."""
 
 
-def test_the_page_counts_what_waits(look: Look, tmp_path: Path) -> None:
+def counts_what_waits(page: Page) -> None:
     """Many begin or end together, some have no length, some go on."""
-    page, life = look(walking().write(tmp_path / "walk")), random.Random(3)
+    life = random.Random(3)
     for _ in range(20):
         starts = sorted(life.randint(0, NOW) for _ in range(life.choice([5, 40, 600])))
         bars = [(start, start + life.choice([0, 0, 1, 2, 5, 20, NOW])) for start in starts]

@@ -44,7 +44,7 @@ def task(page: Page, name: str) -> None:
     expect(page.locator(".row .name")).to_have_text([name])
 
 
-def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew(
+def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew_and_an_older_one_can_be_chosen(
     look: Look, serve: Callable[..., str], start: Start
 ) -> None:
     first = start("first", WALK)
@@ -52,7 +52,7 @@ def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew(
     task(page, "walk")
     first.stop()
     expect(page.locator("#status")).to_have_text("ended")
-    start("second", REST)
+    second = start("second", REST)
     task(page, "rest")
     expect(page.locator("#status")).to_have_text("live")
     expect(page.locator("#newer")).to_be_hidden()
@@ -64,6 +64,14 @@ def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew(
     page.go_back()
     task(page, "rest")
     expect(page.locator("#over")).to_be_hidden()
+    expect(page.locator("#runs option")).to_have_count(2)
+    page.locator("#runs").select_option(index=1)
+    task(page, "walk")
+    second.stop()
+    start("third", Goal("sleep", int))
+    expect(page.locator("#runs option")).to_have_count(3)
+    task(page, "walk")  # it was chosen: nobody is taken away from it
+    expect(page.locator("#newer")).to_be_visible()
 
 
 @pytest.mark.soak
@@ -76,21 +84,6 @@ def test_the_note_leads_to_the_newer_run(look: Look, serve: Callable[..., str], 
     start("second", REST)
     page.locator("#newer button").click()
     task(page, "rest")
-
-
-def test_an_older_run_can_be_chosen(look: Look, serve: Callable[..., str], start: Start) -> None:
-    start("first", WALK).stop()
-    second = start("second", REST)
-    page = look(serve())
-    task(page, "rest")
-    expect(page.locator("#runs option")).to_have_count(2)
-    page.locator("#runs").select_option(index=1)
-    task(page, "walk")
-    second.stop()
-    start("third", Goal("sleep", int))
-    expect(page.locator("#runs option")).to_have_count(3)
-    task(page, "walk")  # it was chosen: nobody is taken away from it
-    expect(page.locator("#newer")).to_be_visible()
 
 
 def begun_anew_after_a_kill(first: Central, start: Start) -> None:
@@ -162,6 +155,11 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     page = look(folder)
     expect(page.locator("#runs option")).to_have_text(["mixed#2 (newest)", "mixed#1"])
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("killed")
+    page.route("**/api/outcome*", lambda route: route.fulfill(body=""))
+    page.locator("#outcomes").click()
+    expect(page.locator("#all td:last-child")).to_have_text([re.compile("^The server does not answer")] * 2)
+    page.unroute("**/api/outcome*")
+    page.keyboard.press("Escape")
     page.locator("#outcomes").click()
     second, first = page.locator("#all tr:nth-child(2) td"), page.locator("#all tr:nth-child(3) td")
     expect(second).to_have_text(
@@ -199,15 +197,6 @@ def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
     for width in (1280, 800, 600):
         page.set_viewport_size({"width": width, "height": 700})
         assert page.evaluate("document.getElementById('all').scrollWidth <= document.getElementById('all').clientWidth")
-
-
-def test_the_list_of_runs_says_when_the_server_does_not_answer(look: Look, tmp_path: Path) -> None:
-    folder = walking().write(tmp_path / "walk")
-    begin_another_in(folder)
-    page = look(folder)
-    page.route("**/api/outcome*", lambda route: route.fulfill(body=""))
-    page.locator("#outcomes").click()
-    expect(page.locator("#all td:last-child")).to_have_text([re.compile("^The server does not answer")] * 2)
 
 
 def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
