@@ -58,6 +58,11 @@ class OpenDeliveries:
         """The deliveries whose handlers have begun."""
         return [delivery for delivery, one in self._known.items() if one.name]
 
+    def name_of(self, delivery: int) -> str:
+        """The message of a delivery whose handler has begun."""
+        one = self._known.get(delivery)
+        return one.name if one is not None else ""
+
     def add(self, delivery: int, *, is_suspended: bool) -> None:
         """A message is to be handled."""
         self._known[delivery] = OpenDelivery(self, delivery, is_suspended=is_suspended)

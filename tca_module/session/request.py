@@ -36,7 +36,7 @@ class Request:
     it was lost with central's memory. A query that was not sent, because nobody handles it, is accepted with id 0.
     """
 
-    __slots__ = ("__weakref__", "accepted", "after", "answers", "body", "epoch", "gone", "header",
+    __slots__ = ("__weakref__", "accepted", "after", "answers", "body", "by", "epoch", "gone", "header",
                  "is_announced", "is_over", "lost", "mark", "notify", "number", "path", "refused", "repeated",
                  "settled", "taken", "wants_answer", "was_sent", "what")  # fmt: skip
 
@@ -58,6 +58,7 @@ class Request:
         self.path: Any = None  #: the way that it went directly, under that way's *number*
         self.number = 0
         self.what = ""  #: of a task that was sent without waiting: its name, for people
+        self.by = ""  #: and the message whose handler has sent it
         self.after: list[Any] = []  #: and the siblings that it was to come after, until it is accepted
         self.mark = 0  #: how many statements had been sent before it
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
@@ -91,6 +92,14 @@ class Request:
         except TcaError as error:
             return str(error)
         return ""
+
+    @property
+    def why_unheard(self) -> str:
+        """The error that it came to, for the log: nobody has asked for it."""
+        if not self.by:
+            return self.why_failed
+        advice = "to read the '.id' of what it sends raises it there"
+        return f"the handler of {self.by} ended before it heard this: {self.why_failed}; {advice}"
 
     def check(self, what: object) -> None:
         """Raise the error it came to, if any; *what* names the request."""

@@ -137,7 +137,7 @@ class TaskSends:
         """A handler has ended: how many refusals it knows, and errors that were not raised in it."""
         if not (self._known or self.failed):
             return 0, []
-        return self._known.pop(delivery, 0), [one.why_failed for one in self.failed.pop(delivery, [])]
+        return self._known.pop(delivery, 0), [one.why_unheard for one in self.failed.pop(delivery, [])]
 
     def forget(self) -> None:
         """Central was restarted, and has forgotten all deliveries: it may use the same numbers again."""

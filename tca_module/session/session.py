@@ -113,7 +113,7 @@ class Session:
         """Send a task, *what*, for whose id nobody waits yet; what it comes to is among ``sends`` if that is bad."""
         check_fields(header)
         request = Request(msgspec.structs.replace(header, quiet=True), body, wants_answer=False)
-        request.what = what
+        request.what, request.by = what, self.open_deliveries.name_of(header.origin)
         self.sends.untold += 1
         self.adopt(request)
         return request
@@ -478,7 +478,7 @@ class Session:
         elif not origin or origin in self.open_deliveries:
             self.sends.add(request)
         else:  # its handler has returned: central has let that fail
-            self.complaints.append(request.why_failed)
+            self.complaints.append(request.why_unheard)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
         if header.delivery in self.open_deliveries or header.delivery in self._replies:

@@ -241,6 +241,25 @@ def test_a_handler_that_has_not_heard_of_it_has_failed_all_the_same() -> None:
                 assert failed.value.failure == "handler error"
 
 
+@pytest.mark.parametrize("is_heard", [False, True], ids=["after its end", "at its end"])
+def test_the_log_names_the_handler_that_has_not_heard_of_it(
+    caplog: pytest.LogCaptureFixture, *, is_heard: bool
+) -> None:
+    connection, central = connected(silent)
+    session = connection.session
+    session.open_deliveries.begin(9, "rest {1}")
+    request = session.send_task(headers.Send(0, "stop", origin=9), b"", "command 'stop'")
+    if not is_heard:
+        session.reply(headers.Reply(9), b"")
+    central.say(headers.Refused(request.header.number, Refusal.CYCLE, "a circle"))
+    connection.line.catch_up()
+    if is_heard:
+        session.reply(headers.Reply(9), b"")
+    (line,) = *caplog.messages, *session.complaints
+    assert line.startswith("the handler of rest {1} ended before it heard this: command 'stop' was refused: a circle;")
+    assert line.endswith("to read the '.id' of what it sends raises it there")
+
+
 @pytest.mark.parametrize("block", ["sequence", "parallel", "none"])
 def test_what_was_refused_is_as_if_it_had_never_been_sent(central: LocalCentral, user: Client, block: str) -> None:
     def order(*, refused: bool) -> list[list[str]]:
