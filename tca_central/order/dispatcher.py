@@ -219,9 +219,11 @@ class Dispatcher:
         if not is_answer:
             self.messages_ahead.recall(resource)  # what is under way comes after these
         else:
-            self._end_recall(resource)
+            was_recalling, resource.is_recalling = resource.is_recalling, False
             if (begun := first_ahead(slot)) is not None and resource.is_free(slot):
                 self._give_next(begun, resource)
+            if was_recalling:  # only now: what it had begun, it had begun before
+                self._facts.append(Recalling(resource.module, resource.name, is_over=True))
         self.to_offer.append((resource, None))
         return moved
 

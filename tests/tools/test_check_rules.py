@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from central.player import ANY, Player
+from central.test_what_goes_ahead import Ears, got, trust_every_handler
 from central.transcript import Transcript
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -48,6 +49,21 @@ def test_a_walk_with_everything_keeps_all_rules() -> None:
 @pytest.mark.parametrize("path", sorted(TRANSCRIPTS.glob("*.txt")), ids=lambda path: path.stem)
 def test_every_transcript_of_central_keeps_them(path: Path) -> None:
     assert checked([OPENED, *played(path.stem).entries]) == []
+
+
+def test_a_slot_that_began_what_was_ahead_before_its_handler_was_gone_keeps_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    trust_every_handler(monkeypatch)
+    player = Ears.of("ear: query where", "user")
+    for _ in range(3):
+        player.send("user", "where")
+    first, _, third = got(player, "ear/1")
+    player.receive("ear", headers.Unregister(player.number("ear"), []))
+    player.reply("ear/1", first)
+    player.receive("ear/1", headers.Recalled([third]))
+    assert len(player.facts(facts.Delivered)) == 2
+    assert checked([OPENED, *player.entries]) == []
 
 
 @given(st.lists(operation, max_size=60))
