@@ -219,6 +219,9 @@ def _add(
         tap.before, tap.at = 0, DELIVERED  # only a task can be held
     others.append(tap)
     central.taps[tap.id] = tap
+    if tap.at & DELIVERED:
+        for handler in tapped.handlers:  # the listener is to be told in time of what a slot has ahead
+            central.dispatcher.messages_ahead.recall(handler.resource)
     task = TaskId(place.id) if isinstance(place, Task) else ROOT
     central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name))
     direct_routes.review(central, [tapped])

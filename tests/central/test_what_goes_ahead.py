@@ -61,6 +61,21 @@ def test_nothing_is_ahead_of_which_a_listener_is_told_when_it_is_delivered(condi
     assert len(got(player, "ear/1")) == 1
 
 
+@pytest.mark.parametrize("condition", AT_ONCE)
+def test_a_listener_that_comes_later_calls_back_what_is_ahead(condition: Condition) -> None:
+    player = Ears.of("ear: query where", "eye: inform seen", "user")
+    for _ in range(3):
+        player.send("user", "where")
+    first, *others = got(player, "ear/1")
+    player.receive("user", headers.Tap(player.number("user"), condition, "seen", "where"))
+    recalled = [header.deliveries for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)]
+    assert recalled == [others]
+    player.receive("ear/1", headers.Recalled(others))
+    player.reply("ear/1", first)
+    assert len(got(player, "eye/1")) == 1
+    assert got(player, "ear/1") == [first, *others, others[0]]
+
+
 def test_what_waits_within_a_limit_is_not_ahead_so_the_oldest_gives_way_at_once() -> None:
     player = Ears.of("user")
     player.module("ear", "inform note", pending=2)
