@@ -155,6 +155,7 @@ class WaitLoop:
         """Whether the next message is ahead, and nothing that has arrived recalls it."""
         if self._has_next:
             self._hear_all()
+            self._line.flush()  # what is given back does not wait for a handler
         return self._has_next
 
     def _goes_on(self) -> bool:

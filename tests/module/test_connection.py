@@ -292,12 +292,14 @@ class Ear:
     def __init__(self, *news: ToModule, slow: dict[int, float], is_nested: bool = False, ends_in: int = 0) -> None:
         self.connection, self.central = connected()
         self.begun: list[int] = []
+        self.told: list[bool] = []  #: for each begun, whether central had been told by then what is given back
         self.connection.waiting.handle_delivery = self.attend
         self.connection.session.open_deliveries.is_ending = lambda: ends_in in self.begun
         self.news, self.slow, self.is_nested = news, slow, is_nested
 
     def attend(self, delivery: Deliver, _: bytes) -> None:
         self.begun.append(delivery.delivery)
+        self.told.append(any(isinstance(header, Recalled) for header in self.central.heard))
         if len(self.begun) == 1:
             for one in self.news:
                 self.central.say(one)
@@ -318,6 +320,13 @@ def test_what_is_recalled_is_not_begun_though_other_packets_came_before(*, is_ne
     ear = Ear(*news, Recall(numbers), slow=dict.fromkeys(numbers, 0.1), is_nested=is_nested)
     assert ear.serve() == [8]
     assert Recalled(numbers) in ear.central.heard
+
+
+def test_what_is_given_back_does_not_wait_for_the_handler_of_what_is_kept() -> None:
+    news = [Deliver(number, "note", ahead=number - 8) for number in range(9, 12)]
+    ear = Ear(*news, Recall([10, 11]), slow={9: 2.0})
+    assert ear.serve() == [8, 9]
+    assert ear.told == [False, True]
 
 
 def test_nothing_that_is_ahead_is_begun_when_the_module_ends() -> None:
