@@ -246,7 +246,7 @@ def check_places(world: JournalWorld) -> None:
 
 def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -> None:
     claims, taken = place.claims, len(place.runs)
-    if taken > capacity:
+    if taken > max(capacity, 0):
         what = f"is one too many: {said(place)} takes {capacity} at a time, and has {taken}"
         world.broken(rules.CAPACITY, next(reversed(place.runs.values())), what)
     if not world.is_whole or not capacity or claims.held_by is not None:

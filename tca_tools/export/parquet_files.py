@@ -1,7 +1,8 @@
 """A run as Parquet: a file for each table, with typed columns, written in row groups."""
 
+from collections.abc import Sequence
 from itertools import islice
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 from pyarrow import parquet
@@ -18,6 +19,7 @@ _TYPES = {
     ColumnType.FLAG: pa.bool_(),
     ColumnType.JSON: pa.string(),
 }
+_LARGEST = (1 << 63) - 1
 
 
 def write_parquet(table: Table, run: Run, stream: BinaryIO) -> None:
@@ -27,6 +29,14 @@ def write_parquet(table: Table, run: Run, stream: BinaryIO) -> None:
         found = table.rows(run)
         while rows := list(islice(found, _ROWS_IN_A_GROUP)):
             columns = [
-                pa.array(column, kind) for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)
+                _column(column, kind) for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)
             ]
             writer.write_batch(pa.record_batch(columns, schema=schema))
+
+
+def _column(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
+    """A column. Journals have integers up to 2^64: what has no room in it becomes the largest one that has."""
+    try:
+        return pa.array(values, kind)
+    except OverflowError:
+        return pa.array([value if value is None else min(value, _LARGEST) for value in values], kind)

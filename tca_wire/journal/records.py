@@ -8,6 +8,8 @@ is sound; so are facts and entries that this version does not know. Only what is
 damage with nothing sound behind it.
 """
 
+import errno
+import os
 import re
 import struct
 from collections.abc import Iterator
@@ -29,6 +31,8 @@ SEGMENT_SUFFIX = ".tcaj"
 _LIKE_A_RECORD = re.compile(rb"\xce[\x00-\x04].{3}\xce.{4}[\x90-\x9f]", re.DOTALL)
 """A frame, and the beginning of an array: of what else is in a journal one byte in millions looks so."""
 _CHUNK = 1 << 20
+_ZEROS = bytes(_CHUNK)
+_SEEK_DATA: int | None = getattr(os, "SEEK_DATA", None)
 _MOST_FRAMES = 100
 """Damaged records in a row that are told apart."""
 _STEP = 1 << 10
@@ -232,6 +236,7 @@ class JournalReader:
                     return here
                 found = _LIKE_A_RECORD.search(window, found.start() + 1)
             place = max(start + len(window) - _HEAD, place + 1)
+            place = max(self._data_from(place, end) - _HEAD, place)
         return None
 
     def _goes_on(self, place: int) -> bool:
@@ -262,9 +267,24 @@ class JournalReader:
 
     def _is_zeros(self, place: int) -> bool:
         """Whether nothing was there, or what some file systems leave after a power cut."""
-        self._stream.seek(place)
-        chunks = (self._stream.read(min(_CHUNK, self._size - at)) for at in range(place, self._size, _CHUNK))
-        return not any(map(any, chunks))
+        while (place := self._data_from(place, self._size)) < self._size:
+            self._stream.seek(place)
+            chunk = self._stream.read(min(_CHUNK, self._size - place))
+            if chunk != _ZEROS[: len(chunk)]:
+                return False
+            place += max(len(chunk), 1)
+        return True
+
+    def _data_from(self, place: int, end: int) -> int:
+        """Where from *place* on something is stored: what a power cut leaves may be gigabytes of nothing."""
+        if _SEEK_DATA is not None and place < end:
+            try:
+                return min(self._stream.seek(place, _SEEK_DATA), end)
+            except OSError as error:
+                return end if error.errno == errno.ENXIO else place
+            except ValueError:  # no file
+                pass
+        return place
 
     def _refuse(self, why: str) -> None:
         at = f", byte {self.offset}" if self.offset else ""

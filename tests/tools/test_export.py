@@ -96,6 +96,17 @@ def test_csv_and_parquet_hold_the_same_rows(history: History) -> None:
         ]
 
 
+def test_what_has_no_room_in_a_typed_column_becomes_the_largest_number() -> None:
+    """A module may say that it sent from any handler, with any priority."""
+    story, most = Story().module("legs", "move").at(1.0), (1 << 64) - 1
+    move = story.command("move", "user", origin=most)
+    for table, column in (("messages", "origin"), ("queueings", "priority")):
+        history = story.say(facts.Queued(move, move, "legs", "", most)).fold()
+        typed = io.BytesIO()
+        write_parquet(next(one for one in TABLES if one.name == table), history, typed)
+        assert parquet.read_table(typed)[column].to_pylist()[-1] == (1 << 63) - 1
+
+
 def read(kind: ColumnType, text: str) -> Any:
     """What a program makes of a cell."""
     make: dict[ColumnType, Callable[[str], Any]] = {

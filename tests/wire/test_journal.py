@@ -1,9 +1,11 @@
 """Journal records: cut anywhere, flipped anywhere, foreign or from the future; never a wrong fact."""
 
 import io
+import os
 import struct
 import zlib
 from collections.abc import Callable
+from pathlib import Path
 
 import msgpack
 import pytest
@@ -226,6 +228,31 @@ def test_a_tail_of_zeros_is_a_torn_tail() -> None:
     assert reader.torn == 4096
     entries, reader = read(BYTES[:-5] + bytes(4096))  # of the last entry a part was on the disk
     assert (entries, reader.torn) == (ENTRIES[:2], ENDS[3] - ENDS[2] - 5 + 4096)
+
+
+class Counted(io.FileIO):
+    """A file that counts what is read of it."""
+
+    taken = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        found = super().read(size) or b""
+        self.taken += len(found)
+        return found
+
+
+@pytest.mark.parametrize("cut", [0, 5])
+def test_a_gigabyte_that_was_never_written_is_not_read(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "walk.tcaj"
+    path.write_bytes(BYTES[: len(BYTES) - cut])
+    os.truncate(path, 1 << 30)
+    if path.stat().st_blocks * 512 > 1 << 20:
+        pytest.skip("this file system has no holes")
+    with Counted(path) as stream:
+        reader = JournalReader(stream, "walk")
+        assert list(reader) == ENTRIES[: 3 - bool(cut)]
+        assert reader.torn == (1 << 30) - reader.offset
+        assert stream.taken < 16 << 20
 
 
 @pytest.mark.parametrize(
