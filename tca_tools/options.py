@@ -1,6 +1,7 @@
 """The options that several tools have: which log, which part of it, which file."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
@@ -29,7 +30,22 @@ class _Moment(click.ParamType):  # type: ignore[type-arg]
         return seconds
 
 
+class _Measure(click.ParamType):  # type: ignore[type-arg]
+    """A number with a unit: ``30d``, ``1.5G``."""
+
+    def __init__(self, name: str, units: dict[str, int]) -> None:
+        self.name, self._units = name, units
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) ?([A-Za-z]*)", str(value))
+        if number is None or number[2] not in self._units:
+            self.fail(f"{value!r}: give a number with one of {', '.join(filter(None, self._units))}", param, ctx)
+        return float(number[1]) * self._units[number[2]]
+
+
 MOMENT = _Moment()
+AGE = _Measure("age", {"min": 60, "h": 3600, "d": 86400, "w": 7 * 86400})
+SIZE = _Measure("size", {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40})
 log_argument = click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
 force_option = click.option("--force", is_flag=True, help="Write over a file that no command of tca has made, too.")
 

@@ -1,4 +1,4 @@
-"""``tca log show``: a journal as text, one line a fact."""
+"""``tca log``: a journal as text, one line a fact; which runs there are, and the removal of old ones."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator
@@ -11,14 +11,16 @@ import click
 
 from tca_tools.log.classic import classic_lines
 from tca_tools.log.fact_rows import fact_row
-from tca_tools.options import log_argument
+from tca_tools.log.prune import remove, stored_runs, superfluous
+from tca_tools.options import AGE, SIZE, log_argument
 from tca_tools.run.journals import newest_journal, open_log, run_folders, runs_in
 from tca_tools.run.selection import no_task
 from tca_tools.terminal import columns_of, cut, line_width, padded
+from tca_wire.endpoint import default_journals
 from tca_wire.journal.facts import Delivered, Entry, Fact, Queued, Received, kind_of
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording
-from tca_wire.text.measures import counted
+from tca_wire.text.measures import counted, size
 from tca_wire.text.printable import printable
 
 KINDS: tuple[str, ...] = tuple(map(kind_of, get_args(Fact)))
@@ -92,9 +94,41 @@ def runs(folder: Path | None) -> None:
     found = [run for one in folders if one.is_dir() for run in runs_in(one)]
     width = max((columns_of(name) for name, _, _ in found), default=0)
     for name, opened, log in found:
-        began = f"{datetime.fromtimestamp(opened.began):%Y-%m-%d %H:%M:%S}"  # noqa: DTZ006
-        live = ", goes on" if log.is_being_written else ""
-        click.echo(f"{padded(printable(name), width)}  began {began}, {counted(len(log.segments()), 'segment')}{live}")
+        segments, live = counted(len(log.segments()), "segment"), ", goes on" * log.is_being_written
+        click.echo(f"{padded(printable(name), width)}  began {_date(opened.began)}, {segments}{live}")
+
+
+@log.command()
+@click.argument("folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
+@click.option("--keep", metavar="AGE", type=AGE, help="Remove runs that ended longer ago: 30d, 12h, 90min, 2w.")
+@click.option("--keep-bytes", metavar="SIZE", type=SIZE, help="Remove the oldest, down to this size: 500M, 10G.")
+@click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
+def prune(folder: Path | None, keep: float | None, keep_bytes: float | None, *, dry_run: bool) -> None:
+    """Remove old runs, with the inputs and images that recovery needs.
+
+    FOLDER is a journal folder, in which one or several runs lie, or a folder of such folders; without it, central's
+    folder of journals. A run that a central writes stays, and the newest that ended without a goodbye: it may go on.
+    """
+    if keep is None and keep_bytes is None:
+        raise click.UsageError("say what to keep: --keep 30d, --keep-bytes 10G, or both")
+    folder = folder or default_journals()
+    stored = stored_runs(folder)
+    found = superfluous(stored, keep, keep_bytes)
+    width = max((columns_of(printable(run.name)) for run in found), default=0)
+    for run in found:
+        told = f"{padded(printable(run.name), width)}  ended {_date(run.ended)}, {size(run.size)}"
+        click.echo(f"{told}: stays, {run.kept}" if run.kept else told)
+        if not run.kept and not dry_run:
+            remove(run, with_folder=run.folder != folder)
+    gone = [run for run in found if not run.kept]
+    left = sum(run.size for run in stored) - sum(run.size for run in gone)
+    verb = "would be removed" if dry_run else "removed"
+    removed = f"{counted(len(gone), 'run')} {verb} ({size(sum(run.size for run in gone))})"
+    click.echo(f"{removed}, {counted(len(stored) - len(gone), 'run')} left ({size(left)})")
+
+
+def _date(time: float) -> str:
+    return f"{datetime.fromtimestamp(time):%Y-%m-%d %H:%M:%S}"  # noqa: DTZ006
 
 
 def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:

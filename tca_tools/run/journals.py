@@ -3,6 +3,7 @@
 import fcntl
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,11 +16,13 @@ from tca_tools.run.losses import Losses
 from tca_tools.run.segments import Folder, listed, segments_in
 from tca_wire.endpoint import VARIABLE, default_journals, journal_link
 from tca_wire.errors import JournalDamaged
-from tca_wire.journal.facts import Entry, Opened
+from tca_wire.journal.facts import Closed, Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 from tca_wire.text.printable import printable
 
 _POLL_SECONDS = 0.2
+_LAST_BYTES = 1 << 16
+"""The end of a segment, in which the last entry is."""
 _STILL = 1.0
 """Seconds: what is not whole for so long nobody is writing any more."""
 _WAITING = "'tca view' and 'tca log show --follow' wait for what comes"
@@ -355,6 +358,16 @@ class Log:
         """Raise UnusableLog if reading failed, and nothing was read."""
         if self._damage and not self._has_entries:
             raise UnusableLog((*self.losses.ends, self._damage)[0])
+
+
+def is_closed(segment: Path) -> bool:
+    """Whether a segment ends with central's goodbye."""
+    try:
+        with segment.open("rb") as stream:
+            last = deque(JournalReader(stream, offset=max(segment.stat().st_size - _LAST_BYTES, 0)), 1)
+    except (OSError, JournalDamaged):
+        return False
+    return any(type(fact) is Closed for entry in last for fact in entry.facts)
 
 
 def _cut_off(segment: Path, offset: int, torn: int) -> str:

@@ -1,6 +1,9 @@
 """Which segments in a folder make one run: a folder may hold those of several, copies, and not all of a run."""
 
+from contextlib import suppress
 from pathlib import Path
+
+import msgspec
 
 from tca_tools.errors import UnusableLog
 from tca_wire.errors import JournalDamaged
@@ -9,6 +12,11 @@ from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 
 _MOST_NAMED = 3
 """Files that a line names."""
+INPUTS = ".tcai"
+_HEAD, _LONGEST_HEAD = 10, 1 << 16
+"""Bytes of a record before its payload, and of the payload of a file's first one."""
+_BESIDE = (".draft", ".tcas", INPUTS)
+"""Images of central's state, in the making and whole, and its inputs."""
 
 
 class Folder:
@@ -52,6 +60,23 @@ class Folder:
         """How the runs begin whose segments lie there, oldest first."""
         self._look_into(segments_in(self.path))
         return self._in_order()
+
+    def files(self) -> dict[str, list[Path]]:
+        """By epoch all files of each run: images of central's state, inputs, and segments, each oldest first. One that
+        does not say whose it is lies beside those of its number, or of the nearest before.
+        """
+        paths = segments_in(self.path)
+        self._look_into(paths)
+        paths += [path for path in listed(self.path) if path.suffix in _BESIDE and path.stem.isdecimal()]
+        found: dict[str, list[Path]] = {one.epoch: [] for one in self._in_order()}
+        segments = [(_number_in(path), opening.epoch) for path, opening in self._openings.items()]
+        inputs = [(_number_in(path), epoch) for path in paths if path.suffix == INPUTS if (epoch := _epoch_of(path))]
+        order = (*_BESIDE, SEGMENT_SUFFIX)
+        for path in sorted(paths, key=lambda path: (order.index(path.suffix), _number_in(path), path.name)):
+            opening = self._openings.get(path)
+            known = (path.suffix in _BESIDE and inputs) or segments
+            found.get(opening.epoch if opening else _nearest(known, path), []).append(path)
+        return found
 
     def number_of(self, epoch: str) -> int:
         """Which of the runs there it is, from 1 on: the oldest is the first. Raises UnusableLog if it is not there."""
@@ -142,6 +167,21 @@ def _opening(path: Path) -> Opened | None:
     except (OSError, JournalDamaged):
         return None
     return next((fact for fact in entry.facts if isinstance(fact, Opened)), None) if entry is not None else None
+
+
+def _epoch_of(inputs: Path) -> str:
+    """The run whose inputs a file has, which its first record says; "" if it does not."""
+    with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, LookupError, TypeError), inputs.open("rb") as file:
+        length = int.from_bytes(file.read(_HEAD)[1:5])
+        epoch = msgspec.msgpack.decode(file.read(min(length, _LONGEST_HEAD)))[2]
+        return epoch if isinstance(epoch, str) else ""
+    return ""
+
+
+def _nearest(known: list[tuple[float, str]], path: Path) -> str:
+    """The run of the last number that is not after that of a file, or of the first one."""
+    number = _number_in(path)
+    return next((epoch for one, epoch in sorted(known, reverse=True) if one <= number), min(known, default=(0, ""))[1])
 
 
 def _number_in(path: Path) -> float:

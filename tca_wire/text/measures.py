@@ -34,6 +34,14 @@ def percent(share: float) -> str:
     return f"{share:.0%}" if share >= 0.0995 else f"{share:.1%}"
 
 
+def size(octets: float) -> str:
+    """``812 bytes``, ``1.5 KiB``, ``320 MiB``."""
+    if octets < 1 << 10:
+        return f"{octets:.0f} bytes"
+    unit = next(unit for unit in ("KiB", "MiB", "GiB", "TiB") if (octets := octets / 1024) < 1000 or unit == "TiB")
+    return f"{octets:.3g} {unit}"
+
+
 def times(number: int) -> str:
     """``once``, ``twice``, ``3 times``."""
     return {1: "once", 2: "twice"}.get(number, f"{number:,} times")

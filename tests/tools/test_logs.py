@@ -277,7 +277,7 @@ YESTERDAY, TODAY = 1_700_000_000.0, 1_700_086_400.0
 
 def segment(path: Path, entries: list[Entry], epoch: str, number: int = 1, began: float = YESTERDAY) -> Path:
     opening = Entry(0, entries[0].time, [facts.Opened(JOURNAL_VERSION, epoch, number, began, "0.1.0")])
-    path.parent.mkdir(exist_ok=True)
+    path.parent.mkdir(exist_ok=True, parents=True)
     path.write_bytes(b"".join(map(record, [opening, *entries])))
     return path
 

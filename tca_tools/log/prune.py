@@ -1,0 +1,84 @@
+"""Which runs of a folder are old or too much, and their removal. Knows files; knows nothing of what facts mean.
+
+A run goes as a whole, with the inputs and images of central's state that lie beside its segments. What none of tca
+has written stays, and so do links: what lies elsewhere is pruned where it is.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from tca_tools.errors import ToolError, UnusableLog
+from tca_tools.run.journals import is_closed, runs_in
+from tca_tools.run.segments import Folder, listed, segments_in
+from tca_wire.text.printable import printable
+
+
+class StoredRun(NamedTuple):
+    """A run as it lies on the disk."""
+
+    name: str
+    """As it is named as LOG."""
+    folder: Path
+    files: list[Path]
+    """The last are its segments, oldest first."""
+    size: int
+    ended: float
+    """When something was written last, in seconds since 1970."""
+    kept: str
+    """Why it stays whatever its age and size; "" if it need not."""
+
+
+def stored_runs(folder: Path) -> list[StoredRun]:
+    """The runs in a folder, or in the folders right in it, by their ends. Raises UnusableLog if there are none."""
+    journals = [folder] if segments_in(folder) else [one for one in listed(folder) if _is_journal(one)]
+    runs = sorted((run for journal in journals for run in _runs_in(journal)), key=lambda run: run.ended)
+    if not runs:
+        raise UnusableLog(f"{printable(str(folder))}: no runs lie there")
+    crashed = next((run for run in reversed(runs) if not run.kept and not is_closed(run.files[-1])), None)
+    return [run if run is not crashed else run._replace(kept="ended without a goodbye: it may go on") for run in runs]
+
+
+def _is_journal(path: Path) -> bool:
+    with suppress(UnusableLog):  # not ours to read
+        return path.is_dir() and not path.is_symlink() and bool(segments_in(path))
+    return False
+
+
+def _runs_in(journal: Path) -> Iterator[StoredRun]:
+    """A run has not ended before those whose numbers it follows: a robot may learn the time late."""
+    files, ended = Folder(journal).files(), 0.0
+    for name, opened, log in runs_in(journal):
+        stats = [path.stat() for path in files[opened.epoch]]
+        ended = max(ended, *(one.st_mtime for one in stats))
+        kept = "a central writes it" if log.is_being_written else ""
+        yield StoredRun(name, journal, files[opened.epoch], sum(one.st_size for one in stats), ended, kept)
+
+
+def superfluous(runs: list[StoredRun], keep: float | None, keep_bytes: float | None) -> list[StoredRun]:
+    """Those that ended more than *keep* seconds ago, and the oldest ones until the others have so many bytes; whether
+    or not they must stay.
+    """
+    found, total = [], sum(run.size for run in runs)
+    for run in runs:
+        is_old = keep is not None and run.ended < time.time() - keep
+        if is_old or (keep_bytes is not None and total > keep_bytes):
+            found.append(run)
+            total -= 0 if run.kept else run.size
+    return found
+
+
+def remove(run: StoredRun, *, with_folder: bool) -> None:
+    """Remove the files of a run; its goodbye is the last to go, so that half of it is never taken for a run that may
+    go on. *with_folder*: the folder, too, if nothing else is in it.
+    """
+    try:
+        for path in run.files:
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise ToolError(f"{printable(str(error.filename))}: can't be removed: {error.strerror}") from None
+    if with_folder:
+        with suppress(OSError):
+            run.folder.rmdir()
