@@ -171,7 +171,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "run": {"errors"},
         "why": {"run", "terminal"},
         "analysis": {"run", "spans", "why"},
-        "log": {"options", "run", "terminal"},
+        "log": {"errors", "options", "run", "terminal"},
         "check": {"run", "terminal", "why"},
         "stats": {"analysis", "options", "run", "spans", "terminal", "why"},
         "export": {"errors", "log", "options", "output", "run", "spans", "why"},

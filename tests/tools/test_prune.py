@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 from integration.programs import central
-from tools.test_logs import segment
 from tools.story import walking
+from tools.test_logs import segment
 
 from tca_wire.journal.facts import Closed, Entry
 
