@@ -17,6 +17,7 @@ from tca_central.errors import CentralError
 from tca_central.loading import is_compiled
 from tca_central.shell.door import make_room
 from tca_central.shell.journal_writer import JournalWriter, Sync
+from tca_central.shell.log_lines import LineFormatter
 from tca_central.shell.server import LOST_AFTER, Server
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
 
@@ -90,7 +91,9 @@ def central(
     bind: str | None, journal: Path | None, sync: str, *, lost_after: int, no_journal: bool, insecure: bool, quiet: bool
 ) -> None:
     """Run the daemon that routes messages and keeps the task tree."""
-    logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, format="central: %(message)s")
+    lines = logging.StreamHandler()
+    lines.setFormatter(LineFormatter("central: %(message)s"))
+    logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, handlers=[lines])
     endpoint = bind or default_endpoint()
     _check_address(endpoint, insecure=insecure)
     if lost_after == 1:

@@ -47,11 +47,15 @@ from tca_wire.journal import causes, facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, Refused, ToCentral
 from tca_wire.packets.routes import Noted, WatchEntrance
-from tca_wire.vocabulary import Due, Outcome, Refusal, Role
+from tca_wire.text.printable import shortened
+from tca_wire.vocabulary import Due, Limit, Outcome, Refusal, Role
 
 REMEMBERED_OUTCOMES = 10_000
 REMEMBERED_BYTES = 64 << 20
 """Ended tasks whose failure or result can still be asked for, and how much these may hold."""
+
+
+_LONGEST_BODY = int(Limit.BODY)
 
 
 class Central(State):
@@ -143,7 +147,10 @@ class Central(State):
                     connection.known_until = self.clock.now
                 if kind.names_tasks:
                     header = naming.with_ids(connection, header)
-                HANDLERS[type(header)](self, connection, header, event.body)
+                if len(event.body) > _LONGEST_BODY:
+                    replying.refuse_body(self, connection, header, len(event.body))
+                else:
+                    HANDLERS[type(header)](self, connection, header, event.body)
         except RequestError as error:
             if isinstance(header, headers.Send) and header.quiet and self.origin:
                 sending.note_refusal(self, header, error.text)
@@ -185,6 +192,7 @@ class Central(State):
         if connection is not None:
             self.refuse(connection, number, refusal, text)
         else:
+            text = shortened(text)
             self.facts.append(facts.RequestRefused("?", refusal, text))
             self.messages.append(Transmit(connection_id, Refused(number, refusal, text)))
 

@@ -4,7 +4,7 @@ RequestError         a module asked for something that can't be done: it is refu
 CentralError         central cannot start or go on: the address is taken, the journal can't be written
 """
 
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import Limit, Refusal, is_name
 
 
 class RequestError(Exception):
@@ -14,6 +14,13 @@ class RequestError(Exception):
         super().__init__(text)
         self.refusal = refusal
         self.text = text
+
+
+def check_name(kind: str, name: str, *, or_none: bool = False) -> None:
+    """Raises RequestError if this does not do for the name of a *kind*: it is long, or would steer a terminal."""
+    if not is_name(name) and not (or_none and not name):
+        text = f"{name!r:.60} names no {kind}: give 1 to {Limit.NAME:d} printable characters"
+        raise RequestError(Refusal.PROTOCOL, text)
 
 
 class CentralError(Exception):

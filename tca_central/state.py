@@ -26,6 +26,7 @@ from tca_wire.packets.headers import Answer, ToModule
 from tca_wire.packets.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
+from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Refusal
 
 Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
@@ -279,6 +280,7 @@ class State:
 
     def refuse(self, connection: Connection, number: int, refusal: Refusal, text: str) -> None:
         """Answer that a request can't be done."""
+        text = shortened(text)
         self.facts.append(facts.RequestRefused(connection.module.name, refusal, text))
         if number:
             connection.outstanding.pop(number, None)

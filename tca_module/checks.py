@@ -22,7 +22,7 @@ from tca_wire.messages.declarations import (
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import NO_DATA
 from tca_wire.points import Point
-from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope
+from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope, is_name
 
 BRIEF = 1.0
 """Seconds: central takes a wait with a shorter timeout for no deadlock."""
@@ -90,7 +90,7 @@ def _is_text(text: Any) -> bool:
 
 
 def _is_name(name: Any) -> bool:
-    return isinstance(name, str) and bool(name.strip()) and name.isprintable() and len(name) <= Limit.NAME
+    return isinstance(name, str) and is_name(name)
 
 
 def _is_list(value: Any, fits: Callable[[Any], bool]) -> bool:

@@ -181,8 +181,15 @@ LONGEST_TIME = 3.2e8
 
 
 class Limit(IntEnum):
-    """Bounds of the protocol, in bytes or items."""
+    """Bounds of the protocol, in bytes, or in characters of texts."""
 
     PACKET = 16 << 20
     BODY = 8 << 20
+    HEADER = (8 << 20) - 8  # so that every body finds room beside it
     NAME = 128
+    TEXT = 16_384
+
+
+def is_name(text: str) -> bool:
+    """Whether a text may name a message, module, resource, pool or failure: it is short, and steers no terminal."""
+    return 0 < len(text) <= Limit.NAME and text.isprintable() and not text.isspace()

@@ -16,6 +16,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
 from tca_wire.points import ROOT, THIS, Point, TaskId, describe_moments
+from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Refusal, Role, Scope
 
 MOST_PENDING = 1000
@@ -92,7 +93,9 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     if task is None:
         central.ignore(connection, header.number, f"task {header.task} has ended: it can't be killed")
         return
-    pending = PendingKill(task, header.scope, header.delay, Verdict(header.why, connection.module.name, central.origin))
+    pending = PendingKill(
+        task, header.scope, header.delay, Verdict(shortened(header.why), connection.module.name, central.origin)
+    )
     at = central.tree.task(header.after.task) if header.after is not None else None
     if header.after is not None and at is not None and not at.reached & checked_moment(header.after):
         _plan(central, pending, header.after)

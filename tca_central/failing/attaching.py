@@ -1,6 +1,6 @@
 """Exception handlers are attached: to a task, to all tasks of a message or to the root; and taken away again."""
 
-from tca_central.errors import RequestError
+from tca_central.errors import RequestError, check_name
 from tca_central.model.deliveries import AttachedHandler, Connection, MessageType, Module
 from tca_central.model.task_tree import Task
 from tca_central.state import State
@@ -41,6 +41,7 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
     if len(wanted) > MOST_ATTACHED:
         raise RequestError(Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed")
     for attachment in wanted:
+        check_name("failure", attachment.failure, or_none=True)
         handler = central.registry.messages.get(attachment.handler)
         if handler is None or not handler.message_class.handles_failures:
             what = f"a {handler.message_class}" if handler else "not declared"

@@ -24,10 +24,8 @@ from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.packets import headers
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING, TaskId
 from tca_wire.rules import KILLED
+from tca_wire.text.printable import printable, shortened
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
-
-LONGEST_TEXT = 16_384
-"""Characters of a failure's text that are kept: its beginning, and the end of a traceback."""
 
 LONGEST_REASON = 500
 """Characters of why an exception handler could not decide that the failure it was called for tells of."""
@@ -42,14 +40,8 @@ NEWLINE = "\n"
 
 def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> RaisedFailure:
     """The failure that a header tells of, within bounds."""
-    kinds = tuple(kind[: Limit.NAME] for kind in header.kinds[:MOST_KINDS])
-    return RaisedFailure(header.failure[: Limit.NAME], _shortened(header.text), body, kinds)
-
-
-def _shortened(text: str, longest: int = LONGEST_TEXT) -> str:
-    """A text's beginning and end, if it is too long for all of it."""
-    half = (longest - 1) // 2
-    return text if len(text) <= longest else f"{text[:half]}…{text[-half:]}"
+    failure, *kinds = (printable(name)[: Limit.NAME] for name in (header.failure, *header.kinds[:MOST_KINDS]))
+    return RaisedFailure(failure, shortened(header.text), body, tuple(kinds))
 
 
 # --- raising ---------------------------------------------------------------------------------------------------------
@@ -208,9 +200,9 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
 def _with_undecided(first: RaisedFailure, undecided: Task, why: str) -> RaisedFailure:
     """A failure of which is said, where people look first, who could not decide about it, and why."""
     line, newline, rest = first.text.partition(NEWLINE)
-    line = _shortened(line, LONGEST_TEXT // 2)
+    line = shortened(line, Limit.TEXT // 2)
     told = f"{line}; exception handler {undecided} could not decide: {why[:LONGEST_REASON]}".removeprefix("; ")
-    return first._replace(text=_shortened(f"{told}{newline}{rest}"))
+    return first._replace(text=shortened(f"{told}{newline}{rest}"))
 
 
 def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: Verdict) -> None:

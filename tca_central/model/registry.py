@@ -4,13 +4,13 @@ or sockets.
 
 from typing import NamedTuple
 
-from tca_central.errors import RequestError
+from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
 from tca_central.model.deliveries import Connection, MessageType, Module, ModuleResource
 from tca_wire.messages.formats import first_difference
 from tca_wire.messages.notices import NOTICES, PREFIX
 from tca_wire.packets.parts import MessageFormat
-from tca_wire.vocabulary import Limit, Refusal
+from tca_wire.vocabulary import Refusal
 
 REMEMBERED_CONNECTIONS = 256
 """Connections that were lost lately, and may come back."""
@@ -74,8 +74,7 @@ class Registry:
     def check(self, declared: MessageFormat, module: Module) -> None:
         """Raises RequestError if others know a message of that name with another format or class."""
         known = self.messages.get(declared.name)
-        if not declared.name.isprintable() or not 0 < len(declared.name) <= Limit.NAME:
-            raise RequestError(Refusal.PROTOCOL, f"{declared.name!r:.40} is not a message name")
+        check_name("message", declared.name)
         if known is None and len(self.messages) >= MESSAGES:
             text = f"{MESSAGES} messages have been declared: '{declared.name}' is too many"
             raise RequestError(Refusal.OVERLOAD, text)

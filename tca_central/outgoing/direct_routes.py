@@ -9,13 +9,14 @@ been told is only a licence: a sender may use central at any time, and does unti
 import math
 from collections.abc import Iterable
 
-from tca_central.errors import RequestError
+from tca_central.errors import RequestError, check_name
 from tca_central.model.deliveries import Connection, Delivery, MessageType, ModuleResource
 from tca_central.model.resources import Resource
 from tca_central.state import State
 from tca_wire.journal import facts
+from tca_wire.packets.headers import Hello
 from tca_wire.packets.parts import HandlerFormat
-from tca_wire.packets.routes import MOST_NOTES, Entrance, EntranceGone, Note, Noted, Route, WatchEntrance
+from tca_wire.packets.routes import MOST_LOST, MOST_NOTES, Entrance, EntranceGone, Note, Noted, Route, WatchEntrance
 from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Refusal
 
 
@@ -25,6 +26,17 @@ def check_entrance(entrance: Entrance) -> None:
     if not is_address or max(len(entrance.endpoint), len(entrance.key)) > 2 * Limit.NAME:
         text = f"{entrance.endpoint!r:.60} is not an entrance: give an ipc:// or tcp:// address"
         raise RequestError(Refusal.PROTOCOL, text)
+
+
+def own_entrance(central: State, header: Hello) -> Entrance | None:
+    """The entrance that a new slot names, unless that is another one's: when this slot went, they would be told that
+    the other one had.
+    """
+    wanted = header.entrance
+    if wanted is None:
+        return None
+    others = (one.entrance for one in central.registry.connections.values() if one.entrance is not None)
+    return None if any(other.endpoint == wanted.endpoint for other in others) else wanted
 
 
 def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
@@ -131,18 +143,28 @@ def on_watch_entrance(central: State, connection: Connection, header: WatchEntra
 # --- outcomes of direct messages -------------------------------------------------------------------------------------
 
 
-def on_noted(central: State, connection: Connection, header: Noted, _: bytes) -> None:
-    """A connection reports; the journal has it."""
+def _check_noted(header: Noted) -> None:
+    """Raises RequestError if a report says what can't be."""
     if len(header.notes) + len(header.losses) > 2 * MOST_NOTES:
         raise RequestError(Refusal.OVERLOAD, f"more than {2 * MOST_NOTES} notes in one report: send several")
-    module, resource = connection.module.name, connection.resource.name if connection.resource else ""
     for note in header.notes:
         if not _is_time(note.ago) or not _is_time(note.seconds):
             raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message:.60}' has times below 0 or too long")
-    names = [name for note in header.notes for name in (note.message, note.sender, note.failure)]
-    for name in (*names, *(loss.message for loss in header.losses)):
-        if not name.isprintable() or len(name) > Limit.NAME:
-            raise RequestError(Refusal.PROTOCOL, f"a note says {name!r:.60}, which is not a name")
+        if note.size < 0:
+            raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message:.60}' has {note.size} bytes of data")
+        check_name("message", note.message)
+        check_name("module", note.sender)
+        check_name("failure", note.failure, or_none=True)
+    for loss in header.losses:
+        check_name("message", loss.message, or_none=True)
+        if not 0 <= loss.number <= MOST_LOST:
+            raise RequestError(Refusal.PROTOCOL, f"{loss.number} lost '{loss.message}': at most {MOST_LOST:,}")
+
+
+def on_noted(central: State, connection: Connection, header: Noted, _: bytes) -> None:
+    """A connection reports; the journal has it."""
+    _check_noted(header)
+    module, resource = connection.module.name, connection.resource.name if connection.resource else ""
     for note in header.notes:
         ended = max(0.0, central.clock.now - note.ago)
         fact = facts.HandledDirectly(

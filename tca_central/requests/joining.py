@@ -2,7 +2,7 @@
 
 from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
-from tca_central.errors import RequestError
+from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
 from tca_central.locks import claims
 from tca_central.model.deliveries import Connection, Delivery, Handler, Module
@@ -47,7 +47,7 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         registry.connections[connection_id] = connection
     else:
         connection = Connection(connection_id, session, module, header.connection)
-        connection.entrance = header.entrance if header.resource else None
+        connection.entrance = direct_routes.own_entrance(central, header) if header.resource else None
         if connection.entrance is None:  # else it may be busy with what central does not know
             connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
         _join(central, connection, header.resource)
@@ -81,9 +81,10 @@ def _check(header: headers.Hello) -> None:
     if header.version != PROTOCOL_VERSION:
         text = f"module '{header.module}' speaks protocol {header.version}, central {PROTOCOL_VERSION}: use one version"
         raise RequestError(Refusal.PROTOCOL, text)
-    names = (header.module, header.resource, header.process)
-    if not all(name.isprintable() and len(name) <= Limit.NAME for name in names):
-        raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is not a module name")
+    check_name("module", header.module, or_none=True)
+    check_name("process", header.process, or_none=True)
+    check_name("resource", header.resource, or_none=True)
+    check_name("incarnation", header.incarnation)
     if len(header.pulse) > Limit.NAME:
         raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
     if header.entrance is not None:
@@ -211,6 +212,8 @@ def on_register(central: State, connection: Connection, header: headers.Register
         registry.check(declared, module)
         check_parts(central, declared, new)
     for handled in header.handlers:
+        check_name("resource", handled.resource)
+        check_name("pool", handled.pool, or_none=True)
         if handled.message not in new and handled.message not in registry.messages:
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
         if handled.pending < 0:
@@ -250,7 +253,7 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
     """A module stops handling messages; those under way are finished."""
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
-    remove_handlers(central, [handlers[name] for name in names if name in handlers])
+    remove_handlers(central, [handlers[name] for name in dict.fromkeys(names) if name in handlers])
     if not header.messages and connection.module.has_slots:  # it is leaving, as above
         central.dispatcher.stranded.clear()
     central.accept(connection, header.number)

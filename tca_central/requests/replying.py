@@ -1,5 +1,7 @@
 """Handlers return or fail: their tasks go on, and the sender is answered."""
 
+from typing import Any
+
 from tca_central.control.monitors import on_condition_answered
 from tca_central.control.revoking import warn_of_losses
 from tca_central.errors import RequestError
@@ -15,7 +17,7 @@ from tca_wire.messages.failures import HANDLER_ERROR, OVERLOAD
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
 from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
-from tca_wire.vocabulary import Dropping, Outcome, Refusal, Role
+from tca_wire.vocabulary import Dropping, Limit, Outcome, Refusal, Role
 
 _LONGEST = 200
 """Characters that are told of the text of each failure of a multi-query."""
@@ -114,6 +116,14 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
         central.agenda.mark_returned(delivery)
     else:
         reissue(central, delivery)
+
+
+def refuse_body(central: State, connection: Connection, header: Any, size: int) -> None:
+    """A body is longer than any may be: a handler that has answered with it fails, else it is refused."""
+    text = f"a body of {size:,} bytes; at most {Limit.BODY:,} are allowed: send a reference to the data instead"
+    if not isinstance(header, headers.Reply | headers.Fail):
+        raise RequestError(Refusal.PROTOCOL, text)
+    on_fail(central, connection, headers.Fail(header.delivery, HANDLER_ERROR, f"its answer has {text}"), b"")
 
 
 def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) -> None:

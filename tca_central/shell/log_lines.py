@@ -8,10 +8,28 @@ from tca_central.core import Central
 from tca_central.events import Record
 from tca_central.shell.loss_log import LossLog, loss_in
 from tca_wire.journal import facts
-from tca_wire.text.printable import first_line, printable
+from tca_wire.text.printable import first_line, printable, printable_lines, shortened
 
 NAMED = 3
 """So many tasks and messages that failed of one cause are named in a line."""
+
+
+LONGEST_LINE = 2000
+"""Characters of a line. What is cut out is in the journal."""
+
+
+class LineFormatter(logging.Formatter):
+    """One line an entry, whatever others have put into names and texts; a traceback has lines of its own."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging calls it so
+        """The line. Characters that would steer a terminal are written as escapes."""
+        return shortened(printable(shortened(super().formatMessage(record), LONGEST_LINE)), LONGEST_LINE)
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802 - logging calls it so
+        """The lines of a traceback."""
+        return "\n".join(
+            shortened(line, LONGEST_LINE) for line in printable_lines(super().formatException(ei)).split("\n")
+        )
 
 
 class LogLines:
@@ -58,7 +76,7 @@ class LogLines:
             if isinstance(fact, facts.Failed):
                 causes.setdefault((fact.failure, fact.text), []).append(record.failed[fact.id])
         for (failure, text), parts in causes.items():
-            which, said = ", ".join(parts[:NAMED]), printable(first_line(text))
+            which, said = ", ".join(parts[:NAMED]), first_line(text)
             more = f" and {len(parts) - NAMED:,} more" if len(parts) > NAMED else ""
             self._log.warning("failure '%s' of %s%s%s", failure, which, more, f": {said}" if said else "")
 

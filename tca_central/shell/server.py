@@ -172,7 +172,7 @@ class Server:
             sender = self.central.registry.connections.get(event.connection)
             who = f" of module '{sender.module.name}'" if sender is not None else ""
         self.stopping = f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
-        log.error("%s\n%r", self.stopping, event, exc_info=error)
+        log.error("%s; the event was %.1000r", self.stopping, event, exc_info=error)
         return CentralError(f"{self.stopping}; this is a bug in central, please report it with the journal")
 
     def _perform(self, effects: list[Effect]) -> None:

@@ -170,10 +170,12 @@ class Inbox:
             return  # it came twice
         sender.missing.discard(number)
         sender.newest = max(sender.newest, number)
-        if message not in self._messages:
-            text = f"nothing here takes '{message:.60}' directly"
-            sender.remember(Refused(number, Refusal.UNKNOWN, text), b"")
-            self._refuse(sender.address, text, number, Refusal.UNKNOWN)
+        if message not in self._messages or len(body) > Limit.BODY:
+            text, refusal = f"nothing here takes '{message:.60}' directly", Refusal.UNKNOWN
+            if message in self._messages:
+                text, refusal = f"a body of {len(body):,} bytes; at most {Limit.BODY:,} are allowed", Refusal.PROTOCOL
+            sender.remember(Refused(number, refusal, text), b"")
+            self._refuse(sender.address, text, number, refusal)
             return
         waiting = _Waiting(sender, header, body, is_query=self._messages[message])
         if waiting.is_query:

@@ -65,7 +65,7 @@ def _connection_by_socket(
             log = logging.getLogger(f"tca.{hello.module}")
             log.warning("nothing can come to '%s' directly (%s): all goes through central", hello.resource, error)
     session = Session(hello, attachments)
-    without_central = DirectMessages(session, transport, f"{hello.incarnation}/{hello.connection}", door)
+    without_central = DirectMessages(session, transport, token_hex(16), door)
     return Connection(transport, session, patience=patience, direct=without_central)
 
 
@@ -74,5 +74,5 @@ def hello(module: str, connection: int = 0, resource: str = "", incarnation: str
     process = f"{socket.gethostname()}:{os.getpid()}"
     prefetch = PREFETCH if resource else 0
     return Hello(
-        0, PROTOCOL_VERSION, module, incarnation or token_hex(8), connection, resource, process, prefetch=prefetch
+        0, PROTOCOL_VERSION, module, incarnation or token_hex(16), connection, resource, process, prefetch=prefetch
     )

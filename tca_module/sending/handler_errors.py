@@ -10,6 +10,7 @@ from tca_module.errors import Deadlock, LockLost, QueryFailed, Stopped, TaskFail
 from tca_wire.messages.declarations import FailureRaised
 from tca_wire.messages.failures import BAD_DATA, CANCELLED, DEADLOCK, HANDLER_ERROR, LOCK_LOST, MODULE_LOST, TIMEOUT
 from tca_wire.packets.headers import Fail
+from tca_wire.text.printable import shortened
 
 _TRACEBACK_LIMIT = 8000  # characters
 
@@ -53,8 +54,8 @@ def module_ended(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
 
 
 def _printable(text: str) -> str:
-    """Texts of Python may be none: names of files, mostly."""
-    return text.encode(errors="backslashreplace").decode()
+    """Texts of Python may be none: names of files, mostly. Central keeps the beginning and the end of a long one."""
+    return shortened(text.encode(errors="backslashreplace").decode())
 
 
 def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:

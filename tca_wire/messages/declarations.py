@@ -15,14 +15,14 @@ from tca_wire.messages.declaring import Declaring
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
 from tca_wire.packets.parts import MessageFormat
-from tca_wire.vocabulary import Limit, MessageClass
+from tca_wire.vocabulary import Limit, MessageClass, is_name
 
 D = TypeVar("D")
 R = TypeVar("R")
 
 
 def _checked_name(name: str) -> str:
-    if not isinstance(name, str) or not name.strip() or len(name) > Limit.NAME or not name.isprintable():
+    if not isinstance(name, str) or not is_name(name):
         msg = f"{name!r:.40} is not a message name: give 1 to {Limit.NAME:d} printable characters"
         raise BadFormat(msg)
     return name

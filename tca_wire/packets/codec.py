@@ -107,7 +107,10 @@ _decode_header = msgspec.msgpack.Decoder(ToCentral).decode
 def misfit(header: Any) -> str:
     """The error in the fields of a header, as central would see it; "" if there is none."""
     try:
-        _decode_header(_encode(header))
+        encoded = _encode(header)
+        if len(encoded) > Limit.HEADER:
+            return f"it takes {len(encoded):,} bytes beside its data; at most {Limit.HEADER:,} are allowed"
+        _decode_header(encoded)
     except UnicodeEncodeError:
         raise
     except (*_BAD_BYTES, TypeError, OverflowError, ValueError) as error:

@@ -9,6 +9,8 @@ from tca_wire.vocabulary import Outcome
 
 MOST_NOTES = 1000
 """Notes in one report."""
+MOST_LOST = 1_000_000_000
+"""Messages in one loss."""
 
 
 class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):

@@ -9,7 +9,6 @@ from central.player import ANY, Player, before, point
 
 from tca_central.control import keeping, steering
 from tca_central.failing import attaching
-from tca_central.failing.failures import LONGEST_TEXT
 from tca_central.invariants import check_invariants
 from tca_central.locks import claims
 from tca_central.model import registry
@@ -136,7 +135,7 @@ def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
     assert failed.text.startswith("ValueError: not an image: iVBOR")
     assert failed.text.endswith("iVBORw0K\nTraceback, at last: line 7")
     assert failed.text.count("…") == 1
-    assert LONGEST_TEXT - 2 <= len(failed.text) <= LONGEST_TEXT
+    assert Limit.TEXT - 2 <= len(failed.text) <= Limit.TEXT
 
 
 def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:

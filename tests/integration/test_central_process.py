@@ -16,6 +16,7 @@ from integration.programs import central, program
 from module.real_central import RealCentral
 
 from tca_central.__main__ import central as central_command
+from tca_central.shell.log_lines import LineFormatter
 from tca_central.shell.server import Server
 from tca_module import (
     CentralLost,
@@ -275,7 +276,8 @@ def test_a_failure_is_a_line_of_the_log(tmp_path: Path, caplog: pytest.LogCaptur
         with legs.running():
             for number in (1, 0):
                 assert legs.command(MOVE, number).wait() is Outcome.FAILED
-    assert [line for line in caplog.messages if "failure '" in line] == [
+    lines = map(LineFormatter().format, caplog.records)
+    assert [line for line in lines if "failure '" in line] == [
         r"failure 'stuck' of task 1 'move': in \x1b[2Jthe mud ...",
         "failure 'stuck' of task 2 'move'",
     ]

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec, direct, headers
+from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass
 
 points = st.builds(Point, st.integers(-1, 2**40).map(TaskId), st.sampled_from(Moment))
 sends = st.builds(
@@ -90,3 +92,10 @@ def test_a_hello_of_a_later_version_can_be_read() -> None:
     packet = codec.pack_item(hello).replace(msgspec.msgpack.encode(hello), b"")
     packet = len(later).to_bytes(4, "big") + packet[4:8] + later
     assert codec.unpack_to_central(packet) == [(hello, b"")]
+
+
+def test_a_header_that_leaves_no_room_for_a_body_is_found_before_it_is_sent() -> None:
+    """A packet above the limit closes the connection without a word."""
+    formats = [MessageFormat("walk", MessageClass.GOAL, "x" * (8 << 20))]
+    assert "8,388,6" in codec.misfit(headers.Register(1, formats))
+    assert not codec.misfit(headers.Ask(1, "status"))

@@ -1,0 +1,117 @@
+"""What a client may not say, and what becomes of it: names that steer a terminal, numbers out of this world, long texts."""
+
+from typing import Any
+
+import pytest
+from central.player import ANY, Player
+
+from tca_wire.journal.facts import Dropped, Failed, LostDirectly
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted, Refused
+from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
+from tca_wire.packets.routes import Entrance, Loss, Note, Noted
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Limit, MessageClass, Refusal
+
+BAD_NAMES = ("\x1b[2J", "two\nlines", "a\x00", "\u202egnp.exe", "\u2028", "x" * 129, "   ")
+
+
+@pytest.fixture
+def player() -> Player:
+    return Player.of("legs: command move, inform note", "expert: exception handler recover", "user")
+
+
+def hello(**fields: Any) -> headers.Hello:
+    options: dict[str, Any] = {"module": "new", "incarnation": "run of new", **fields}
+    return headers.Hello(1, headers.PROTOCOL_VERSION, **options)
+
+
+@pytest.mark.parametrize("name", BAD_NAMES)
+def test_no_name_steers_a_terminal(player: Player, name: str) -> None:
+    formats = [MessageFormat(name, MessageClass.INFORM, ANY)]
+    for header in (
+        headers.Register(player.number("user"), formats),
+        headers.Register(player.number("user"), [], [HandlerFormat("move", name)]),
+        headers.Register(player.number("user"), [], [HandlerFormat("move", "arms", name)]),
+        headers.Attach(player.number("user"), Attachment(name, "recover")),
+        headers.Send(player.number("user"), "move", attachments=[Attachment(name, "recover")]),
+        Noted([Note("note", name, 0, 1, 0.0, 0.0)]),
+        Noted([], [Loss(name, 1)]),
+    ):
+        (answer,) = player.receive("user", header)
+        assert isinstance(answer, Refused), header
+        assert answer.refusal is Refusal.PROTOCOL
+        assert answer.text.isprintable()
+    for said in (hello(module=name), hello(resource=name), hello(process=name), hello(incarnation=name)):
+        (answer,) = player.receive("new", said)
+        assert answer.text.isprintable()
+        assert isinstance(answer, Refused), said
+
+
+def test_a_run_without_a_name_of_its_own_is_nobodys(player: Player) -> None:
+    (answer,) = player.receive("new", hello(incarnation=""))
+    assert answer.text == "'' names no incarnation: give 1 to 128 printable characters"
+
+
+def test_a_handler_that_fails_with_a_strange_name_has_failed_all_the_same(player: Player) -> None:
+    task = player.task("user", "move")
+    player.receive("legs/1", headers.Fail(task, "\x1b[2Jslipped" + "x" * 500, kinds=["a\nb"]))
+    (failed,) = player.facts(Failed)
+    assert failed.failure.startswith("\\x1b[2Jslippedxxx")
+    assert len(failed.failure) == Limit.NAME
+
+
+def test_what_is_withdrawn_twice_in_one_request_is_withdrawn_once(player: Player) -> None:
+    (answer,) = player.receive("legs", headers.Unregister(player.number("legs"), ["note", "note"]))
+    assert isinstance(answer, Accepted)
+    assert list(player.central.registry.modules["run of legs"].handlers) == ["move"]
+
+
+@pytest.mark.parametrize("number", [-1, 1 << 62])
+def test_nobody_loses_more_messages_than_there_are(player: Player, number: int) -> None:
+    for _ in range(3):
+        player.receive("user", Noted([], [Loss("note", number)]))
+    assert not player.facts(LostDirectly)
+    player.receive(
+        "user", headers.Ask(player.number("user"), "messages")
+    )  # else its answer has numbers too big to send
+
+
+def test_a_long_reason_or_refusal_is_cut(player: Player) -> None:
+    task = player.task("user", "move")
+    player.receive("user", headers.Kill(player.number("user"), TaskId(task), "why" * 100_000))
+    assert len(player.facts_of("killed")[-1].why) <= Limit.TEXT + 100
+    (answer,) = player.receive("user", headers.Send(player.number("user"), "name" * 100_000))
+    assert len(answer.text) <= Limit.TEXT
+
+
+def test_a_body_that_is_too_long_is_refused_with_both_sizes(player: Player) -> None:
+    body = bytes(Limit.BODY + 1)
+    (answer,) = player.receive("user", headers.Send(player.number("user"), "note"), body)
+    assert (
+        answer.text == "a body of 8,388,609 bytes; at most 8,388,608 are allowed: send a reference to the data instead"
+    )
+    assert not player.facts(Dropped)
+    assert isinstance(
+        player.receive("user", headers.Send(player.number("user"), "note"), body[1:])[-1], headers.Deliver | Accepted
+    )
+
+
+def test_a_handler_whose_answer_is_too_long_fails_and_its_sender_is_told(player: Player) -> None:
+    task = player.task("user", "move")
+    player.receive("user", headers.Send(player.number("user"), "move"), b"\x07")
+    answers = player.receive("legs/1", headers.Reply(task), bytes(Limit.BODY + 1))
+    (failed,) = player.facts(Failed)
+    assert "its answer has a body of 8,388,609 bytes" in failed.text
+    assert any(isinstance(answer, headers.Deliver) for answer in answers)  # the slot goes on
+
+
+def test_who_names_the_entrance_of_another_gets_its_messages_through_central(player: Player) -> None:
+    player.module("map", "query where", direct=True)
+    player.module("thief", "query what", direct=False)
+    there = Entrance("ipc:///map/1", "another key")
+    player.receive(
+        "thief/2", headers.Hello(1, headers.PROTOCOL_VERSION, "thief", "run of thief", 2, "thief", entrance=there)
+    )
+    owners = [one.module.name for one in player.central.registry.connections.values() if one.entrance is not None]
+    assert owners == ["map"]

@@ -1,0 +1,60 @@
+"""Central's log: a line an entry, whatever others have put into it."""
+
+import logging
+
+import pytest
+from central.player import Player
+
+from tca_central.events import Record
+from tca_central.shell.log_lines import LONGEST_LINE, LineFormatter, LogLines
+from tca_wire.journal.facts import Entry, Fact, Failed, Ignored, ModuleJoined, ModuleLeft, RequestRefused
+from tca_wire.vocabulary import Refusal
+
+HOSTILE = "\x1b]0;mine\x07\x1b[2J\nroot: all is well\r\u202e\x00" + "x" * 200_000
+
+
+@pytest.fixture
+def lines() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def log(lines: list[str]) -> logging.Logger:
+    class Kept(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            lines.append(self.format(record))
+
+    log, handler = logging.getLogger("tests.lines"), Kept()
+    handler.setFormatter(LineFormatter("central: %(message)s"))
+    log.handlers, log.propagate = [handler], False
+    log.setLevel(logging.INFO)
+    return log
+
+
+def test_an_entry_is_one_short_line_that_steers_no_terminal(log: logging.Logger, lines: list[str]) -> None:
+    player = Player()
+    facts: list[Fact] = [
+        ModuleJoined(HOSTILE, HOSTILE),
+        ModuleLeft(HOSTILE, HOSTILE, lost=True),
+        RequestRefused(HOSTILE, Refusal.PROTOCOL, HOSTILE),
+        RequestRefused(HOSTILE, Refusal.OVERLOAD, HOSTILE),
+        Ignored(HOSTILE, HOSTILE),
+        Failed(1, HOSTILE, HOSTILE),
+    ]
+    LogLines(log, player.central).write(Record(Entry(1, 1.0, facts), {1: HOSTILE}))
+    assert len(lines) == len(facts)
+    for line in lines:
+        assert line.isprintable()
+        assert line.startswith("central: ")
+        assert len(line) <= LONGEST_LINE
+
+
+def test_a_traceback_has_lines_of_its_own(log: logging.Logger, lines: list[str]) -> None:
+    try:
+        int(HOSTILE)
+    except ValueError:
+        log.exception("broken")
+    first, *rest = lines[0].split("\n")
+    assert first == "central: broken"
+    assert len(rest) > 2
+    assert all(line.isprintable() and len(line) <= LONGEST_LINE for line in rest)
