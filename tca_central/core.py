@@ -63,6 +63,10 @@ class Central(State):
 
     def __init__(self, epoch: str = "test") -> None:
         super().__init__(epoch)
+        self.connect_outputs()
+
+    def connect_outputs(self) -> None:
+        """Say where the agenda's results go: that is no state, and made anew for one that comes from an image."""
         agenda = self.agenda
         # The agenda's items and their handlers, in this order: all of one kind before the next.
         self._outputs: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (

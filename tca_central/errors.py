@@ -2,6 +2,7 @@
 
 RequestError         a module asked for something that can't be done: it is refused, nothing of it remains
 CentralError         central cannot start or go on: the address is taken, the journal can't be written
+ImageError           the state cannot be written down, or bytes are no state that was
 """
 
 from tca_wire.vocabulary import Limit, Refusal, is_name
@@ -25,3 +26,7 @@ def check_name(kind: str, name: str, *, or_none: bool = False) -> None:
 
 class CentralError(Exception):
     """Central cannot start or go on; the text says what, which and what to do."""
+
+
+class ImageError(CentralError):
+    """An image of central's state cannot be made, or is of no use."""

@@ -142,6 +142,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
             "control", "deadlock", "errors", "events", "failing", "locks", "model", "outgoing", "requests", "state",
             "status", "watching",
         },
+        "image": {"control", "core", "errors", "model", "order", "state", "watching"},
         "shell": {"core", "errors", "events", "model"},
         "__main__": {"core", "errors", "loading", "shell"},
         "invariants": {"control", "model", "order", "outgoing", "state", "watching"},

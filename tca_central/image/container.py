@@ -1,0 +1,122 @@
+"""The container of an image: a line that says what it is, the length and check sum of the rest, and tables of columns.
+
+    tca image 1 of 0.1.0
+    length u64, CRC-32 u32, then a MessagePack list of tables, one a class
+
+Things are numbered in the order in which they stand: plain values that stand among others, then all objects, then all
+values, each after those that it holds. A column of references holds such numbers.
+"""
+
+import struct
+import zlib
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import msgspec
+
+from tca_central.errors import ImageError
+from tca_central.image.layout import FORMAT
+
+_WORDS = b"tca image "
+_CHECK = struct.Struct(">QI")
+_LONG = 1
+"""The extension type of integers beyond 64 bits."""
+_SMALLEST, _LARGEST = -(1 << 63), (1 << 64) - 1
+
+PLAIN = frozenset((type(None), bool, int, float, str, bytes))
+
+
+class Column(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
+    """One attribute of all objects of a class, or what containers hold, one after the other."""
+
+    values: list[Any]
+    refers: bool = False
+    """These are numbers of what is referred to."""
+    is_common: bool = False
+    """The one value is that of each object of the table."""
+
+
+class ClassTable(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
+    """All objects of a class."""
+
+    name: str
+    fields: list[str]
+    count: int
+    columns: list[Column]
+
+
+def seal(tables: list[ClassTable]) -> bytes:
+    """An image with these tables."""
+    content = msgspec.msgpack.encode(tables)
+    title = b"%s%d of %s\n" % (_WORDS, FORMAT, _version().encode())
+    return title + _CHECK.pack(len(content), zlib.crc32(content)) + content
+
+
+def unseal(data: bytes) -> list[ClassTable]:
+    """The tables of an image. Raises ImageError if it is damaged, or of another format."""
+    title, *_ = data[:200].partition(b"\n")
+    if not title.startswith(_WORDS):
+        raise ImageError("this is no image of central's state: its first words are not those of one")
+    told = title[len(_WORDS) :].decode("ascii", "replace")
+    if told.partition(" ")[0] != str(FORMAT):
+        raise ImageError(
+            f"an image of format {told!r}, and this is tca {_version()}, which reads format {FORMAT}: start the other "
+            "version, or go on without the image"
+        )
+    start = len(title) + 1 + _CHECK.size
+    if len(data) < start:
+        raise ImageError("the image is cut off: go on with an older one, or without")
+    length, check = _CHECK.unpack_from(data, start - _CHECK.size)
+    content = memoryview(data)[start:]
+    if len(content) != length or zlib.crc32(content) != check:
+        what = "cut off" if len(content) < length else "damaged"
+        raise ImageError(f"the image is {what}: go on with an older one, or without")
+    tables: list[ClassTable] = msgspec.msgpack.decode(content, type=list[ClassTable], ext_hook=_read_long)
+    return tables
+
+
+def plain_column(values: list[Any], of: int) -> Column:
+    """A column of plain values, in a table of so many objects."""
+    kinds = set(map(type, values))
+    if kinds == {int}:
+        has_long = _is_long(min(values)) or _is_long(max(values))
+    else:
+        has_long = int in kinds and any(type(one) is int and _is_long(one) for one in values)
+    if has_long:
+        values = [_long(one) if type(one) is int and _is_long(one) else one for one in values]
+    is_common = len(kinds) == 1 and float not in kinds and _are_all_the_same(values, of)  # 0.0 is not -0.0
+    return Column(values[:1] if is_common else values, is_common=is_common)
+
+
+def references(numbers: list[int], of: int) -> Column:
+    """A column of numbers of what is referred to, in a table of so many objects."""
+    is_common = _are_all_the_same(numbers, of)
+    return Column(numbers[:1] if is_common else numbers, refers=True, is_common=is_common)
+
+
+def _are_all_the_same(values: list[Any], of: int) -> bool:
+    return of == len(values) > 1 and values.count(values[0]) == of
+
+
+def _is_long(number: int) -> bool:
+    return not _SMALLEST <= number <= _LARGEST
+
+
+def _long(number: int) -> msgspec.msgpack.Ext:
+    """An integer as MessagePack can hold it."""
+    return msgspec.msgpack.Ext(_LONG, number.to_bytes(number.bit_length() // 8 + 1, "big", signed=True))
+
+
+def _read_long(code: int, data: memoryview) -> int:
+    if code != _LONG:
+        raise ValueError(f"extension {code} in an image")
+    return int.from_bytes(data, "big", signed=True)
+
+
+@cache
+def _version() -> str:
+    try:
+        return version("tca-central")
+    except PackageNotFoundError:
+        return "unknown"

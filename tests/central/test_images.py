@@ -1,0 +1,296 @@
+"""Images: central as bytes, and back. What was read goes on as what was written."""
+
+import os
+import random
+import subprocess
+import sys
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from central import lived_apart
+from central.player import IN_PYTHON, Player
+from central.transcript import Transcript
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import Life, operation
+
+from tca_central.core import Central
+from tca_central.errors import ImageError
+from tca_central.events import ConnectionId, Effect
+from tca_central.image import container, layout
+from tca_central.image.decoder import decode
+from tca_central.image.encoder import encode, may_be_taken
+from tca_central.image.shapes import ObjectShape, ValueShape
+from tca_central.invariants import check_invariants
+from tca_wire.constraints import Flags
+
+TRANSCRIPTS = sorted(Path(__file__).parent.glob("transcripts/*.txt"))
+
+
+class TwinPlayer(Player):
+    """Each event happens to a second central, too, which comes from an image: a new one after so many events."""
+
+    every = 9
+
+    def __init__(self) -> None:
+        super().__init__(check=False)
+        self.twin = decode(encode(self.central))
+        self.events = self.images = 0
+
+    def event(self, event: Any) -> list[Effect]:
+        effects = super().event(event)
+        assert msgspec.msgpack.encode(self.twin.handle(event)) == msgspec.msgpack.encode(effects)
+        self.events += 1
+        if self.events % self.every == 0 and may_be_taken(self.central):
+            image = encode(self.central)
+            assert image == encode(self.central)
+            self.twin = decode(image)
+            self.images += 1
+            check_invariants(self.twin)
+        return effects
+
+
+class QuickTwinPlayer(TwinPlayer):
+    """Slots take messages ahead."""
+
+    prefetch = 8
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.central.dispatcher.messages_ahead.trusts_all = True
+        self.twin = decode(encode(self.central))
+
+
+@given(st.lists(operation, max_size=60), st.sampled_from([TwinPlayer, QuickTwinPlayer]))
+@settings(max_examples=20)
+def test_a_central_from_an_image_goes_on_like_the_other(
+    operations: list[tuple[str, int, int, int, int]], player: type[TwinPlayer]
+) -> None:
+    life = Life(player())
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+
+
+@pytest.mark.parametrize("every", [40, pytest.param(7, marks=pytest.mark.soak)])
+def test_it_goes_on_so_for_hundreds_of_events(every: int) -> None:
+    player = TwinPlayer()
+    player.every = every
+    Life(player).go_on(seed=every, events=800)
+    assert player.images > 2
+
+
+@pytest.mark.parametrize("player", [TwinPlayer, QuickTwinPlayer])
+def test_an_old_image_is_as_good_as_a_new_one(player: type[TwinPlayer]) -> None:
+    life = Life(player())
+    life.go_on(seed=5, events=100)
+    life.player.every = 1 << 30  # type: ignore[attr-defined]
+    life.go_on(seed=6, events=300)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.soak] if number % 4 else []) for number, path in enumerate(TRANSCRIPTS)],
+    ids=lambda path: path.stem,
+)
+def test_each_story_goes_on_after_an_image(path: Path) -> None:
+    transcript = Transcript()
+    transcript.player = TwinPlayer()
+    for block in path.read_text().strip().split("\n\n")[1:]:
+        for command in block.split("\n----")[0].splitlines():
+            transcript.play(command)
+
+
+def test_no_order_depends_on_hashes(tmp_path: Path) -> None:
+    """Two processes that hash otherwise write the same bytes, and what one has written the other goes on with."""
+    seed, image = 7, tmp_path / "image"
+    mine, told = lived_apart.live(seed, None)
+    image.write_bytes(mine)
+    for number in (1, 2):
+        command = [sys.executable, lived_apart.__file__, str(seed), str(image)]
+        environment = {**os.environ, "PYTHONHASHSEED": str(number), "PYTHONPATH": os.pathsep.join(sys.path)}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.stdout.split() == [lived_apart.digest(mine), told], done.stderr
+
+
+def test_an_image_of_an_image_is_the_same() -> None:
+    life = Life()
+    life.go_on(seed=3, events=200)
+    image = encode(life.central)
+    assert encode(decode(image)) == image
+
+
+def deep(number: int) -> Central:
+    """A chain of tasks."""
+    player = Player.of("planner: goal walk", "user", check=False)
+    parent = 0
+    for _ in range(number):
+        parent = player.task("user", "walk", under=parent, flags=Flags.NONE)
+    return player.central
+
+
+def test_a_deep_tree_needs_no_recursion_and_its_state_is_not_changed() -> None:
+    central = deep(3000)
+    before = sum(task.rare is not None for task in central.tree.tasks.values())
+    again = decode(encode(central))
+    assert before == sum(task.rare is not None for task in central.tree.tasks.values())
+    tasks = list(again.tree.tasks.values())
+    assert len(tasks) == 3000
+    assert all(below.parent is above for above, below in pairwise(tasks))
+
+
+def test_what_several_share_is_one_again() -> None:
+    life = Life()
+    life.go_on(seed=1, events=150)
+    central = decode(encode(life.central))
+    assert central.facts is central.agenda._facts is central.agenda.holds._facts is central.dispatcher._facts
+    assert central.dispatcher._suspects is central.suspects
+    assert central.dispatcher._out is central
+    assert central.tree is central.agenda.tree
+    for connection in central.registry.connections.values():
+        assert connection.answers.maxlen == 64
+        assert connection.module.connections[connection.session] is connection
+
+
+def test_long_data_is_written_once() -> None:
+    player = Player.of("user", "a: broadcast pose", "b: broadcast pose", "c: broadcast pose")
+    size = len(encode(player.central))
+    player.central.variables.values = dict.fromkeys(("x", "y", "z"), b"." * 100_000)  # type: ignore[arg-type]
+    assert len(encode(player.central)) < size + 101_000
+
+
+# --- what can't be written -------------------------------------------------------------------------------------------
+
+
+def test_what_an_image_cannot_hold_is_named_with_the_way_to_it() -> None:
+    player = Player.of("user")
+    connection = player.central.registry.connections[ConnectionId(b"user")]
+    connection.outstanding[7] = Flags  # any class that is not listed
+    with pytest.raises(ImageError, match=r"Connection\.outstanding value"):
+        encode(player.central)
+
+
+def test_a_set_of_objects_has_no_order() -> None:
+    player = Player.of("planner: goal walk", "user")
+    player.task("user", "walk")
+    player.central.agenda.holds.ending.update(player.central.tree.tasks.values())
+    with pytest.raises(ImageError, match="set"):
+        encode(player.central)
+
+
+@IN_PYTHON
+def test_an_attribute_that_is_not_listed_is_no_loss_in_silence() -> None:
+    player = Player.of("user")
+    player.central.registry.novelty = 1  # type: ignore[attr-defined]
+    with pytest.raises(ImageError, match=r"Registry.*novelty"):
+        encode(player.central)
+
+
+def test_no_image_is_taken_while_a_look_for_deadlocks_goes_on() -> None:
+    central = Player.of("user").central
+    central.scan = object()
+    assert not may_be_taken(central)
+    with pytest.raises(ImageError, match="deadlock"):
+        encode(central)
+
+
+# --- what can't be read ----------------------------------------------------------------------------------------------
+
+
+def image() -> bytes:
+    life = Life()
+    life.go_on(seed=2, events=60)
+    return encode(life.central)
+
+
+def test_damaged_bytes_are_told_as_such() -> None:
+    good, dice = image(), random.Random(1)
+    for length in (0, 1, 9, 10, 20, 30, 40, len(good) // 2, len(good) - 1):
+        with pytest.raises(ImageError):
+            decode(good[:length])
+    start = good.index(b"\n") + 1
+    for _ in range(200):
+        bad = bytearray(good)
+        bad[dice.randrange(start, len(good))] ^= 1 << dice.randrange(8)
+        with pytest.raises(ImageError):
+            decode(bytes(bad))
+    for foreign in (b"\n" * 99, b"tca image\n", b"tca image 1\n", good + b".", b"\x80\x04K\x01." * 20):
+        with pytest.raises(ImageError):
+            decode(foreign)
+
+
+def test_another_format_is_named() -> None:
+    rest = image().partition(b"\n")[2]
+    with pytest.raises(ImageError, match="99 of 2"):
+        decode(b"tca image 99 of 2.0\n" + rest)
+
+
+def test_another_layout_is_named_with_class_and_attribute() -> None:
+    tables = container.unseal(image())
+    table = next(table for table in tables if table.name == "Task")
+    fields = table.fields
+    for changed, told in (
+        ([*fields[:-1], "novelty"], f"Task has no novelty any more, Task now has {fields[-1]}"),
+        (fields[::-1], "another order"),
+    ):
+        table.fields = changed
+        with pytest.raises(ImageError, match=told):
+            decode(container.seal(tables))
+    table.name, table.fields = "Novelty", fields
+    with pytest.raises(ImageError, match="Novelty"):
+        decode(container.seal(tables))
+
+
+def test_whatever_stands_in_an_image_nothing_else_is_raised() -> None:
+    """A check sum is no proof: somebody may have written anything."""
+    dice = random.Random(3)
+    good = image()
+    for _ in range(300):
+        tables = container.unseal(good)
+        for _ in range(dice.randrange(1, 3)):
+            table = dice.choice(tables)
+            mutate(table, dice)
+        with suppress(ImageError):
+            assert isinstance(decode(container.seal(tables)), Central)
+
+
+def mutate(table: container.ClassTable, dice: random.Random) -> None:
+    odd: list[Any] = [-1, 0, 1 << 40, None, "x", b"x", 1.5, [], [1], {}, 3]
+    if not table.columns:
+        table.name = "Novelty"
+        return
+    column = dice.choice(table.columns)
+    match dice.randrange(6):
+        case 0:
+            table.count = dice.choice((0, -1, table.count + 1, 1 << 40))
+        case 1:
+            column.refers = not column.refers
+        case 2:
+            column.is_common = not column.is_common
+        case 3:
+            table.columns.remove(column)
+        case _ if column.values:
+            column.values[dice.randrange(len(column.values))] = dice.choice(odd)
+
+
+# --- the layout ------------------------------------------------------------------------------------------------------
+
+
+def test_the_layout_is_the_one_of_this_format(rewrite: bool) -> None:
+    """Whoever changes a class of the state changes what images can be read: after a release that is a new format."""
+    frozen = Path(__file__).with_name("image_layout.txt")
+    shapes: list[ObjectShape | ValueShape] = [*layout.OBJECT_SHAPES.values(), *layout.VALUE_SHAPES.values()]
+    text = "".join(f"{shape.name}: {' '.join(shape.fields)}\n" for shape in sorted(shapes, key=lambda one: one.name))
+    text = f"format {layout.FORMAT}\n{text}"
+    if rewrite:
+        frozen.write_text(text)
+    assert text == frozen.read_text(), "see tca_central/image/layout.py; then pytest --rewrite"
+    assert len({shape.name for shape in shapes}) == len(shapes)
+
+
+def test_images_are_not_dear() -> None:
+    """Of a thousand tasks: bytes, not time, as time depends on the machine."""
+    assert len(encode(deep(1000))) < 150_000
