@@ -181,13 +181,17 @@ LONGEST_TIME = 3.2e8
 
 
 class Limit(IntEnum):
-    """Bounds of the protocol, in bytes, or in characters of texts."""
+    """Bounds of the protocol, in bytes, in characters of texts, or in items."""
 
     PACKET = 16 << 20
     BODY = 8 << 20
-    HEADER = (8 << 20) - 8  # so that every body finds room beside it
+    HEADER = 1 << 20
+    TOGETHER = 1 << 20  # of a packet to central with several items
     NAME = 128
     TEXT = 16_384
+    ITEMS = 500  # of a packet to central: so long must everybody else wait for it
+    LIST = 1000  # the entries of a list in a header
+    PARTS = 2000  # of a packet to central: the entries of all lists in its headers
 
 
 def is_name(text: str) -> bool:

@@ -67,6 +67,9 @@ SWEEP_PERIOD = 30.0  # to all of them
 LOST_AFTER = 5
 """Beats on a pulse without a word from a process that has a pulse: it stands still, and counts as lost."""
 PACKETS_PER_TURN = 64  # so many that who sends much does not outrun a slot, which gets its next messages once a turn
+BYTES_PER_TURN = 1 << 20
+SECONDS_PER_TURN = 0.02
+"""A turn that has taken in so much, or so long, ends after the packet: others wait for their answers."""
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
 OUTBOX_BYTES = 64 << 20
 PACKET_BYTES = 64 << 10  # a packet is closed when it holds this much
@@ -227,15 +230,17 @@ class Server:
 
     def _receive(self, flags: int = _DONTWAIT) -> bool:
         """Let happen what has arrived, up to a bound; whether anything has. With *flags* 0 wait a moment for it."""
-        receive = self.socket.recv
+        receive, size, until = self.socket.recv, 0, 0.0
         for count in range(PACKETS_PER_TURN):
-            if count == 1 and not self._has_arrived():
+            if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):
                 break
             try:
                 connection = ConnectionId(receive(_DONTWAIT if count else flags))
             except zmq.Again:  # dearer than to ask, but where there are two packets there may be many
                 return count > 0
             frame, now = receive(_DONTWAIT, copy=False), self.now()
+            until = until or now + SECONDS_PER_TURN
+            size += len(frame) if now < until else BYTES_PER_TURN
             self._pulses.heard.add(connection)
             try:
                 packet = frame.bytes if not frame.more else self._one_frame(frame)

@@ -19,6 +19,7 @@ from tca_module.link.packet_line import SEND_WAIT, STEP, PacketLine
 from tca_module.link.turns import Turns
 from tca_module.link.wait_loop import WaitLoop
 from tca_module.session.epoch_numbers import RESTARTED, EpochNumber, check_epoch, first_foreign, numbers_in
+from tca_module.session.registering import registers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
 from tca_module.session.session import Session, quiet_within
@@ -127,7 +128,8 @@ class Connection:
         if not new and not handled and not is_ready:
             return
         formats, names = [message.format for message in new], ", ".join(one.title for one in new or messages)
-        self.call(Register(0, formats, handled, is_ready), f"declaring {names or 'that it is ready'}", within=within)
+        for header in registers(formats, handled, is_ready=is_ready):
+            self.call(header, f"declaring {names or 'that it is ready'}", within=within)
         self.session.declared(formats, handled, is_ready=is_ready)
         self._declared.update({message.name: message for message in new})
 

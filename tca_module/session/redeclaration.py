@@ -10,6 +10,7 @@ from typing import Any
 
 from tca_module.session.epoch_numbers import RESTARTED
 from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
+from tca_module.session.registering import registers
 from tca_module.session.request import Request
 from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat
@@ -67,7 +68,8 @@ class Redeclaration:
                 self._say(f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}")
         unknown = self._attachments.unknown_to(self._epoch)
         formats = self._messages | {one.name: one for standing in unknown for one in standing.formats}
-        self._request(headers.Register(0, list(formats.values()), []), "messages that were declared")
+        for header in registers(formats.values()):
+            self._request(header, "messages that were declared")
         for standing in unknown:
             self._request(standing.header, f"the {standing}", standing)
 

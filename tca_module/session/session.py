@@ -21,6 +21,7 @@ from tca_module.session.joined_replies import HeldReplies, Item
 from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
 from tca_module.session.open_deliveries import OpenDeliveries
 from tca_module.session.redeclaration import Redeclaration
+from tca_module.session.registering import registers
 from tca_module.session.request import (
     HARMLESS,
     Request,
@@ -341,7 +342,7 @@ class Session:
             is_over, messages = self.redeclaration.is_over, list(self._messages.values())
             handlers = list(self._handlers.values()) if is_over else []
             # Number 0: a new number would be higher than those repeated below, which central would take for answered.
-            self.outgoing.append((headers.Register(0, messages, handlers, is_over and self._is_ready), b""))
+            self._declare(messages, handlers, is_ready=is_over and self._is_ready)
         for request in self._requests.values():
             request.repeated = request.was_sent
             if request.what:  # it is answered by itself
@@ -361,7 +362,10 @@ class Session:
 
     def _declare_handlers(self) -> None:
         if self._handlers or self._is_ready:
-            self.outgoing.append((headers.Register(0, [], list(self._handlers.values()), self._is_ready), b""))
+            self._declare([], list(self._handlers.values()), is_ready=self._is_ready)
+
+    def _declare(self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool) -> None:
+        self.outgoing += [(header, b"") for header in registers(messages, handlers, is_ready=is_ready)]
 
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""

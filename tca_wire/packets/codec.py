@@ -7,7 +7,8 @@ Items that wait for the same peer share a packet: with small messages, frames an
 import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from functools import cache
+from typing import Any, get_origin, get_type_hints
 
 import msgspec
 
@@ -16,7 +17,9 @@ from tca_wire.packets.headers import ToCentral, ToModule
 from tca_wire.vocabulary import Limit
 
 _LENGTHS = struct.Struct(">II")
-_LONGEST = int(Limit.PACKET)
+_LONGEST, _LONGEST_HEADER = int(Limit.PACKET), int(Limit.HEADER)
+_MOST_ITEMS, _MOST_PARTS, _TOGETHER = int(Limit.ITEMS), int(Limit.PARTS), int(Limit.TOGETHER)
+_SHORT = 96  # bytes of an item, or of a header, that is too short to have many parts
 
 
 def plain(value: Any) -> int:
@@ -53,24 +56,42 @@ def packets(items: Sequence[tuple[msgspec.Struct, bytes]]) -> Iterable[tuple[int
 
 def _packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[int, bytes]]:
     packed: list[bytes] = []
-    before = size = 0
+    before = size = parts = 0
     for header, body in items:
         item = pack_item(header, body)
-        if packed and size + len(item) > Limit.BODY:
+        more = parts_in(header) if len(item) > _SHORT else 0
+        if packed and (size + len(item) > _TOGETHER or len(packed) == _MOST_ITEMS or parts + more > _MOST_PARTS):
             yield before, b"".join(packed)
             before += len(packed)
-            packed, size = [], 0
+            packed, size, parts = [], 0, 0
         packed.append(item)
         size += len(item)
+        parts += more
     yield before, b"".join(packed)
 
 
-def unpacker(kinds: Any, what_it_is_not: str) -> Callable[[bytes], list[tuple[Any, bytes]]]:
-    """A function that unpacks packets with headers of these *kinds*. It raises ProtocolError, whatever the bytes."""
+@cache
+def _lists(kind: type) -> tuple[str, ...]:
+    """The fields of a header that are lists."""
+    return tuple(name for name, hint in get_type_hints(kind).items() if get_origin(hint) is list)
+
+
+def parts_in(header: msgspec.Struct) -> int:
+    """The number of entries in a header's lists."""
+    return sum(len(getattr(header, name)) for name in _lists(type(header)))
+
+
+def unpacker(
+    kinds: Any, what_it_is_not: str, *, most_items: int = _LONGEST, most_parts: int = _LONGEST, together: int = _LONGEST
+) -> Callable[[bytes], list[tuple[Any, bytes]]]:
+    """A function that unpacks packets with headers of these *kinds*, of so many items, so many entries in the lists of
+    its headers, and, of several items, so many bytes. It raises ProtocolError, whatever the bytes.
+    """
     decode = msgspec.msgpack.Decoder(kinds).decode
 
     def unpack(packet: bytes) -> list[tuple[Any, bytes]]:
-        at, size, items = 0, len(packet), []
+        items: list[tuple[Any, bytes]] = []
+        at, size, parts = 0, len(packet), 0
         if not 0 < size <= _LONGEST:
             msg = f"a packet of {size} bytes; 8 to {_LONGEST} are allowed"
             raise ProtocolError(msg)
@@ -80,21 +101,31 @@ def unpacker(kinds: Any, what_it_is_not: str) -> Callable[[bytes], list[tuple[An
                 raise ProtocolError(msg)
             header_length, body_length = _LENGTHS.unpack_from(packet, at)
             header_end = at + 8 + header_length
-            header, at = packet[at + 8 : header_end], header_end + body_length
+            begin, at = at + 8, header_end + body_length
             if at > size:
                 msg = f"an item claims {header_length} + {body_length} bytes, more than the packet's {size} hold"
                 raise ProtocolError(msg)
+            if header_length > _LONGEST_HEADER or (items and (len(items) == most_items or size > together)):
+                msg = f"a packet of {size} bytes with a header of {header_length}: {most_items} items of together \
+{together} bytes, with headers of {_LONGEST_HEADER}, are allowed"
+                raise ProtocolError(msg)
             try:
-                items.append((decode(header), packet[header_end:at]))
+                header = decode(packet[begin:header_end])
             except _BAD_BYTES as error:
                 msg = f"a header is {what_it_is_not}: {error}"
                 raise ProtocolError(msg) from None
+            if header_length > _SHORT and (parts := parts + parts_in(header)) > most_parts:
+                msg = f"the lists in the headers of a packet have more than {most_parts} entries; send several packets"
+                raise ProtocolError(msg)
+            items.append((header, packet[header_end:at]))
         return items
 
     return unpack
 
 
-unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(ToCentral, "no message to central")
+unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(
+    ToCentral, "no message to central", most_items=_MOST_ITEMS, most_parts=_MOST_PARTS, together=_TOGETHER
+)
 """The items of a packet that a module sent. Raises ProtocolError, whatever the bytes."""
 
 unpack_to_module: Callable[[bytes], list[tuple[ToModule, bytes]]] = unpacker(ToModule, "no message to a module")

@@ -7,12 +7,13 @@ answer is wanted. ``origin`` is the delivery whose handler asks (0: code outside
 the one that this connection has sent with that request: -7 is that of request 7.
 """
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.packets.parts import (
+    MANY,
     Attachment,
     EndedRun,
     HandlerFormat,
@@ -65,8 +66,8 @@ class Register(_Header, frozen=True, tag=2):
     """Declare messages, and say which of them this module handles."""
 
     number: int
-    messages: list[MessageFormat]
-    handlers: list[HandlerFormat] = []
+    messages: Annotated[list[MessageFormat], MANY]
+    handlers: Annotated[list[HandlerFormat], MANY] = []
     is_ready: bool = False
     """The module has attached what it attaches at its start: what its earlier runs attached besides is left behind."""
 
@@ -75,7 +76,7 @@ class Unregister(_Header, frozen=True, tag=3):
     """This module handles these messages no longer (all of its handlers when the list is empty)."""
 
     number: int
-    messages: list[str]
+    messages: Annotated[list[str], MANY]
 
 
 class Send(_Header, frozen=True, tag=4):
@@ -87,13 +88,13 @@ class Send(_Header, frozen=True, tag=4):
     """The task that a goal or command becomes a child of (0: the root)."""
     origin: int = 0
     flags: Flags = Flags.SEQ_ACH
-    constraints: list[Constraint] = []
+    constraints: Annotated[list[Constraint], MANY] = []
     priority: int = 0
     blocking: bool = False
     """The sender's connection does nothing else until the answer is there."""
     maximum: int = 0
     """The number of replies that a multi-query wants (0: from every handler)."""
-    attachments: list[Attachment] = []
+    attachments: Annotated[list[Attachment], MANY] = []
     """Exception handlers of the new task, each newer than the one before it."""
     deadline: float = 0
     """Seconds within which the task must be achieved, or the failure "timeout" is raised on it (0: no such bound)."""
@@ -128,7 +129,7 @@ class Replies(_Header, frozen=True, tag=30):
     end to end.
     """
 
-    ended: list[EndedRun]
+    ended: Annotated[list[EndedRun], MANY]
     begun: float = -1
     """How long ago this slot began with what comes after these (below 0: it has not)."""
 
@@ -139,7 +140,7 @@ class Fail(_Header, frozen=True, tag=6):
     delivery: int
     failure: str
     text: str = ""
-    kinds: list[str] = []
+    kinds: Annotated[list[str], MANY] = []
     """The more general failures that this one is a kind of, nearest first."""
     reissue: bool = False
     """The handler of a failure cannot deal with it: search on, above it."""
@@ -148,7 +149,7 @@ class Fail(_Header, frozen=True, tag=6):
 class Recalled(_Header, frozen=True, tag=29):
     """This slot gives back what it had ahead and had not begun: it never begins it."""
 
-    deliveries: list[int]
+    deliveries: Annotated[list[int], MANY]
     is_answer: bool = True
     """To a Recall: what that named, and is not given back, has been begun."""
 
@@ -157,7 +158,7 @@ class Constrain(_Header, frozen=True, tag=7):
     """Add constraints between points of existing tasks."""
 
     number: int
-    constraints: list[Constraint]
+    constraints: Annotated[list[Constraint], MANY]
     origin: int = 0
 
 
@@ -246,7 +247,7 @@ class Raise(_Header, frozen=True, tag=15):
     task: TaskId
     failure: str
     text: str = ""
-    kinds: list[str] = []
+    kinds: Annotated[list[str], MANY] = []
     origin: int = 0
 
 
@@ -378,7 +379,7 @@ class AwaitAny(_Header, frozen=True, tag=27):
     """
 
     delivery: int
-    requests: list[int]
+    requests: Annotated[list[int], MANY]
 
 
 class Release(_Header, frozen=True, tag=28):
@@ -411,8 +412,8 @@ class WaitUntilHandled(_Header, frozen=True, tag=22):
     """
 
     number: int
-    messages: list[str]
-    promised: list[str] = []
+    messages: Annotated[list[str], MANY]
+    promised: Annotated[list[str], MANY] = []
     """The messages that the sender will handle as soon as all those are."""
 
 

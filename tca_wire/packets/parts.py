@@ -5,7 +5,10 @@ from typing import Annotated
 import msgspec
 
 from tca_wire.points import Point, TaskId
-from tca_wire.vocabulary import Condition, MessageClass
+from tca_wire.vocabulary import Condition, Limit, MessageClass
+
+MANY = msgspec.Meta(max_length=int(Limit.LIST))
+"""Of a list in a header: so many entries, and no more."""
 
 
 class _Part(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
@@ -19,7 +22,7 @@ class MessageFormat(_Part, frozen=True):
     message_class: MessageClass
     data: str
     reply: str = ""
-    parts: list[str] = []
+    parts: Annotated[list[str], MANY] = []
     """The messages that a monitor sends: condition and action, or set-up, action and cancel ("" for none)."""
 
 

@@ -3,8 +3,11 @@
 The lists of all headers are in headers.py; docs/protocol.md tells the story.
 """
 
+from typing import Annotated
+
 import msgspec
 
+from tca_wire.packets.parts import MANY
 from tca_wire.vocabulary import Outcome
 
 MOST_NOTES = 1000
@@ -55,8 +58,8 @@ class Loss(_Header, frozen=True):
 class Noted(_Header, frozen=True, tag=80):
     """The outcomes of direct messages, for the journal."""
 
-    notes: list[Note]
-    losses: list[Loss] = []
+    notes: Annotated[list[Note], MANY]
+    losses: Annotated[list[Loss], MANY] = []
 
 
 class WatchEntrance(_Header, frozen=True, tag=81):

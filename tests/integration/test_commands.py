@@ -219,7 +219,9 @@ def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> N
     walk.suspend()
     (told,) = [one for one in json.loads(tca(status, "--json")[1])["waiting"] if one["state"] == "suspended"]
     assert told["what"] == f"walk {{{walk.id}}}"
-    assert re.fullmatch(rf"until it is resumed \(suspended by user .+ [mµ]?s ago\): 'tca resume {walk.id}'", told["for"])
+    assert re.fullmatch(
+        rf"until it is resumed \(suspended by user .+ [mµ]?s ago\): 'tca resume {walk.id}'", told["for"]
+    )
     assert not re.search(
         r"\b1 (\w+ )*\w+s(,|$)", tca(status)[1].partition("\n\n")[0], re.MULTILINE
     )  # such as "1 tasks"

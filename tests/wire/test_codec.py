@@ -12,7 +12,7 @@ from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec, direct, headers
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import Limit, MessageClass
 
 points = st.builds(Point, st.integers(-1, 2**40).map(TaskId), st.sampled_from(Moment))
 sends = st.builds(
@@ -99,3 +99,33 @@ def test_a_header_that_leaves_no_room_for_a_body_is_found_before_it_is_sent() ->
     formats = [MessageFormat("walk", MessageClass.GOAL, "x" * (8 << 20))]
     assert "8,388,6" in codec.misfit(headers.Register(1, formats))
     assert not codec.misfit(headers.Ask(1, "status"))
+
+
+CONSTRAINT = Constraint(Point(TaskId(1), Moment.END_ACHIEVING), Point(TaskId(2), Moment.START_ACHIEVING))
+FLOODS: dict[str, tuple[list[tuple[headers.ToCentral, bytes]], int, str]] = {
+    "items": ([(headers.GiveUp(0), b"")], Limit.ITEMS, "items of together"),
+    "parts of one header": ([(headers.Constrain(0, [CONSTRAINT] * (Limit.LIST + 1)), b"")], 0, "length <= 1000"),
+    "parts of several": ([(headers.Constrain(0, [CONSTRAINT] * 667), b"")], 2, "entries"),
+    "bytes of several": ([(headers.Reply(1), bytes(Limit.TOGETHER - 100))], 1, "items of together"),
+    "bytes of a header": ([(headers.Fail(1, "x" * Limit.HEADER), b"")], 0, "with headers of"),
+}
+
+
+@pytest.mark.parametrize("what", FLOODS)
+def test_one_packet_is_not_much_work_for_central(what: str) -> None:
+    """What it may hold is taken; one more item, and all of it is refused before there is any work."""
+    items, most, why = FLOODS[what]
+    if most:
+        assert len(codec.unpack_to_central(codec.pack(items * most))) == most
+    with pytest.raises(ProtocolError, match=why):
+        codec.unpack_to_central(codec.pack(items * (most + 1)))
+
+
+@pytest.mark.parametrize("what", FLOODS)
+def test_what_is_sent_is_divided_into_packets_that_central_takes(what: str) -> None:
+    items, most, _ = FLOODS[what]
+    items = items * (2 * most + 1) if most else [(headers.Constrain(0, [CONSTRAINT] * Limit.LIST), b"")] * 5
+    packets = list(codec.packets(items))
+    assert len(packets) == 3
+    assert [before for before, _ in packets] == list(range(0, len(items), most or 2))
+    assert [item for _, packet in packets for item in codec.unpack_to_central(packet)] == items
