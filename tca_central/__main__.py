@@ -16,15 +16,22 @@ from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.loading import is_compiled
 from tca_central.shell.door import make_room
+from tca_central.shell.gate import OpenGate, gate_for
 from tca_central.shell.journal_writer import JournalWriter, Sync
 from tca_central.shell.log_lines import LineFormatter
 from tca_central.shell.server import LOST_AFTER, Server
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
+from tca_wire.errors import KeyRefused
+from tca_wire.keys import keys_folder
+
+log = logging.getLogger("tca.central")
 
 LONGEST_PATH = 100
 """Bytes in the path of a Unix socket; systems differ between 103 and 107."""
 
 LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:")
+
+INSECURE = "anybody on this computer can connect, and do everything (--insecure): make keys with 'tca keys new NAME'"
 
 CORE = "compiled" if is_compiled() else "pure Python"
 
@@ -34,7 +41,7 @@ def _new_journal_folder() -> Path:
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
-    """Only programs of this user should reach central, until connections can prove who they are."""
+    """Raises UsageError. What other machines can reach is never open to all."""
     port = bind.rpartition(":")[2]
     is_number = port.isascii() and port.isdigit()
     is_tcp = bind.startswith("tcp://") and (port == "*" or (is_number and 0 < int(port) < 65536))
@@ -44,9 +51,9 @@ def _check_address(bind: str, *, insecure: bool) -> None:
     if not is_tcp and not bind.startswith("ipc:///"):
         msg = f"'{bind}' is no address: use ipc:///path/of/socket or tcp://127.0.0.1:port (port * takes a free one)"
         raise click.UsageError(msg)
-    if bind.startswith("tcp://") and not bind.startswith(LOOPBACK) and not insecure:
-        msg = f"{bind} can be reached from other machines, and nothing checks who connects: use an ssh tunnel to a \
-loopback address, or --insecure on a network that you trust"
+    if is_tcp and insecure and not bind.startswith(LOOPBACK):
+        msg = f"{bind} can be reached from other machines, so whoever connects needs a key: leave --insecure out, and \
+make keys with 'tca keys new NAME'"
         raise click.UsageError(msg)
 
 
@@ -68,6 +75,18 @@ def _link(link: Path, there: Path) -> None:
     link.symlink_to(there, target_is_directory=True)
 
 
+def _log_lines(*, quiet: bool) -> None:
+    lines = logging.StreamHandler()
+    lines.setFormatter(LineFormatter("central: %(message)s"))
+    logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, handlers=[lines])
+
+
+def _obey_signals(server: Server) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
+    signal.signal(signal.SIGHUP, lambda *_: server.look_again())
+
+
 @click.command()
 @click.option("--bind", metavar="ADDRESS", help=f"Where to listen [default: ${VARIABLE}, else a socket of your own].")
 @click.option(
@@ -82,7 +101,7 @@ before and on the disk within a second, 'none' when convenient.")  # fmt: skip
 @click.option("--lost-after", type=click.IntRange(min=0), default=LOST_AFTER, show_default=True, metavar="SECONDS",
               help="Silence after which a program whose process stands still (stopped, paused) counts as lost; 0: \
 never.")  # fmt: skip
-@click.option("--insecure", is_flag=True, help="Allow addresses that other machines can reach.")
+@click.option("--insecure", is_flag=True, help="Over TCP, let in every program of this computer, without a key.")
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
 @click.version_option(
     package_name="tca-central", prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
@@ -91,9 +110,7 @@ def central(
     bind: str | None, journal: Path | None, sync: str, *, lost_after: int, no_journal: bool, insecure: bool, quiet: bool
 ) -> None:
     """Run the daemon that routes messages and keeps the task tree."""
-    lines = logging.StreamHandler()
-    lines.setFormatter(LineFormatter("central: %(message)s"))
-    logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, handlers=[lines])
+    _log_lines(quiet=quiet)
     endpoint = bind or default_endpoint()
     _check_address(endpoint, insecure=insecure)
     if lost_after == 1:
@@ -103,8 +120,9 @@ def central(
     epoch = token_hex(8)
     folder = journal or _new_journal_folder()
     try:
-        server = Server(Central(epoch), None, endpoint, lost_after=lost_after)
-    except CentralError as error:
+        gate = gate_for(endpoint, keys_folder(), insecure=insecure)
+        server = Server(Central(epoch), None, endpoint, lost_after=lost_after, gate=gate)
+    except (CentralError, KeyRefused) as error:
         raise click.ClickException(str(error)) from None
     try:
         if not no_journal:
@@ -113,10 +131,10 @@ def central(
                 with contextlib.suppress(OSError):  # tools that are to show the newest run find this one
                     _link(_new_journal_folder(), journal.resolve())
         _tell_where(server.endpoint, None if no_journal else folder)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
-        log = logging.getLogger("tca.central")
+        _obey_signals(server)
         log.info("listening on %s", server.endpoint)
+        if isinstance(gate, OpenGate):
+            log.warning("%s", INSECURE)
         earlier = ", after earlier runs" if server.journal is not None and server.journal.before else ""
         log.info("no journal" if no_journal else f"journal in {folder}{earlier}")
         gc.freeze()  # what lasts as long as central need not be looked through each time

@@ -28,6 +28,7 @@ from tca_central.events import (
     ConnectionLost,
     Effect,
     Event,
+    KeysChanged,
     Record,
     RequestReceived,
     Tick,
@@ -93,8 +94,10 @@ class Central(State):
             self._let_fire(timer, event.time, effects)
         if isinstance(event, RequestReceived):
             self._receive(event, effects)
-        elif not isinstance(event, Tick):
+        elif isinstance(event, BadBytes | ConnectionLost):
             self._on_line(event, effects)
+        elif not isinstance(event, Tick):
+            self._on_keeper(event, effects)
         return effects
 
     def tell_all(self) -> list[Effect]:
@@ -131,6 +134,13 @@ class Central(State):
         self._settle()
         self._report(effects, event.time, cause)
 
+    def _on_keeper(self, event: KeysChanged, effects: list[Effect]) -> None:
+        """Whoever runs central has changed who may come."""
+        self.events += 1
+        self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
+        self._settle()
+        self._report(effects, event.time, None)
+
     def _receive(self, event: RequestReceived, effects: list[Effect]) -> None:
         """A connection sent something. What can't be done is refused and leaves nothing behind."""
         self.events += 1
@@ -140,21 +150,16 @@ class Central(State):
         connection = self.registry.connections.get(event.connection)
         try:
             if connection is None:
-                connection = self._meet(event.connection, header, number)
+                connection = self._meet(event, number)
+            elif event.principal != connection.principal:
+                connection = None  # a newer line that calls itself like this one's, of which nobody knows yet
+                self._refuse_stranger(event.connection, number)
             elif number and number <= connection.last_number and type(header) is not headers.Hello:
                 self._repeat(connection, number)
             else:
                 if number > connection.last_number:  # noqa: PLR1730 - max() costs as much as four calls
                     connection.last_number = number
-                if kind.origin is not None and (origin := kind.origin(header)):
-                    self.origin = self._checked_origin(origin, connection)
-                    connection.known_until = self.clock.now
-                if kind.names_tasks:
-                    header = naming.with_ids(connection, header)
-                if len(event.body) > _LONGEST_BODY:
-                    replying.refuse_body(self, connection, header, len(event.body))
-                else:
-                    HANDLERS[type(header)](self, connection, header, event.body)
+                self._carry_out(connection, header, event.body, kind)
         except RequestError as error:
             if isinstance(header, headers.Send) and header.quiet and self.origin:
                 sending.note_refusal(self, header, error.text)
@@ -164,21 +169,37 @@ class Central(State):
         self._report(effects, event.time, causes.Request(module, place, number, kind.name, self.origin))
         self.origin = 0
 
+    def _carry_out(self, connection: Connection, header: ToCentral, body: bytes, kind: "_Kind") -> None:
+        if kind.origin is not None and (origin := kind.origin(header)):
+            self.origin = self._checked_origin(origin, connection)
+            connection.known_until = self.clock.now
+        if kind.names_tasks:
+            header = naming.with_ids(connection, header)
+        if len(body) > _LONGEST_BODY:
+            replying.refuse_body(self, connection, header, len(body))
+        else:
+            HANDLERS[type(header)](self, connection, header, body)
+
     def _checked_origin(self, origin: int, connection: Connection) -> int:
         """The delivery whose handler asks, as a request says; 0 if its module does not handle that."""
         asking = self.dispatcher.running.get(origin) or self.dispatcher.begun_ahead(connection, origin)
         is_its = asking is not None and asking.slot is not None and asking.slot.module is connection.module
         return origin if is_its else 0
 
-    def _meet(self, connection_id: ConnectionId, header: ToCentral, number: int) -> Connection | None:
+    def _meet(self, event: RequestReceived, number: int) -> Connection | None:
         """A stranger sent something: the connection that it is from now on, if it said hello."""
-        if isinstance(header, headers.Hello):
-            joining.greet(self, connection_id, header)
+        if isinstance(event.header, headers.Hello):
+            joining.greet(self, event.connection, event.header, event.principal)
         else:
-            self.messages.append(Transmit(connection_id, headers.Unknown(number)))
-        return self.registry.connections.get(connection_id)
+            self.messages.append(Transmit(event.connection, headers.Unknown(number)))
+        return self.registry.connections.get(event.connection)
 
-    def _report(self, effects: list[Effect], time: float, cause: causes.Cause) -> None:
+    def _refuse_stranger(self, connection_id: ConnectionId, number: int) -> None:
+        text = "this line has the name of another one, which is somebody else's: connect again"
+        self.facts.append(facts.RequestRefused("?", Refusal.FORBIDDEN, text))
+        self.messages.append(Transmit(connection_id, Refused(number, Refusal.FORBIDDEN, text)))
+
+    def _report(self, effects: list[Effect], time: float, cause: causes.Cause | None) -> None:
         """Add the journal entry and the messages of the event that has just been handled."""
         if self.facts:
             if self.blocked or self.claims:

@@ -17,6 +17,8 @@ class RequestReceived(msgspec.Struct, frozen=True):
     connection: ConnectionId
     header: ToCentral
     body: bytes = b""
+    principal: str = ""
+    """Who sent it: the name of a key, "uid:N" for another user of this computer, "" for the one who runs central."""
 
 
 class BadBytes(msgspec.Struct, frozen=True):
@@ -41,7 +43,15 @@ class Tick(msgspec.Struct, frozen=True):
     time: float
 
 
-Event = RequestReceived | BadBytes | ConnectionLost | Tick
+class KeysChanged(msgspec.Struct, frozen=True):
+    """Keys may connect that might not before, or may no more; their connections are lost with events of their own."""
+
+    time: float
+    allowed: list[str] = []
+    revoked: list[str] = []
+
+
+Event = KeysChanged | RequestReceived | BadBytes | ConnectionLost | Tick
 
 
 class Transmit(msgspec.Struct, frozen=True):

@@ -4,6 +4,7 @@ WireError            do not raise or catch this one; it groups the others
 ├── ProtocolError    the peer sent bytes that are no legal message
 ├── BadData          user data does not fit the format of its message
 ├── BadFormat        a type cannot be a message format
+├── KeyRefused       a key file can't be used, or may not be
 └── JournalDamaged   a journal is not one, comes from an earlier version, or is damaged before its tail
 """
 
@@ -22,6 +23,10 @@ class BadData(WireError):
 
 class BadFormat(WireError):
     """A type that cannot be encoded, so it can't be the format of a message."""
+
+
+class KeyRefused(WireError):
+    """A key file that can't be used, or may not be: which one, and what to do."""
 
 
 class JournalDamaged(WireError):

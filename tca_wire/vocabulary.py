@@ -116,6 +116,7 @@ class Refusal(StrEnum):
     TOO_LATE = "too late"  # the point has been reached already
     OVERLOAD = "overload"  # a bounded queue is full
     DEADLOCK = "deadlock"  # whoever waits would wait for himself, for ever
+    FORBIDDEN = "forbidden"  # whoever asks may not
 
 
 class Dropping(StrEnum):

@@ -48,8 +48,11 @@ MAY_IMPORT = {
 
 ONLY_IN = {
     "zmq": {
+        "tca_central/shell/authenticator.py",
         "tca_central/shell/door.py",
+        "tca_central/shell/gate.py",
         "tca_central/shell/server.py",
+        "tca_module/sockets/curve.py",
         "tca_module/sockets/transport.py",
         "tca_module/sockets/direct.py",
         "tca_module/sockets/pulse.py",
@@ -77,6 +80,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "errors": set(),
         "vocabulary": set(),
         "endpoint": set(),
+        "keys": {"errors"},
         "user_file": set(),
         "waits": set(),
         "rules": {"points", "vocabulary"},
@@ -194,6 +198,7 @@ TWINS = (
     ("tca_central tca_module tca_tools", "central's record, the library's object, the record of a run", "Claim"),
     ("tca_central tca_module", "central's record, the library's object", "Connection Handler Module"),
     ("tca_central tca_wire", "the event, and the cause in the journal", "ConnectionLost"),
+    ("tca_central tca_wire", "the event, and the fact", "KeysChanged"),
     ("tca_central tca_tools", "the ends of waits, now and in a run", "Ends"),
     ("tca_tools tca_wire", "the record of a run, and what was declared", "Failure Message"),
     ("tca_tools tca_wire", "the record of a run, and the fact", "Failed"),

@@ -18,7 +18,17 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 EXAMPLES = {path.stem: path.read_text() for path in sorted((ROOT / "examples").glob("*.py"))}
 
-OTHER_WORDS = ("tca ", "pip install ", "$ ", "python -m ", "traverse path", "where {1} in map", "00 00 ", "[Unit]")
+OTHER_WORDS = (
+    "tca ",
+    "robot$ ",
+    "pip install ",
+    "$ ",
+    "python -m ",
+    "traverse path",
+    "where {1} in map",
+    "00 00 ",
+    "[Unit]",
+)
 """How blocks begin that are no Python: what one types, what is printed, what is on the wire, a service of systemd."""
 
 QUOTES = {

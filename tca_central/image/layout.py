@@ -84,7 +84,7 @@ OBJECTS: dict[type, str] = {
     Clock: "_asked _cancelled _queue now",
     Connection: (
         "answers begins entrance handling id known_until last_number late lost_claims module number orphans "
-        "outstanding pauses prefetch pulse resource routes session tasks untold waits watchers watches"
+        "outstanding pauses prefetch principal pulse resource routes session tasks untold waits watchers watches"
     ),
     Delivery: _DELIVERY,
     Guard: "above age task",
@@ -95,7 +95,7 @@ OBJECTS: dict[type, str] = {
         "attached awaited_by candidates declarers delivered dropped failed fans_out first_declared_by format handlers "
         "is_aside is_goal is_notice message_class name parts route rules senders_told serving taps waiting"
     ),
-    Module: "called connections handlers incarnation is_ready keeps name process resources",
+    Module: "called connections handlers incarnation is_ready keeps name principal process resources",
     ModuleResource: f"{_RESOURCE} busy delivered limits quick_runs",
     PendingLimit: "most waiting",
     Queue: "_heap waiting",

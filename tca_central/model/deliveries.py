@@ -58,11 +58,13 @@ class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
     __slots__ = ("answers", "begins", "entrance", "handling", "id", "known_until", "last_number", "late",
-                 "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch", "pulse",
-                 "resource", "routes", "session", "tasks", "untold", "waits", "watchers", "watches")  # fmt: skip
+                 "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch", "principal",
+                 "pulse", "resource", "routes", "session", "tasks", "untold", "waits", "watchers",
+                 "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
+        self.principal = module.principal  #: who it belongs to
         self.session = session  #: names it across reconnects
         self.number = number  #: which of its module's it is
         self.module = module
@@ -111,11 +113,12 @@ class Connection:
 class Module:
     """A connected program. It is there as long as one of its connections is."""
 
-    def __init__(self, name: str, called: str, incarnation: str, process: str) -> None:
+    def __init__(self, name: str, called: str, incarnation: str, process: str, principal: str = "") -> None:
         self.name = name  #: unique among those connected
         self.called = called  #: its own name: several copies of a program share it
         self.incarnation = incarnation
         self.process = process
+        self.principal = principal  #: who runs it: a key's name, "uid:N", "" for the user who runs central
         self.connections: dict[str, Connection] = {}  #: by session
         self.resources: dict[str, ModuleResource] = {}
         self.handlers: dict[str, Handler] = {}  #: by message name

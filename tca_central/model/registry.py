@@ -32,7 +32,7 @@ class Registry:
         self.lost: dict[str, Connection] = {}  #: lately lost, by session: they may come back and repeat requests
         self._names: set[str] = set()
 
-    def module(self, name: str, incarnation: str, process: str) -> tuple[Module, bool]:
+    def module(self, name: str, incarnation: str, process: str, principal: str) -> tuple[Module, bool]:
         """The module of that incarnation, and whether it is new. A name in use gets a number: "legs#2"."""
         if known := self.modules.get(incarnation):
             return known, False
@@ -40,7 +40,7 @@ class Registry:
         while unique in self._names:
             unique, number = f"{name}#{number}", number + 1
         self._names.add(unique)
-        self.modules[incarnation] = Module(unique, name, incarnation, process)
+        self.modules[incarnation] = Module(unique, name, incarnation, process, principal)
         return self.modules[incarnation], True
 
     def resource(self, module: Module, name: str) -> ModuleResource:

@@ -31,15 +31,16 @@ MOST_LATE = MOST_AHEAD + 8
 """Answers of a lost connection that are expected to come all the same: of what it had ahead, and of nested ones."""
 
 
-def greet(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:
+def greet(central: State, connection_id: ConnectionId, header: headers.Hello, principal: str) -> None:
     """A connection introduces itself, for the first time or after a reconnect."""
     registry = central.registry
     _check(header)
-    module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
-    if is_new:
-        central.facts.append(facts.ModuleJoined(module.name, header.process))
-        _announce(central, module, MODULE_JOINED, Arrival(module.name, header.process))
     session = f"{header.incarnation}/{header.connection}"
+    _check_owner(central, header, session, principal)
+    module, is_new = registry.module(header.module or "module", header.incarnation, header.process, principal)
+    if is_new:
+        central.facts.append(facts.ModuleJoined(module.name, header.process, principal))
+        _announce(central, module, MODULE_JOINED, Arrival(module.name, header.process))
     connection = module.connections.get(session)
     if connection is not None:  # it reconnected before its loss was noticed
         del registry.connections[connection.id]
@@ -89,6 +90,14 @@ def _check(header: headers.Hello) -> None:
         raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
     if header.entrance is not None:
         direct_routes.check_entrance(header.entrance)
+
+
+def _check_owner(central: State, header: headers.Hello, session: str, principal: str) -> None:
+    """Raises RequestError if the module, or a lost connection of it, is somebody else's: nobody takes them over."""
+    known = central.registry.modules.get(header.incarnation) or central.registry.lost.get(session)
+    if known is not None and known.principal != principal:
+        text = f"another run of module '{header.module}' has this incarnation, and is somebody else's: draw a new one"
+        raise RequestError(Refusal.FORBIDDEN, text)
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:

@@ -45,7 +45,8 @@ class LogLines:
             facts.LostDirectly: self._lost,
             facts.RequestRefused: self._refused,
             facts.Ignored: lambda fact, _: log.warning("nothing done for module '%s': %s", fact.sender, fact.text),
-            facts.ModuleJoined: lambda fact, _: log.info("module '%s' joined (%s)", fact.module, fact.process),
+            facts.ModuleJoined: self._joined,
+            facts.KeysChanged: self._keys,
             facts.ModuleLeft: lambda fact, _: log.info("module '%s' left: %s", fact.module, fact.why),
             facts.Queued: self._queued,
             facts.HandlerAdded: lambda fact, _: self._unseen.discard(fact.message),
@@ -58,6 +59,15 @@ class LogLines:
                 way(fact, record)
         if record.failed:
             self._failed(record)
+
+    def _joined(self, fact: facts.ModuleJoined, _: Record) -> None:
+        who = f", {fact.principal}" if fact.principal else ""
+        self._log.info("module '%s' joined (%s%s)", fact.module, fact.process, who)
+
+    def _keys(self, fact: facts.KeysChanged, _: Record) -> None:
+        for what, names in (("allowed", fact.allowed), ("revoked", fact.revoked)):
+            if names:
+                self._log.info("%s: %s", what, ", ".join(names))
 
     def _lost(self, fact: facts.Fact, record: Record) -> bool:
         if (loss := loss_in(fact)) is None:

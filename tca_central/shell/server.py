@@ -23,19 +23,21 @@ from tca_central.events import (
     ConnectionLost,
     Effect,
     Event,
+    KeysChanged,
     RequestReceived,
     Tick,
     Transmit,
 )
 from tca_central.shell.door import Door
+from tca_central.shell.gate import Gate, gate_for
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_lines import LogLines
 from tca_central.shell.pulses import Pulses
 from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec
-from tca_wire.packets.headers import Beat, Bye, Closing, ToModule, Unknown
-from tca_wire.vocabulary import Limit
+from tca_wire.packets.headers import Beat, Bye, Closing, Refused, ToModule, Unknown
+from tca_wire.vocabulary import Limit, Refusal
 
 log = logging.getLogger("tca.central")
 
@@ -99,9 +101,12 @@ class Server:
     """Central as a daemon: the core, its journal and its socket."""
 
     def __init__(
-        self, central: Central, journal: JournalWriter | None, endpoint: str, *, lost_after: int = LOST_AFTER
-    ) -> None:
-        """*lost_after*: seconds of silence from a process that stands still; 0: none are too many."""
+        self, central: Central, journal: JournalWriter | None, endpoint: str, *, lost_after: int = LOST_AFTER,
+        gate: Gate | None = None,
+    ) -> None:  # fmt: skip
+        """*lost_after*: seconds of silence from a process that stands still; 0: none are too many. Without a *gate*
+        everybody may come over TCP.
+        """
         self.central = central
         self.journal = journal
         self.stopping = ""  #: why the loop shall end
@@ -113,6 +118,7 @@ class Server:
         self._next_pulse, self._next_beat, self._next_sweep = PULSE_PERIOD, BEAT_PERIOD, SWEEP_PERIOD
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
+        self._gate = gate or gate_for(endpoint, Path(), insecure=True)
         self._lock = _lock_of(endpoint)
         self._context = zmq.Context()
         self._has_lost = False  #: a connection has closed, and it is not known which
@@ -130,6 +136,11 @@ class Server:
     def stop(self, why: str) -> None:
         """End the loop; may be called from a signal handler or another thread."""
         self.stopping = why
+        self._wake_up()
+
+    def look_again(self) -> None:
+        """Look soon at what may have changed beside this process; may be called from a signal handler."""
+        self._next_pulse = 0.0
         self._wake_up()
 
     def _count_closed(self, lines: int) -> None:
@@ -241,23 +252,38 @@ class Server:
             frame, now = receive(_DONTWAIT, copy=False), self.now()
             until = until or now + SECONDS_PER_TURN
             size += len(frame) if now < until else BYTES_PER_TURN
-            self._pulses.heard.add(connection)
-            try:
-                packet = frame.bytes if not frame.more else self._one_frame(frame)
-                if packet == _BEAT:  # sent back by a pulse
-                    continue
-                if not packet:  # a line is new
-                    self._greet(connection)
-                    continue
-                items = codec.unpack_to_central(packet)
-            except ProtocolError as error:
-                self._let_happen(BadBytes(now, connection, str(error)))
+            if (principal := self._gate.principal_of(frame)) is None:
+                self._turn_away(connection, frame)
                 continue
-            for header, body in items:
-                if isinstance(header, Bye):
-                    self._expected += self._lines_of(connection)
-                self._let_happen(RequestReceived(now, connection, header, body))
+            if self._gate.has_news:
+                self._look_at_keys()
+            self._pulses.heard.add(connection)
+            self._take_in(connection, principal, frame, now)
         return True
+
+    def _take_in(self, connection: ConnectionId, principal: str, frame: zmq.Frame, now: float) -> None:
+        try:
+            packet = frame.bytes if not frame.more else self._one_frame(frame)
+            if packet == _BEAT:  # sent back by a pulse
+                return
+            if not packet:  # a line is new
+                self._greet(connection)
+                return
+            items = codec.unpack_to_central(packet)
+        except ProtocolError as error:
+            self._let_happen(BadBytes(now, connection, str(error)))
+            return
+        for header, body in items:
+            if isinstance(header, Bye):
+                self._expected += self._lines_of(connection)
+            self._let_happen(RequestReceived(now, connection, header, body, principal))
+
+    def _turn_away(self, connection: ConnectionId, frame: zmq.Frame) -> None:
+        """What comes from somebody who has no say is not even read; he is told so once."""
+        with contextlib.suppress(ProtocolError):
+            self._one_frame(frame)
+        if self._gate.is_new(connection):
+            self._put(connection, Refused(0, Refusal.FORBIDDEN, self._gate.why), b"")
 
     def _one_frame(self, frame: zmq.Frame) -> bytes:
         """Take in the other frames of a message that has several. Raises ProtocolError."""
@@ -279,6 +305,17 @@ class Server:
         if (leaving := known.get(connection)) is None:
             return 0
         return 1 + (bool(leaving.pulse) and sum(one.pulse == leaving.pulse for one in known.values()) == 1)
+
+    def _look_at_keys(self) -> None:
+        """Cut the connections of those whose keys have gone."""
+        allowed, revoked = self._gate.look_again()
+        if allowed or revoked:
+            self._let_happen(KeysChanged(self.now(), allowed, revoked))
+        if revoked:
+            known = self.central.registry.connections
+            for connection in [one for one in known.values() if one.principal in revoked]:
+                why = f"the key '{connection.principal}' is not allowed any more"
+                self._let_happen(ConnectionLost(self.now(), connection.id, why))
 
     def _find_lost(self) -> None:
         """Beat to those who wait for an answer; to all when some are gone, for the door does not tell which (the socket
@@ -318,6 +355,7 @@ class Server:
     def _find_silent(self) -> None:
         """Beat to every process; those that stand still do not send it back, whatever the kernel says of them."""
         self._next_pulse = self.now() + PULSE_PERIOD
+        self._look_at_keys()
         self._lines.losses.tell(self.now())
         known, pulses = self.central.registry.connections, self._pulses
         beating = pulses.beat(known.values()) if self._lost_after else set()
@@ -390,10 +428,14 @@ class Server:
             socket.setsockopt(option, value)
         door = Door(socket, self._count_closed)
         try:
+            self._gate.open(self._context, socket)
             socket.bind(endpoint)
-        except zmq.ZMQError as error:
+        except (zmq.ZMQError, CentralError) as error:
+            self._gate.close()
             self._context.destroy()
             self._close_wakers()
+            if isinstance(error, CentralError):
+                raise
             reason = "another program uses it" if error.errno == zmq.EADDRINUSE else error.strerror
             msg = f"can't listen on {endpoint}: {reason}; choose another address with --bind"
             raise CentralError(msg) from None
@@ -411,6 +453,7 @@ class Server:
             if self.journal is not None:
                 self.journal.close(self.central.events + 1, self.now(), self.stopping or "an error")
         self._door.close()
+        self._gate.close()
         self.socket.close()
         self._context.term()
         self._close_wakers()

@@ -430,7 +430,7 @@ class Session:
 
     def _not_welcome(self, header: headers.Refused) -> None:
         """Central refused Hello; with number 0 if it could not even read it, because it is of another version."""
-        if not header.number:
+        if not header.number and header.refusal is Refusal.PROTOCOL:
             other = f"central speaks another protocol than this module's {headers.PROTOCOL_VERSION}"
             text = f"{other}: use one version of TCA for both (it says: {header.text})"
             header = msgspec.structs.replace(header, text=text)

@@ -11,6 +11,8 @@ from secrets import token_hex
 
 import zmq
 
+from tca_module.sockets.curve import show_key
+
 KEEPALIVE = (
     (zmq.TCP_KEEPALIVE, 1),
     (zmq.TCP_KEEPALIVE_IDLE, 5),  # seconds
@@ -33,6 +35,7 @@ class Pulse:
         for option, value in _OPTIONS:
             socket.setsockopt(option, value)
         socket.setsockopt(zmq.ROUTING_ID, self.name)
+        show_key(socket, address)
         socket.connect(address)
         beats = threading.Event()
         self._thread = threading.Thread(target=_send_back, args=(socket, beats), name="pulse", daemon=True)

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import zmq
 
 from tca_module.errors import MisuseError
+from tca_module.sockets.curve import show_key, why_not_let_in
 from tca_module.sockets.pulse import KEEPALIVE, Pulse, pulse_to
 
 _OPTIONS = (
@@ -146,6 +147,11 @@ def is_turned_away(address: str) -> bool:
         return isinstance(error, ConnectionResetError)
 
 
+def what_keys_lack(address: str) -> str:
+    """What is wrong with the key that this program shows the central at *address*; "" if nothing is."""
+    return why_not_let_in(context(), address)
+
+
 def _probe(address: str) -> sockets.socket:
     """A connection. Raises OSError, or ValueError if *address* is none."""
     if not address.startswith("ipc://"):
@@ -209,7 +215,11 @@ class DealerTransport:
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         try:
+            show_key(self._socket, address)
             self._socket.connect(address)
+        except MisuseError:
+            self._socket.close(linger=0)
+            raise
         except zmq.ZMQError as error:
             self._socket.close(linger=0)
             msg = f"central's address must be 'ipc:///path/of/socket' or 'tcp://host:port', not {address!r} ({error})"

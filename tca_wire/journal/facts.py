@@ -55,6 +55,8 @@ class ModuleJoined(_Fact, frozen=True, tag="module joined"):
 
     module: str
     process: str
+    principal: str = ""
+    """Who runs it: the name of a key, "uid:N" for another user of the computer, "" for the one who runs central."""
 
 
 class ModuleLeft(_Fact, frozen=True, tag="module left"):
@@ -63,6 +65,13 @@ class ModuleLeft(_Fact, frozen=True, tag="module left"):
     module: str
     why: str
     lost: bool = False
+
+
+class KeysChanged(_Fact, frozen=True, tag="keys"):
+    """These keys may connect from now on, and these may no more."""
+
+    allowed: list[str]
+    revoked: list[str]
 
 
 class ResourceChanged(_Fact, frozen=True, tag="resource"):
@@ -502,7 +511,7 @@ class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
 Fact = (
     Opened | Closed
     | ModuleJoined | ModuleLeft | ResourceChanged | Recalling | FormatDefined | HandlerAdded | HandlerRemoved
-    | RequestRefused | Ignored
+    | KeysChanged | RequestRefused | Ignored
     | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly
     | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
     | SuspendedOrResumed | Kept | Released

@@ -136,7 +136,10 @@ def _timed_out(say: Wording, fact: facts.TimedOut) -> str:
 _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Opened: _opened,
     facts.Closed: lambda _, fact: fact.why,
-    facts.ModuleJoined: lambda _, fact: f"{fact.module}, {fact.process}" if fact.process else fact.module,
+    facts.ModuleJoined: lambda _, fact: ", ".join(filter(None, (fact.module, fact.process, fact.principal))),
+    facts.KeysChanged: lambda _, fact: "; ".join(
+        f"{what} {', '.join(names)}" for what, names in (("allowed", fact.allowed), ("revoked", fact.revoked)) if names
+    ),
     facts.ModuleLeft: lambda _, fact: f"{fact.module}: {fact.why}",
     facts.ResourceChanged: lambda _, fact: f"{place(fact.module, fact.resource)} takes {fact.capacity} at a time",
     facts.Recalling: lambda _, fact: (

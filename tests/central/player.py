@@ -41,6 +41,7 @@ class Player:
         self.entries: list[Entry] = []
         self.inbox: dict[str, list[tuple[Any, bytes]]] = {}
         self.numbers: dict[str, int] = {}
+        self.principals: dict[str, str] = {}  #: whose a connection is ("": of the user who runs central)
 
     @classmethod
     def of(cls, *modules: str, check: bool = True) -> Self:
@@ -70,7 +71,8 @@ class Player:
         self.time += 1.0
         if getattr(header, "origin", None) == 0 and not isinstance(header, SAYS_ITSELF):
             header = msgspec.structs.replace(header, origin=(self.delivered(connection) or [0])[-1])
-        effects = self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body))
+        principal = self.principals.get(connection, "")
+        effects = self.event(RequestReceived(self.time, ConnectionId(connection.encode()), header, body, principal))
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 
     def number(self, connection: str) -> int:

@@ -19,6 +19,8 @@ class Central:
         folder.mkdir(exist_ok=True)
         self.address = bind or f"ipc://{folder}/central.sock"
         self.journal = folder / "journal"
+        if bind.startswith("tcp://") and "TCA_KEYS" not in os.environ:
+            options = (*options, "--insecure")
         command = [*command, "--bind", self.address, "--journal", str(self.journal), *options]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         assert self.process.stderr

@@ -167,14 +167,14 @@ def test_a_port_in_use_is_named(refused: Refused) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        said = refused("--bind", f"tcp://127.0.0.1:{port}", "--no-journal")
+        said = refused("--bind", f"tcp://127.0.0.1:{port}", "--no-journal", "--insecure")
     assert f"can't listen on tcp://127.0.0.1:{port}: another program uses it" in said
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--bind", "tcp://0.0.0.0:5555"], "use an ssh tunnel"),
+        (["--bind", "tcp://0.0.0.0:5555", "--insecure"], "whoever connects needs a key"),
         (["--bind", "nonsense"], "'nonsense' is no address"),
         (["--bind", "tcp://127.0.0.1:99999"], "is no address"),
         (["--bind", "ipc:///proc/nothing/central.sock"], "can't listen on"),

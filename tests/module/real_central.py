@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from tca_central.core import Central
 from tca_central.events import Effect, Record
+from tca_central.shell.gate import Gate as EntranceGate
 from tca_central.shell.server import Server
 
 SOON = 10.0
@@ -31,8 +32,8 @@ class Gate:
 
 
 class _Recorded(Server):
-    def __init__(self, epoch: str, address: str) -> None:
-        super().__init__(Central(epoch), None, address)
+    def __init__(self, epoch: str, address: str, gate: EntranceGate | None) -> None:
+        super().__init__(Central(epoch), None, address, gate=gate)
         self.recorded: list[Any] = []
 
     def _perform(self, effects: list[Effect]) -> None:
@@ -43,8 +44,8 @@ class _Recorded(Server):
 class RealCentral:
     """A running central; ``end`` is sudden: no module hears of it."""
 
-    def __init__(self, address: str, epoch: str = "real") -> None:
-        self.server = _Recorded(epoch, address)
+    def __init__(self, address: str, epoch: str = "real", gate: EntranceGate | None = None) -> None:
+        self.server = _Recorded(epoch, address, gate)
         self.address = self.server.endpoint
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()

@@ -1,0 +1,116 @@
+"""The folder of keys, as central and ``tca keys`` know it: central's own key, and a file for each that may connect.
+
+``central.key`` is central's secret; ``allowed/NAME.pub`` holds the public key of NAME; ``NAME.key`` is what the program
+NAME gets. The folder is for its owner only, and no file is ever written over.
+"""
+
+import logging
+import os
+import stat
+from pathlib import Path
+
+from tca_central.shell.authenticator import KeyPair, new_pair
+from tca_wire.errors import KeyRefused
+from tca_wire.keys import SUFFIX, check_key, check_name, read_secret
+
+log = logging.getLogger("tca.central")
+
+CENTRAL = f"central{SUFFIX}"
+PUBLIC = ".pub"
+
+
+def allowed_folder(folder: Path) -> Path:
+    """The folder with the public keys of those who may connect."""
+    return folder / "allowed"
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folders, for their owner only. Raises KeyRefused."""
+    for one in (folder, allowed_folder(folder)):
+        try:
+            one.mkdir(parents=True, exist_ok=True, mode=0o700)
+        except OSError as error:
+            raise KeyRefused(f"can't make {one}: {error.strerror}") from None
+        check_folder(one)
+
+
+def check_folder(folder: Path) -> None:
+    """Raise KeyRefused if others may change what is in it."""
+    found = folder.stat()
+    if found.st_uid not in (os.getuid(), 0) or stat.S_IMODE(found.st_mode) & 0o077:
+        raise KeyRefused(f"others may enter {folder}, the folder of keys: chmod 700 it")
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a file that was not there, for its owner's eyes only. Raises KeyRefused."""
+    try:
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    except FileExistsError:
+        raise KeyRefused(f"{path} is there already: choose another name, or revoke that key first") from None
+    except OSError as error:
+        raise KeyRefused(f"can't write {path}: {error.strerror}") from None
+    with os.fdopen(file, "w") as opened:
+        opened.write(text)
+        opened.flush()
+        os.fsync(file)
+
+
+def own_pair(folder: Path) -> KeyPair:
+    """Central's own key; made if there is none. Raises KeyRefused."""
+    make_folder(folder)
+    path = folder / CENTRAL
+    if not path.exists():
+        made = new_pair()
+        text = f'# Central\'s own key. Secret: who has it can pass for central.\npublic = "{made.public}"\n'
+        write_new(path, f'{text}secret = "{made.secret}"\n')
+    found = read_secret(path, "public", "secret")
+    return KeyPair(found["public"], found["secret"])
+
+
+def names_allowed(folder: Path) -> dict[str, str]:
+    """The names of those who may connect, by their public keys. Files that are none are told of in the log."""
+    names: dict[str, str] = {}
+    for path in sorted(allowed_folder(folder).glob(f"*{PUBLIC}")):
+        try:
+            check_name(path.stem)
+            text = path.read_text().strip()
+            check_key(text)
+        except (OSError, UnicodeDecodeError, KeyRefused) as error:
+            log.warning("the key %s is not allowed: %s", path, error)
+        else:
+            names.setdefault(text, path.stem)
+    return names
+
+
+class AllowedKeys:
+    """Those who may connect, as the folder says."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises KeyRefused."""
+        self._folder = folder
+        self._seen = self._state()
+        self.names = names_allowed(folder)  #: by public key; another one each time, so that a thread may read it
+
+    def _state(self) -> tuple[tuple[str, int, int, int], ...]:
+        """What the files look like from outside. That nothing can be seen is a state, too: nobody is allowed."""
+        try:
+            with os.scandir(allowed_folder(self._folder)) as found:
+                looks = [(one.name, one.stat()) for one in found]
+        except OSError:
+            return ()
+        return tuple(sorted((name, look.st_mtime_ns, look.st_size, look.st_ino) for name, look in looks))
+
+    def is_known(self, key: str) -> bool:
+        """Whether a key is allowed now; may be asked by any thread."""
+        return key in self.names or key in names_allowed(self._folder)
+
+    def look_again(self) -> tuple[list[str], list[str]]:
+        """The names whose keys have come since the last look, and those whose keys have gone, or are others."""
+        state = self._state()
+        if state == self._seen:
+            return [], []
+        before, self._seen = self.names, state
+        self.names = now = names_allowed(self._folder)
+        new = [name for key, name in now.items() if before.get(key) != name]
+        gone = [name for key, name in before.items() if now.get(key) != name]
+        return new, gone

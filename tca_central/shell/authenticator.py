@@ -1,0 +1,145 @@
+"""Keys of those who connect over TCP: ZeroMQ asks, at each handshake, whether one is known (ZAP), and a thread answers.
+
+Without an answer nobody gets in: the sockets name a domain and enforce it, or ZeroMQ would let everybody in. What it
+lets in is tried before central listens (``try_out``).
+"""
+
+import contextlib
+import logging
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import zmq
+from zmq.utils import z85
+from zmq.utils.monitor import recv_monitor_message
+
+from tca_central.errors import CentralError
+from tca_central.shell.log_limit import LogLimit
+
+DOMAIN = b"tca"
+_ADDRESS = "inproc://zeromq.zap.01"
+_TRIED_WITHIN = 5000  # milliseconds
+
+log = logging.getLogger("tca.central")
+
+
+class KeyPair(NamedTuple):
+    """A pair of CURVE keys, as text."""
+
+    public: str
+    secret: str
+
+
+def new_pair() -> KeyPair:
+    """A pair that nobody has had before."""
+    public, secret = zmq.curve_keypair()
+    return KeyPair(public.decode(), secret.decode())
+
+
+def guard(socket: "zmq.Socket[bytes]", own: KeyPair) -> None:
+    """Let only known keys in, and nobody if they can't be checked; to be done before the socket is bound."""
+    socket.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)  # an empty one would not be enforced
+    socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
+    socket.setsockopt(zmq.CURVE_SERVER, 1)
+    socket.setsockopt(zmq.CURVE_SECRETKEY, own.secret.encode())
+
+
+class Authenticator:
+    """Answers for the sockets of one context; a packet's ``User-Id`` is the public key it came with."""
+
+    def __init__(self, context: "zmq.Context[zmq.Socket[bytes]]", is_known: Callable[[str], bool]) -> None:
+        """*is_known* is asked in a thread of its own."""
+        self._is_known = is_known
+        self._tried = ""  #: a key that is let in while that is tried
+        self._warned = LogLimit(log)
+        self._socket = context.socket(zmq.REP)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.bind(_ADDRESS)
+        self._ending = context.socket(zmq.PAIR)
+        self._ended = context.socket(zmq.PAIR)
+        self._ending.bind("inproc://authenticator")
+        self._ended.connect("inproc://authenticator")
+        self._thread = threading.Thread(target=self._run, name="authenticator", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it still answers."""
+        return self._thread.is_alive()
+
+    def close(self) -> None:
+        """End: from now on nobody gets in."""
+        with contextlib.suppress(zmq.ZMQError):
+            self._ending.send(b"", zmq.DONTWAIT)
+        self._thread.join()
+        self._ending.close(0)
+
+    def _run(self) -> None:
+        poller = zmq.Poller()
+        poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._ended, zmq.POLLIN)
+        try:
+            while self._ended not in (ready := dict(poller.poll())):
+                if self._socket in ready:
+                    self._socket.send_multipart(self._answer(self._socket.recv_multipart()))
+        except zmq.ContextTerminated:
+            pass
+        except Exception:
+            log.exception("nobody can connect any more: the authenticator has failed; start central again")
+        finally:
+            self._socket.close(0)
+            self._ended.close(0)
+
+    def _answer(self, request: list[bytes]) -> list[bytes]:
+        """The answer to a handshake (ZeroMQ RFC 27)."""
+        version, number, domain, address, _, mechanism, *credentials = request
+        is_ours = (version, domain, mechanism) == (b"1.0", DOMAIN, b"CURVE") and len(credentials) == 1
+        key = z85.encode(credentials[0]).decode() if is_ours and len(credentials[0]) == 32 else ""
+        if key and (key == self._tried or self._is_known(key)):
+            return [b"1.0", number, b"200", b"OK", key.encode(), b""]
+        where = address.decode(errors="backslashreplace")
+        if not self._tried:
+            self._warned.warning(where, "refused a key from %s that is not allowed here: %s", where, key or "none")
+        return [b"1.0", number, b"400", b"this key is not allowed", b"", b""]
+
+    def try_out(self, context: "zmq.Context[zmq.Socket[bytes]]", own: KeyPair) -> None:
+        """See that a known key gets in and another one does not. Raises CentralError."""
+        known, stranger = new_pair(), new_pair()
+        self._tried = known.public
+        try:
+            with tempfile.TemporaryDirectory() as folder, context.socket(zmq.ROUTER) as socket:
+                guard(socket, own)
+                socket.setsockopt(zmq.LINGER, 0)
+                address = f"ipc://{Path(folder) / 's'}"
+                socket.bind(address)
+                gets_in = [_gets_in(context, address, pair, own.public) for pair in (known, stranger)]
+        finally:
+            self._tried = ""
+        if gets_in != [True, False]:
+            what = "a known key was refused" if gets_in[1] is False else "an unknown key was let in"
+            msg = f"keys can't be checked here ({what} when that was tried): see to the installation of pyzmq"
+            raise CentralError(msg)
+
+
+def _gets_in(context: "zmq.Context[zmq.Socket[bytes]]", address: str, pair: KeyPair, central: str) -> bool:
+    """Whether a socket with this pair is let in. Raises CentralError if nothing is heard of that."""
+    with context.socket(zmq.DEALER) as socket:
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.setsockopt(zmq.CURVE_SERVERKEY, central.encode())
+        socket.setsockopt(zmq.CURVE_PUBLICKEY, pair.public.encode())
+        socket.setsockopt(zmq.CURVE_SECRETKEY, pair.secret.encode())
+        monitor = socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
+        try:
+            socket.connect(address)
+            if not monitor.poll(_TRIED_WITHIN):
+                msg = (
+                    "keys can't be checked here: a handshake was not answered; try again when the computer is less busy"
+                )
+                raise CentralError(msg)
+            return bool(recv_monitor_message(monitor)["event"] == zmq.EVENT_HANDSHAKE_SUCCEEDED)
+        finally:
+            socket.disable_monitor()
+            monitor.close(0)

@@ -1,0 +1,121 @@
+"""``tca keys``: makes, lists and revokes the keys of those who may connect over a network."""
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tca_central.shell.allowed_keys import PUBLIC, allowed_folder, make_folder, names_allowed, own_pair, write_new
+from tca_central.shell.authenticator import new_pair
+from tca_wire.errors import KeyRefused
+from tca_wire.keys import (
+    DEFAULT,
+    FOLDER_VARIABLE,
+    SUFFIX,
+    VARIABLE,
+    check_key,
+    check_name,
+    keys_folder,
+    read_client_key,
+)
+
+_FOLDER = click.option(
+    "--folder", type=click.Path(path_type=Path),
+    help=f"The folder of keys [default: ${FOLDER_VARIABLE}, else ~/.config/tca/keys].",
+)  # fmt: skip
+
+
+def _explained(command: Callable[..., None]) -> Callable[..., None]:
+    @wraps(command)
+    def explained(folder: Path | None, **given: Any) -> None:
+        try:
+            command(folder=folder or keys_folder(), **given)
+        except KeyRefused as error:
+            raise click.ClickException(str(error)) from None
+
+    return _FOLDER(explained)
+
+
+@click.group()
+def keys() -> None:
+    """Keys for centrals that other machines can reach.
+
+    On central's machine: 'tca keys new arm' makes a key, 'tca central --bind tcp://0.0.0.0:5555' asks for it. Copy
+    arm.key to the other machine (with scp) and say 'tca keys use arm.key' there; or name it in $TCA_KEY.
+    """
+
+
+@keys.command()
+@click.argument("name")
+@_explained
+def new(folder: Path, name: str) -> None:
+    """Make a key for the program (or person, or machine) NAME, and allow it."""
+    check_name(name)
+    own, pair = own_pair(folder), new_pair()
+    secret = folder / f"{name}{SUFFIX}"
+    text = f"# The key of '{name}'. Secret: who has it is '{name}'.\nname = \"{name}\"\npublic = \"{pair.public}\"\n"
+    if (allowed_folder(folder) / f"{name}{PUBLIC}").exists():
+        raise KeyRefused(f"'{name}' has a key: choose another name, or 'tca keys revoke {name}' first")
+    write_new(secret, f'{text}secret = "{pair.secret}"\ncentral = "{own.public}"\n')
+    _allow(folder, name, pair.public)
+    click.echo(str(secret))
+
+
+@keys.command()
+@click.argument("name")
+@click.argument("public")
+@_explained
+def allow(folder: Path, name: str, public: str) -> None:
+    """Allow a key that was made elsewhere, by its PUBLIC half."""
+    check_name(name)
+    check_key(public)
+    make_folder(folder)
+    _allow(folder, name, public)
+
+
+def _allow(folder: Path, name: str, public: str) -> None:
+    if (other := names_allowed(folder).get(public)) is not None:
+        raise KeyRefused(f"that is the key of '{other}': each has one of its own")
+    write_new(allowed_folder(folder) / f"{name}{PUBLIC}", f"{public}\n")
+
+
+@keys.command(name="list")
+@_explained
+def list_keys(folder: Path) -> None:
+    """The names and public keys that central allows, and its own."""
+    own = own_pair(folder)
+    rows = [("(central)", own.public), *((name, public) for public, name in names_allowed(folder).items())]
+    width = max(len(name) for name, _ in rows)
+    for name, public in rows:
+        click.echo(f"{name:{width}}  {public}")
+
+
+@keys.command()
+@click.argument("name")
+@_explained
+def revoke(folder: Path, name: str) -> None:
+    """Let NAME in no more. A running central cuts its connections within a second."""
+    check_name(name)
+    path = allowed_folder(folder) / f"{name}{PUBLIC}"
+    if not path.exists():
+        raise KeyRefused(f"no key '{name}' is allowed: 'tca keys list' shows those that are")
+    path.unlink()
+    (folder / f"{name}{SUFFIX}").unlink(missing_ok=True)
+    click.echo(f"'{name}' is let in no more")
+
+
+@keys.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@_explained
+def use(folder: Path, file: Path) -> None:
+    """Let programs of this user show the key in FILE, unless $TCA_KEY names another."""
+    if not file.exists():
+        raise KeyRefused(f"there is no {file}")
+    if file.stat().st_mode & 0o077:
+        file.chmod(0o600)  # as scp has left it
+    key = read_client_key(file)
+    make_folder(folder)
+    write_new(folder / f"{DEFAULT}{SUFFIX}", file.read_text())
+    click.echo(f"programs of this user are '{key.name}' from now on; ${VARIABLE} names another key for one of them")

@@ -1,0 +1,61 @@
+"""Keys on this program's sockets to central: over TCP they encrypt, and prove who is at either end."""
+
+import zmq
+from zmq.utils.monitor import recv_monitor_message
+
+from tca_module.errors import MisuseError
+from tca_wire.errors import KeyRefused
+from tca_wire.keys import NO_KEY, VARIABLE, ClientKey, client_key
+
+_ANSWERED_WITHIN = 1000  # milliseconds
+_EVENTS = zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | (
+    zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+)  # fmt: skip
+
+
+def show_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
+    """Have a socket show this program's key to the central at *address*, and to no other; before it connects. Returns
+    the key; None: none is shown. Raises MisuseError.
+    """
+    try:
+        key = client_key(address)
+    except KeyRefused as error:
+        raise MisuseError(str(error)) from None
+    if key is not None:
+        put_key(socket, key, key.central)
+    return key
+
+
+def put_key(socket: "zmq.Socket[bytes]", key: ClientKey, server: str) -> None:
+    """Have a socket speak only to whoever has the secret half of the key *server*."""
+    socket.setsockopt(zmq.CURVE_SERVERKEY, server.encode())
+    socket.setsockopt(zmq.CURVE_PUBLICKEY, key.public.encode())
+    socket.setsockopt(zmq.CURVE_SECRETKEY, key.secret.encode())
+
+
+def why_not_let_in(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:
+    """What is wrong with the key that this program shows the central at *address*; "" if nothing is. Takes a moment."""
+    if not address.startswith("tcp://"):
+        return ""
+    with context.socket(zmq.DEALER) as socket:
+        socket.setsockopt(zmq.LINGER, 0)
+        try:
+            key = show_key(socket, address)
+        except MisuseError as error:
+            return str(error)
+        monitor = socket.get_monitor_socket(_EVENTS)
+        try:
+            socket.connect(address)
+            event = recv_monitor_message(monitor)["event"] if monitor.poll(_ANSWERED_WITHIN) else None
+        finally:
+            socket.disable_monitor()
+            monitor.close(0)
+    if event is None or event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+        return ""
+    if key is None:
+        made = "'tca keys new NAME' makes one where central runs"
+        return f"it wants a key, and this program shows none: {made}, ${VARIABLE} names it here"
+    if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+        return f"it does not allow the key '{key.name}': 'tca keys list', where central runs, shows those that it does"
+    return f"it is not the central that '{key.name}' is a key for, can't check keys any more, or asks for none: \
+${VARIABLE}={NO_KEY} shows none"

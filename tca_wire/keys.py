@@ -1,0 +1,109 @@
+"""Key files: what a program shows a central that other machines can reach, and the one central that it trusts.
+
+A client's file holds its own pair of CURVE keys and the public key of its central. Secret files are for nobody else's
+eyes: one that others may read is refused.
+"""
+
+import os
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+from tca_wire.errors import KeyRefused
+
+VARIABLE = "TCA_KEY"
+DEFAULT = "default"
+"""The key of programs that are told of none."""
+NO_KEY = "none"
+OWNER = "owner"
+"""Who runs central: over its Unix socket, or where no keys are asked for."""
+SUFFIX = ".key"
+FOLDER_VARIABLE = "TCA_KEYS"
+
+_LENGTH = 40
+"""Characters of a key, in ZeroMQ's Z85."""
+_RESERVED = {"central", NO_KEY, OWNER}
+_Z85 = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+class ClientKey(NamedTuple):
+    """A program's own key, and that of its central."""
+
+    name: str
+    public: str
+    secret: str
+    central: str
+    """Central's public key: nobody else is spoken to."""
+
+
+def keys_folder() -> Path:
+    """The folder of keys: ``$TCA_KEYS``, or ``tca/keys`` in ``$XDG_CONFIG_HOME`` or ``~/.config``. It may not exist."""
+    if named := os.environ.get(FOLDER_VARIABLE):
+        return Path(named)
+    config = os.environ.get("XDG_CONFIG_HOME")
+    return (Path(config) if config else Path.home() / ".config") / "tca" / "keys"
+
+
+def check_name(name: str) -> None:
+    """Raise KeyRefused if no key can be called so."""
+    if not _NAME.fullmatch(name) or name.endswith((SUFFIX, ".pub")):
+        msg = f"'{name}' can't be the name of a key: use letters, digits, '_', '-' and '.', at most 64"
+        raise KeyRefused(msg)
+    if name in _RESERVED:
+        msg = f"'{name}' can't be the name of a key: it has a meaning of its own; choose another"
+        raise KeyRefused(msg)
+
+
+def check_key(text: str) -> None:
+    """Raise KeyRefused if it is not the text of a CURVE key."""
+    if not _is_key(text):
+        msg = f"{text[:60]!r} is no public key: that has {_LENGTH} characters; 'tca keys list' shows them"
+        raise KeyRefused(msg)
+
+
+def _is_key(text: object) -> bool:
+    return isinstance(text, str) and _Z85.fullmatch(text) is not None
+
+
+def read_secret(path: Path, *names: str) -> dict[str, str]:
+    """The texts of these *names* in a secret file, keys and the like. Raises KeyRefused."""
+    try:
+        with path.open("rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
+            found = tomllib.load(file)
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        msg = f"can't read the key {path}: {why}"
+        raise KeyRefused(msg) from None
+    if stat.S_IMODE(mode) & 0o077:
+        msg = f"others may read the key {path}: chmod 600 it, and make a new one if somebody has"
+        raise KeyRefused(msg)
+    for name in names:
+        if not _is_key(found.get(name)):
+            msg = f"{path} is no key: it has no '{name}' of {_LENGTH} characters; make one with 'tca keys new'"
+            raise KeyRefused(msg)
+    return {name: text for name, text in found.items() if isinstance(text, str)}
+
+
+def read_client_key(path: Path) -> ClientKey:
+    """The key in a client's file. Raises KeyRefused."""
+    found = read_secret(path, "public", "secret", "central")
+    return ClientKey(found.get("name", path.stem), found["public"], found["secret"], found["central"])
+
+
+def client_key(address: str) -> ClientKey | None:
+    """The key to show the central at an address: that of ``$TCA_KEY``, a file or a name in the folder of keys, else
+    'default', if there is one. None over Unix sockets, where the kernel says who comes. Raises KeyRefused.
+    """
+    if not address.startswith("tcp://"):
+        return None
+    if (named := os.environ.get(VARIABLE)) == NO_KEY:
+        return None
+    if not named:
+        path = keys_folder() / f"{DEFAULT}{SUFFIX}"
+        return read_client_key(path) if path.exists() else None
+    path = Path(named) if "/" in named else keys_folder() / f"{named.removesuffix(SUFFIX)}{SUFFIX}"
+    return read_client_key(path)

@@ -1,0 +1,243 @@
+"""Who gets in: keys over TCP, the kernel's word over Unix sockets, and nobody when that can't be checked."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from integration.programs import central, tca
+from module.real_central import SOON, RealCentral, soon
+
+from tca_central.shell.authenticator import Authenticator, new_pair
+from tca_central.shell.gate import KeyGate
+from tca_central.shell.keys_command import keys as keys_command
+from tca_module import CentralLost, MisuseError, Module, Query, connect
+from tca_wire.journal import facts
+from tca_wire.keys import read_client_key
+
+SQUARE = Query("square", int, reply=int)
+TCP = "tcp://127.0.0.1:*"
+
+
+def said(*arguments: str, code: int = 0) -> str:
+    result = CliRunner().invoke(keys_command, arguments)
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of keys with one for 'arm' and one for 'user'."""
+    monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
+    said("new", "arm")
+    said("new", "user")
+    return tmp_path / "keys"
+
+
+@pytest.fixture
+def keyed(folder: Path) -> Iterator[RealCentral]:
+    with RealCentral(TCP, gate=KeyGate(folder)) as running:
+        yield running
+
+
+@pytest.fixture
+def as_key(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    return lambda name: monkeypatch.setenv("TCA_KEY", name)
+
+
+def refusal(address: str) -> str:
+    with pytest.raises(CentralLost) as caught:
+        connect("stranger", address, patience=0.3)
+    return str(caught.value)
+
+
+def test_each_is_known_by_its_key(keyed: RealCentral, as_key: Callable[[str], None]) -> None:
+    for name in ("arm", "user"):
+        as_key(name)
+        with connect(f"the {name}", keyed.address) as client:
+            assert client.status()["modules"] == 1
+    joined = [(fact.module, fact.principal) for fact in keyed.facts(facts.ModuleJoined)]
+    assert joined == [("the arm", "arm"), ("the user", "user")]
+
+
+def test_a_module_works_over_keys_with_its_slots_and_pulse(keyed: RealCentral, as_key: Callable[[str], None]) -> None:
+    as_key("arm")
+    module = Module("squares", keyed.address)
+    module.handles(SQUARE)(lambda _, number: number * number)
+    with module.running(), connect("user", keyed.address) as user:
+        assert user.query(SQUARE, 12, timeout=SOON) == 144
+        known = keyed.server.central.registry.connections.values()
+        assert {one.principal for one in known} == {"arm"}
+        pulses = {one.pulse for one in known}
+        with soon("the pulse is there") as may_go_on:
+            while not pulses <= keyed.server._pulses._met:
+                keyed.server.look_again()
+                may_go_on()
+
+
+def test_the_wrong_key_no_key_and_the_wrong_central(keyed: RealCentral, folder: Path, as_key: Callable[[str], None], tmp_path: Path) -> None:  # fmt: skip
+    as_key("none")
+    assert "it wants a key, and this program shows none" in refusal(keyed.address)
+    stranger = tmp_path / "elsewhere"
+    said("new", "--folder", str(stranger), "arm")
+    other = read_client_key(stranger / "arm.key")
+    as_key(str(stranger / "arm.key"))
+    assert "it is not the central that 'arm' is a key for" in refusal(keyed.address)
+    ours = read_client_key(folder / "arm.key")
+    forged = stranger / "forged.key"
+    forged.write_text(
+        f'name = "arm"\npublic = "{other.public}"\nsecret = "{other.secret}"\ncentral = "{ours.central}"\n'
+    )
+    forged.chmod(0o600)
+    as_key(str(forged))
+    assert "it does not allow the key 'arm'" in refusal(keyed.address)
+    with RealCentral(TCP) as open_to_all:
+        assert "or asks for none" in refusal(open_to_all.address)
+    assert not keyed.facts(facts.ModuleJoined)
+
+
+def test_when_keys_cannot_be_checked_nobody_gets_in(keyed: RealCentral, as_key: Callable[[str], None]) -> None:
+    as_key("user")
+    with connect("early", keyed.address) as early:
+        gate = keyed.server._gate
+        assert isinstance(gate, KeyGate)
+        assert gate._authenticator is not None
+        gate._authenticator.close()
+        for name in ("arm", "user", "none"):
+            as_key(name)
+            assert refusal(keyed.address)
+        assert early.status()["modules"] == 1, "those who are there go on"
+        assert not gate.is_alive
+
+
+def test_an_authenticator_that_lets_strangers_in_is_found_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Authenticator, "_answer", lambda _, request: [b"1.0", request[1], b"200", b"OK", b"x", b""])
+    with pytest.raises(Exception, match="an unknown key was let in when that was tried"):
+        RealCentral(TCP, gate=KeyGate(folder))
+
+
+def test_a_revoked_key_is_cut_off_at_once(keyed: RealCentral, folder: Path, as_key: Callable[[str], None]) -> None:
+    as_key("user")
+    user = connect("user", keyed.address)
+    as_key("arm")
+    arm = connect("arm", keyed.address, patience=0.5)
+    said("revoke", "arm")
+    keyed.server.look_again()
+    with soon("the arm has left") as may_go_on:
+        while not keyed.facts(facts.ModuleLeft):
+            may_go_on()
+    (left,) = keyed.facts(facts.ModuleLeft)
+    assert (left.module, left.lost) == ("arm", True)
+    assert "not allowed any more" in left.why
+    assert keyed.facts(facts.KeysChanged) == [facts.KeysChanged([], ["arm"])]
+    with pytest.raises(CentralLost):
+        arm.status()
+    assert user.status()["modules"] == 1
+    # A new key of that name gets in at once, and is somebody new: the old line stays dead.
+    said("new", "arm")
+    with connect("new arm", keyed.address):
+        pass
+    with pytest.raises(CentralLost):
+        arm.status()
+    assert [fact.module for fact in keyed.facts(facts.ModuleJoined)].count("arm") == 1
+    user.close()
+    arm.close()
+
+
+def test_a_central_without_allowed_keys_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
+    for bind in ("tcp://127.0.0.1:*", "tcp://0.0.0.0:*"):
+        with central(tmp_path, bind=bind) as daemon:
+            assert daemon.process.wait(SOON) == 1
+            assert "'tca keys new NAME'" in daemon.first_line
+
+
+def test_two_machines_in_five_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TCA_KEYS", str(tmp_path / "robot"))
+    assert said("new", "laptop").strip() == str(tmp_path / "robot" / "laptop.key")
+    with central(tmp_path, bind="tcp://0.0.0.0:*") as daemon:
+        port = daemon.first_line.rpartition(":")[2]
+        copied = tmp_path / "laptop.key"
+        copied.write_bytes((tmp_path / "robot" / "laptop.key").read_bytes())  # as scp leaves it
+        monkeypatch.setenv("TCA_KEYS", str(tmp_path / "laptop"))
+        assert "'laptop'" in said("use", str(copied))
+        monkeypatch.setenv("TCA_CENTRAL", f"tcp://127.0.0.1:{port}")
+        assert "0 modules" in (status := tca("status")).stdout, status
+
+
+# --- the files -------------------------------------------------------------------------------------------------------
+
+
+def test_keys_are_private_and_never_written_over(folder: Path) -> None:
+    modes = {path.name: path.stat().st_mode & 0o777 for path in [folder, *folder.rglob("*")]}
+    assert modes == {
+        "keys": 0o700, "allowed": 0o700, "central.key": 0o600, "arm.key": 0o600, "user.key": 0o600, "arm.pub": 0o600,
+        "user.pub": 0o600,
+    }  # fmt: skip
+    before = {path: path.read_bytes() for path in folder.rglob("*.*")}
+    assert "'arm' has a key" in said("new", "arm", code=1)
+    said("use", str(folder / "arm.key"))
+    assert "is there already" in said("use", str(folder / "user.key"), code=1)
+    assert {path: path.read_bytes() for path in before} == before
+    listed = said("list")
+    assert read_client_key(folder / "arm.key").public in listed
+    assert read_client_key(folder / "arm.key").secret not in listed
+
+
+def test_a_key_made_elsewhere_is_allowed_by_its_public_half(folder: Path) -> None:
+    public = new_pair().public
+    said("allow", "planner", public)
+    assert f"planner    {public}" in said("list")
+    assert "that is the key of 'planner'" in said("allow", "other", public, code=1)
+    assert "is no public key" in said("allow", "other", "short", code=1)
+
+
+@pytest.mark.parametrize("name", ["", "../arm", "a b", "central", "owner", "none", "x" * 65, ".hidden", "uid:0"])
+def test_names_that_keys_cannot_have(folder: Path, name: str) -> None:
+    assert "can't be the name of a key" in said("new", "--", name, code=1)
+
+
+def test_files_that_others_can_read_are_refused(folder: Path, as_key: Callable[[str], None]) -> None:
+    (folder / "arm.key").chmod(0o644)
+    as_key("arm")
+    with pytest.raises(MisuseError, match=r"others may read the key .*arm.key: chmod 600"):
+        connect("arm", "tcp://127.0.0.1:1")
+    as_key("nobody")
+    with pytest.raises(MisuseError, match=r"can.t read the key .*nobody.key"):
+        connect("arm", "tcp://127.0.0.1:1")
+    folder.chmod(0o755)
+    assert "others may enter" in said("new", "leg", code=1)
+    folder.chmod(0o700)
+
+
+# --- users of this computer ------------------------------------------------------------------------------------------
+
+KNOCK = """
+import os, sys, zmq
+from tca_wire.packets import codec, headers
+os.setgid(65534), os.setuid(65534)
+socket = zmq.Context().socket(zmq.DEALER)
+socket.linger = 0
+socket.connect(sys.argv[1])
+socket.send(codec.pack([(headers.Hello(1, headers.PROTOCOL_VERSION, "knocker", "x"), b"")]))
+print(*[header for header, _ in codec.unpack_to_module(socket.recv())] if socket.poll(10_000) else ["silence"])
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
+def test_another_user_is_turned_away_whatever_the_socket_allows() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        with RealCentral(f"ipc://{folder}/central.sock") as running:
+            Path(folder, "central.sock").chmod(0o777)
+            command = [sys.executable, "-c", KNOCK, running.address]
+            answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            assert "central lets in no programs of other users" in answer.stdout, answer
+            assert not running.facts(facts.ModuleJoined)
+            with connect("user", running.address) as user:
+                assert user.status()["modules"] == 1
