@@ -343,12 +343,22 @@ class Session:
             handlers = list(self._handlers.values()) if is_over else []
             # Number 0: a new number would be higher than those repeated below, which central would take for answered.
             self._declare(messages, handlers, is_ready=is_over and self._is_ready)
+        if is_back and not is_new:
+            self._declare_what_may_be_forgotten()
         for request in self._requests.values():
             request.repeated = request.was_sent
             if request.what:  # it is answered by itself
                 request.header = msgspec.structs.replace(request.header, quiet=False)
             self._send(request)
         self.outgoing += self._replies.values()
+
+    def _declare_what_may_be_forgotten(self) -> None:
+        """Declare the handlers that central may have accepted, and forgotten with the connection: to the repeated
+        request it only gives the answer that it gave then.
+        """
+        for header in [request.header for request in self._requests.values() if request.was_sent]:
+            if isinstance(header, headers.Register) and (header.handlers or header.is_ready):
+                self.outgoing.append((msgspec.structs.replace(header, number=0), b""))
 
     def _renew(self) -> None:
         """Redeclare to a new central before all else, under the lowest numbers."""

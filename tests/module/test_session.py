@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, RequestReceived, Transmit
+from tca_central.events import ConnectionId, ConnectionLost, RequestReceived, Transmit
 from tca_module.session.request import Request
 from tca_module.session.session import CONFIRM_EVERY, HELLO_NUMBER, QUIET, Session
 from tca_wire.packets import headers
@@ -192,6 +192,33 @@ def test_messages_and_handlers_are_declared_again_before_what_uses_them(session:
     hear(session, Unknown(), welcome())
     # With number 0: central takes a request whose number is lower than one it has seen for answered.
     assert said(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
+
+
+def test_what_was_being_declared_when_the_connection_broke_is_declared_also_where_central_had_accepted_and_forgot_it() -> (
+    None
+):
+    central, session = Central("one"), Session(HELLO)
+    session.tend(0.0, 0.0)
+
+    def talk(connection: bytes, *, is_heard: bool = True) -> None:
+        """Central gets all that the session says, which hears the answers unless the connection has broken."""
+        while outgoing := session.take_outgoing(float):
+            for header, body in outgoing:
+                for effect in central.handle(RequestReceived(0.0, ConnectionId(connection), header, body)):
+                    if isinstance(effect, Transmit) and is_heard:
+                        session.receive(effect.header, effect.body, 0.0)
+
+    talk(b"first")
+    declaring = session.request(Register(0, [WALK], [HANDLES_WALK]))
+    talk(b"first", is_heard=False)
+    central.handle(ConnectionLost(0.0, ConnectionId(b"first")))
+    assert not central.registry.messages["walk"].handlers
+    session.break_off()
+    session.tend(1.0, 1.0)
+    talk(b"second")
+    assert declaring.is_over
+    assert declaring.refused is None
+    assert [handler.module.name for handler in central.registry.messages["walk"].handlers] == ["legs"]
 
 
 @pytest.mark.parametrize("question", [A_WAIT, STATUS, GetVariable(0, "pose")])
