@@ -1,0 +1,62 @@
+"""Lives of a simulated town: python -m tests.simulation [--seed N | --lives N] [--trace]."""
+
+import argparse
+import sys
+import time
+import traceback
+from collections import Counter
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+
+def main() -> int:
+    from simulation.life import Life
+
+    parser = argparse.ArgumentParser(prog="python -m tests.simulation", description=__doc__)
+    parser.add_argument("--seed", type=int, help="live this one")
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--lives", type=int, default=1000)
+    parser.add_argument("--stop-after", type=int, default=5)
+    parser.add_argument("--digests", action="store_true", help="of each life: two are the same if these are")
+    parser.add_argument("--trace", action="store_true")
+    arguments = parser.parse_args()
+    if arguments.seed is not None:
+        life = Life(arguments.seed, tell=print if arguments.trace else None)
+        print(life.options)
+        life.run()
+        print(life.clockwork.digest, dict(life.outside.counts))
+        return 0
+    began, counts, broken = time.process_time(), Counter[str](), 0
+    for seed in range(arguments.first, arguments.first + arguments.lives):
+        life = Life(seed)
+        try:
+            life.run()
+        except Exception as error:  # noqa: BLE001
+            broken += 1
+            text = f"{type(error).__name__}: {error}"
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            print(f"seed {seed}: {text[:300]} [{Path(place.filename).name}:{place.lineno}]")
+            if broken >= arguments.stop_after:
+                break
+        if arguments.digests:
+            print(life.clockwork.digest)
+        counts.update(life.outside.counts)
+        counts.update(
+            {
+                "lives": 1,
+                "crashes of central": life.daemon.crashes,
+                "crashes of modules": life.crashes,
+                "breaks": life.network.breaks,
+                "writes": life.daemon.log.writes,
+                "happened": life.clockwork.happened,
+            }
+        )
+    seconds = time.process_time() - began
+    print(f"{counts['lives']} lives in {seconds:.1f} s: {counts['lives'] / seconds:.0f} a second; {broken} broken")
+    print(", ".join(f"{name} {number}" for name, number in sorted(counts.items())))
+    return bool(broken)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

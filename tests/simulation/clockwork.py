@@ -1,0 +1,92 @@
+"""One heap of what will happen, and one source of chance: a life is decided by its seed."""
+
+import random
+from collections.abc import Callable
+from hashlib import blake2b
+from heapq import heappop, heappush
+from typing import Any
+
+import msgspec
+
+
+class Broken(AssertionError):
+    """A promise is broken."""
+
+
+class Clockwork:
+    """Lets things happen in the order of their times, and of their making."""
+
+    def __init__(self, seed: int, *, tell: Callable[[str], None] | None = None) -> None:
+        self.now = 0.0
+        self.dice = random.Random(seed)
+        self.happened = 0
+        self._heap: list[tuple[float, int, Callable[..., None], tuple[Any, ...]]] = []
+        self._made = 0
+        self._tell = tell
+        self._hash = blake2b(digest_size=8)
+
+    def after(self, seconds: float, do: Callable[..., None], *about: Any) -> None:
+        """Have something happen in so many seconds."""
+        self._made += 1
+        heappush(self._heap, (self.now + seconds, self._made, do, about))
+
+    def step(self) -> bool:
+        """Let the next thing happen; False if there is none."""
+        if not self._heap:
+            return False
+        self.now, _, do, about = heappop(self._heap)
+        self.happened += 1
+        do(*about)
+        return True
+
+    def chance(self, of: float) -> bool:
+        """Whether something of that likelihood happens now."""
+        return of > 0 and self.dice.random() < of
+
+    def between(self, low: float, high: float) -> float:
+        """Some seconds."""
+        return low + (high - low) * self.dice.random()
+
+    # --- what has happened -------------------------------------------------------------------------------------------
+
+    @property
+    def is_told(self) -> bool:
+        """Whether somebody reads the trace."""
+        return self._tell is not None
+
+    def note(self, what: bytes) -> None:
+        """Two lives are the same if all that was noted is."""
+        self._hash.update(b"%f " % self.now)
+        self._hash.update(what)
+
+    def say(self, who: str, what: object) -> None:
+        """A line of the trace."""
+        if self._tell is not None:
+            self._tell(f"{self.now:9.4f}  {who:<14} {what}")
+
+    @property
+    def digest(self) -> str:
+        """Of all that has happened."""
+        return self._hash.hexdigest()
+
+
+def shown(header: msgspec.Struct) -> str:
+    """A header in short: only what is not as usual."""
+    usual = header.__struct_defaults__
+    names = header.__struct_fields__
+    defaults = dict(zip(names[len(names) - len(usual) :], usual, strict=True))
+    fields = [
+        f"{name}={_short(value)}" for name in names if (value := getattr(header, name)) != defaults.get(name, _NONE)
+    ]
+    return f"{type(header).__name__}({', '.join(fields)})"
+
+
+_NONE = object()
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list) and len(value) > 3:
+        return f"[{len(value)}]"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_short, value))}]"
+    return str(value)[:60] if not isinstance(value, int) else str(int(value))

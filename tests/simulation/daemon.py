@@ -1,0 +1,306 @@
+"""Central's process: the core, the log of its inputs on a simulated disk, and the turns of its loop.
+
+A turn takes some packets, writes each to the log, lets the core have it, flushes the log, and only then sends what
+follows from it. It may end at any of these steps. What is there afterwards is what the disk has.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+
+from simulation.clockwork import Broken, Clockwork, shown
+from simulation.disk import Input, SimulatedFile, framed, inputs_in
+from simulation.likeness import difference
+from simulation.network import PROBE, Network, Wire
+from simulation.options import Options
+
+from tca_central.core import Central
+from tca_central.events import ConnectionId, ConnectionLost, Effect, Event, Record, RequestReceived, Tick
+from tca_central.image.decoder import decode
+from tca_central.image.encoder import encode, may_be_taken
+from tca_central.invariants import check_invariants
+from tca_wire.journal.facts import Entry
+from tca_wire.packets import codec
+from tca_wire.packets.headers import Beat, ToModule, Unknown
+
+BEAT_PERIOD, SWEEP_PERIOD = 2.0, 30.0
+GRACE = 10.0
+"""Seconds that modules have to come back to a central that was restarted."""
+
+
+class Crash(Exception):
+    """Central's process ends here."""
+
+
+class Daemon:
+    """Central, as long as the town lives: it crashes, and comes again."""
+
+    def __init__(
+        self, clockwork: Clockwork, network: Network, options: Options, publish: Callable[[list[Entry]], None]
+    ) -> None:
+        self._clockwork, self._network, self._options = clockwork, network, options
+        self._publish = publish  #: what is in the journal for good
+        self.log = SimulatedFile()
+        self.journal: list[Entry] = []  #: the facts that were written, none without its input
+        self.image: tuple[bytes, int, int] | None = None  #: the newest, and how many inputs and entries led to it
+        self._is_half = False  #: an input is written, perhaps, and has not happened
+        self._expected: Central | None = None  #: the state that the disk should give
+        self.core: Central | None = None
+        self.crashes = self.steps = self.replayed = self.images = 0
+        self._life = 0  #: which process it is
+        self._arrived: deque[tuple[Wire, bytes]] = deque()
+        self._closed: deque[ConnectionId] = deque()
+        self._outgoing: dict[ConnectionId, list[tuple[ToModule, bytes]]] = {}
+        self._entries: list[Entry] = []
+        self._unwritten = bytearray()
+        self._began = 0.0  #: when the core's clock stood at 0, if it had never stood still
+        self._wake_at = float("inf")
+        self._awaited: dict[ConnectionId, None] = {}
+        self._next_beat, self._next_sweep = BEAT_PERIOD, SWEEP_PERIOD
+        network.central = self
+
+    # --- the process -------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """The process begins: with what the disk has."""
+        core, self.core = self.core, self._recovered()
+        assert self.core is not None
+        now = self.core.clock.now
+        self._began = self._clockwork.now - now
+        self._next_beat, self._next_sweep = now + BEAT_PERIOD, now + SWEEP_PERIOD
+        self._awaited = dict.fromkeys(self.core.registry.connections)
+        self._network.is_listening = True
+        self._clockwork.after(GRACE, self._miss, self._life)
+        self._clockwork.say("central", f"starts, with {self.replayed} inputs" if core else "starts")
+        self._wake(0.0)
+
+    def _recovered(self) -> Central:
+        """The newest image of the state, and the inputs since: what comes out is what the journal has, and goes on."""
+        inputs, size = inputs_in(self.log.content)
+        del self.log.content[size:]
+        self.log.sync()
+        core, since, before = self._empty(), 0, 0
+        if self.image is not None and not self._clockwork.chance(0.1):  # else it is damaged, or was never finished
+            core, since, before = decode(self.image[0]), self.image[1], self.image[2]
+        again: list[Entry] = []
+        for given in inputs[since:]:
+            for _, effects in _let_happen(core, given):
+                again += [effect.entry for effect in effects if isinstance(effect, Record)]
+        self.replayed = len(inputs) - since
+        known = len(self.journal) - before
+        if again[:known] != self.journal[before:]:
+            raise Broken("what was replayed is not what happened")
+        if self._expected is not None and (unlike := difference(self._expected, core)):
+            raise Broken(f"the state that was lost, and the one that was recovered: {unlike}")
+        self._record(again[known:])
+        return core
+
+    def _empty(self) -> Central:
+        core = Central("simulated")
+        core.dispatcher.messages_ahead.trusts_all = self._options.trusts_all
+        return core
+
+    def _take_image(self) -> None:
+        """Write the state down, when all that led to it is on the disk."""
+        if self.core is not None and may_be_taken(self.core):
+            self.image = encode(self.core), len(inputs_in(self.log.content)[0]), len(self.journal)
+            self.images += 1
+
+    def crash(self) -> None:
+        """The process is killed, perhaps by a power cut."""
+        self.crashes += 1
+        self._life += 1
+        clockwork, options = self._clockwork, self._options
+        is_all_there = not (self._unwritten or self._is_half) and (
+            self.log.synced == len(self.log.content) or not options.power_cuts
+        )
+        is_compared = is_all_there and self.core is not None and may_be_taken(self.core) and clockwork.chance(0.1)
+        self._expected = self.core if is_compared else None
+        if self._unwritten and clockwork.chance(0.5):
+            self.log.write(self._unwritten[: clockwork.dice.randint(0, len(self._unwritten))])
+        if options.power_cuts:
+            self.log.cut_power(clockwork.dice)
+        clockwork.say("central", "CRASHES" + " (power)" * options.power_cuts)
+        self._arrived.clear()
+        self._closed.clear()
+        self._outgoing.clear()
+        self._entries.clear()
+        self._unwritten.clear()
+        self._is_half = False
+        self._wake_at = float("inf")
+        self._network.lose_central()
+        clockwork.after(clockwork.between(0.05, options.away), self.start)
+
+    def _fault(self) -> None:
+        """A step in which it may crash."""
+        self.steps += 1
+        if self.steps == self._options.crash_at or self._clockwork.chance(self._options.central_crashes):
+            raise Crash
+
+    @property
+    def now(self) -> float:
+        """Seconds on the core's clock, which stood still while it was away."""
+        return self._clockwork.now - self._began
+
+    # --- what comes --------------------------------------------------------------------------------------------------
+
+    def arrive(self, wire: Wire, packet: bytes) -> None:
+        """A packet is there."""
+        self._arrived.append((wire, packet))
+        self._wake(self._clockwork.between(0.0, 0.001))
+
+    def see_closed(self, connection: ConnectionId) -> None:
+        """A line is seen to have closed; what came on it before is heard first."""
+        self._closed.append(connection)
+        self._wake(0.0)
+
+    def _wake(self, seconds: float) -> None:
+        at = self._clockwork.now + seconds
+        if at < self._wake_at:
+            self._wake_at = at
+            self._clockwork.after(seconds, self._turn, self._life, at)
+
+    def _turn(self, life: int, at: float) -> None:
+        if life != self._life or at != self._wake_at:
+            return
+        self._wake_at = float("inf")
+        try:
+            for given in self._inputs():
+                self._take(given)
+            self._flush()
+            if self._clockwork.chance(self._options.snapshots):
+                self._take_image()
+            self._send()
+        except Crash:
+            self.crash()
+            return
+        assert self.core is not None
+        due = self.core.clock.next
+        until = min(self._next_beat, self._next_beat if due is None else due)
+        self._wake(0.0 if self._arrived or self._closed else max(0.0, until - self.now) + 0.0001)
+
+    def _inputs(self) -> Iterator[Input]:
+        """What happens in this turn."""
+        core = self.core
+        assert core is not None
+        for _ in range(self._clockwork.dice.choice((1, 4, 64))):
+            if not self._arrived:
+                break
+            yield from self._packet(*self._arrived.popleft())
+        if self._closed and not self._arrived:
+            closed = self._closed.popleft()
+            if closed in core.registry.connections:
+                yield Input("lost", self.now, closed)
+        due = core.clock.next
+        if due is not None and due <= self.now:
+            yield Input("tick", self.now)
+        if self.now >= self._next_beat:
+            yield from self._beat(core)
+
+    def _packet(self, wire: Wire, packet: bytes) -> Iterator[Input]:
+        assert self.core is not None
+        if packet != PROBE:
+            yield Input("packet", self.now, wire.id, packet)
+        elif wire.id not in self.core.registry.connections:
+            self._put(wire.id, Unknown(), b"")
+
+    def _beat(self, core: Central) -> Iterator[Input]:
+        """Beat to those who wait, and now and then to all; who is gone is found so."""
+        is_sweep = self.now >= self._next_sweep
+        if is_sweep:
+            self._next_sweep = self.now + SWEEP_PERIOD
+        self._next_beat = self.now + BEAT_PERIOD
+        if core.untold:
+            yield Input("told", self.now)
+        for connection in [one.id for one in core.registry.connections.values() if is_sweep or one.outstanding]:
+            if not self._network.carry_down(connection, _BEAT) and connection not in self._awaited:
+                self._closed.append(connection)
+
+    def _miss(self, life: int) -> None:
+        """Who has not come back to a central that was restarted is lost."""
+        if life == self._life and self.core is not None:
+            known = self.core.registry.connections
+            self._closed += [one for one in self._awaited if one in known and one not in self._network.wires]
+            self._awaited = {}
+            self._wake(0.0)
+
+    # --- what follows ------------------------------------------------------------------------------------------------
+
+    def _take(self, given: Input) -> None:
+        """Write an input, and let it happen."""
+        core, clockwork = self.core, self._clockwork
+        assert core is not None
+        self._fault()
+        self._is_half = True
+        self._unwritten += framed(given)
+        if clockwork.chance(0.3):
+            self._write()
+        for event, effects in _let_happen(core, given):
+            if clockwork.is_told and event is not None:
+                clockwork.say("central", f"has {_shown(event)}")
+            for effect in effects:
+                if isinstance(effect, Record):
+                    self._entries.append(effect.entry)
+                else:
+                    self._put(effect.connection, effect.header, effect.body)
+            self._is_half = False
+            if core.events % self._options.checks_each == 0:
+                check_invariants(core)
+
+    def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+        self._outgoing.setdefault(connection, []).append((header, body))
+
+    def _write(self) -> None:
+        self._fault()
+        self.log.write(bytes(self._unwritten))
+        self._unwritten.clear()
+        self._fault()
+
+    def _flush(self) -> None:
+        if self._unwritten:
+            self._write()
+        if self._options.power_cuts and self.log.synced < len(self.log.content):
+            self.log.sync()
+            self._fault()
+        self._record(self._entries)
+        self._entries = []
+
+    def _record(self, entries: list[Entry]) -> None:
+        if entries:
+            self.journal += entries
+            self._publish(entries)
+
+    def _send(self) -> None:
+        outgoing, self._outgoing = self._outgoing, {}
+        for connection, items in outgoing.items():
+            self._fault()
+            for _, packet in codec.packets(items):
+                self._clockwork.note(packet)
+                if not self._network.carry_down(connection, packet) and connection not in self._awaited:
+                    self._closed.append(connection)
+        self._fault()
+
+
+_BEAT = codec.pack_item(Beat())
+
+
+def _let_happen(core: Central, given: Input) -> Iterator[tuple[Event | None, list[Effect]]]:
+    """Let the core have an input: the one way in, for what comes and for what is replayed."""
+    connection = ConnectionId(given.connection)
+    if given.kind == "packet":
+        for header, body in codec.unpack_to_central(given.packet):
+            event = RequestReceived(given.time, connection, header, body)
+            yield event, core.handle(event)
+    elif given.kind == "told":
+        yield None, core.tell_all()
+    elif given.kind == "lost":
+        lost = ConnectionLost(given.time, connection)
+        yield lost, core.handle(lost)
+    else:
+        tick = Tick(given.time)
+        yield tick, core.handle(tick)
+
+
+def _shown(event: Event) -> str:
+    if isinstance(event, RequestReceived):
+        return f"from {event.connection[1:].decode()}: {shown(event.header)}"
+    return str(event)

@@ -1,0 +1,67 @@
+"""Whether two states of central are the same in all: the first difference, and the way to it."""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+from tca_central.core import Central
+from tca_central.model.clock import Clock
+from tca_central.model.resources import Queue
+
+_MADE_ANEW = frozenset(("_outputs", "_output_queues"))
+"""Attributes that hold functions of central itself."""
+_ATOMS = (int, float, str, bytes, type(None), type)
+
+
+def difference(one: Central, other: Central) -> str:
+    """The first difference; "" if there is none."""
+    waiting: deque[tuple[str, Any, Any]] = deque([("central", one, other)])
+    met: dict[int, int] = {}
+    kept: list[Any] = []  # so that id() tells them apart
+    while waiting:
+        way, left, right = waiting.popleft()
+        if type(left) is not type(right):
+            return f"{way}: {left!r:.200} and {right!r:.200}"
+        if isinstance(left, _ATOMS) or callable(left):
+            if left != right and not callable(left):
+                return f"{way}: {left!r:.200} and {right!r:.200}"
+            continue
+        if not isinstance(left, tuple):
+            if (known := met.get(id(left))) is not None:
+                if known != id(right):
+                    return f"{way}: {left!r:.200} is shared otherwise"
+                continue
+            met[id(left)] = id(right)
+            kept += (left, right)
+        inside = list(_parts(left)), list(_parts(right))
+        if [name for name, _ in inside[0]] != [name for name, _ in inside[1]]:
+            return f"{way}: {[name for name, _ in inside[0]]!r:.200} and {[name for name, _ in inside[1]]!r:.200}"
+        waiting.extend((f"{way}.{name}", a, b) for (name, a), (_, b) in zip(*inside, strict=True))
+    return ""
+
+
+def _parts(thing: Any) -> Iterator[tuple[Any, Any]]:
+    """What a thing consists of, each with its name or place. What is void in heaps matters to nobody: it goes when
+    somebody looks, as checks do.
+    """
+    if isinstance(thing, Clock):
+        yield "now", thing.now
+        yield "due", sorted(entry for entry in thing._queue if not entry[2].is_cancelled)
+        return
+    if isinstance(thing, Queue):
+        yield "waiting", sorted(entry for entry in thing._heap if entry[3].ticket == entry[2])
+        return
+    if isinstance(thing, dict):
+        for place, (key, value) in enumerate(thing.items()):
+            yield f"key {place}", key
+            yield place, value
+    elif isinstance(thing, list | tuple | deque):
+        yield from enumerate(thing)
+    elif isinstance(thing, set | frozenset):
+        yield from enumerate(sorted(thing, key=repr))
+    for kind in type(thing).__mro__:
+        for name in getattr(kind, "__slots__", ()):
+            if hasattr(thing, name):
+                yield name, getattr(thing, name)
+    for name in sorted(getattr(thing, "__dict__", {}).keys() - _MADE_ANEW):
+        yield name, getattr(thing, name)

@@ -1,0 +1,61 @@
+"""Lives of a simulated town, each decided by its seed: whatever breaks, no promise does."""
+
+import os
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from simulation.life import Life
+
+
+def live(seeds: range) -> dict[str, int]:
+    """What happened in these lives, counted."""
+    counts: dict[str, int] = {}
+    for seed in seeds:
+        life = Life(seed)
+        try:
+            life.run()
+        except Exception as error:
+            error.add_note(f"python -m tests.simulation --seed {seed} --trace")
+            raise
+        for name, number in [*life.outside.counts.items(), ("crashes", life.daemon.crashes)]:
+            counts[name] = counts.get(name, 0) + number
+    return counts
+
+
+def test_whatever_crashes_or_breaks_nothing_is_lost_or_done_twice_and_all_comes_to_an_end() -> None:
+    counts = live(range(1, 101))
+    assert min(counts[name] for name in ("acknowledged", "crashes", "died", "lost by module", "locks", "retries")) > 0
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("part", range(20))
+def test_many_lives(part: int, request: pytest.FixtureRequest) -> None:
+    is_new = bool(request.config.getoption("--new-lives"))
+    first = random.SystemRandom().randrange(1 << 40) if is_new else 1000 + part * 5000
+    live(range(first, first + 5000))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_a_crash_at_each_step_of_centrals_turns(seed: int) -> None:
+    quiet = Life(seed)
+    quiet.options.central_crashes = 0.0
+    steps = quiet.run().daemon.steps
+    for step in range(1, steps + 1):
+        life = Life(seed)
+        life.options.central_crashes, life.options.crash_at = 0.0, step
+        life.run()
+
+
+def test_a_seed_decides_all_in_each_process() -> None:
+    digests = [Life(seed).run().clockwork.digest for seed in (1, 2, 3)]
+    assert [Life(seed).run().clockwork.digest for seed in (1, 2, 3)] == digests
+    root = Path(__file__).parent.parent.parent
+    command = [sys.executable, "-m", "tests.simulation", "--first", "1", "--lives", "3", "--digests"]
+    told = subprocess.run(
+        command, cwd=root, env={**os.environ, "PYTHONHASHSEED": "7"}, capture_output=True, text=True, check=True
+    )
+    assert told.stdout.split()[:3] == digests

@@ -1,0 +1,426 @@
+"""Modules as processes with threads: each has a connection with the library's own session, and runs handlers.
+
+A handler is a generator. What it yields is what it does with its time: ``Busy`` (its thread hears nothing), ``Nap`` (its
+thread hears and handles what comes), or a request, until that is over. As in the library, what comes for a thread whose
+handler waits is handled within the wait, and a handler is woken from its wait when its task is killed.
+"""
+
+from collections import deque
+from collections.abc import Callable, Generator
+from typing import Any, NamedTuple
+
+from simulation.clockwork import Clockwork, shown
+from simulation.network import Network
+
+from tca_module.session.lasting_attachments import LastingAttachments
+from tca_module.session.open_deliveries import KILLED, OpenDelivery, working_on
+from tca_module.session.request import Request, waits_for_others
+from tca_module.session.session import PREFETCH, Session, quiet_within
+from tca_wire.packets import codec, headers
+
+PATIENCE = 10.0
+SEND_WAIT = 1.0
+LATE = 0.02
+FOR_EVER = float("inf")
+
+
+class Busy(NamedTuple):
+    """Time in which a thread does something else than listen."""
+
+    seconds: float
+
+
+class Nap(NamedTuple):
+    """Time in which a thread listens."""
+
+    seconds: float
+
+
+class Failing(Exception):
+    """A handler fails."""
+
+    def __init__(self, failure: str, *, reissue: bool = False) -> None:
+        super().__init__(failure)
+        self.failure, self.reissue = failure, reissue
+
+
+class Woken(Exception):
+    """A handler's wait ends without an answer: its task was killed, or central is silent."""
+
+
+class Lost(Exception):
+    """A request was refused, or lost."""
+
+    def __init__(self, request: Request) -> None:
+        refused = request.refused
+        super().__init__(f"{refused.refusal}: {refused.text}" if refused is not None else request.lost)
+        self.request = request
+
+
+Steps = Generator[Busy | Nap | Request, None, Any]
+
+
+class Work:
+    """A handler, or the main program, under way."""
+
+    __slots__ = ("began", "delivery", "open", "request", "session", "since", "steps", "thread", "until", "waits")
+
+    def __init__(self, thread: "Thread", delivery: headers.Deliver | None) -> None:
+        self.thread = thread
+        self.session = thread.session
+        self.delivery = delivery
+        self.open: OpenDelivery | None = None
+        self.steps: Steps
+        self.request: Request | None = None  #: that it waits for
+        self.waits = False  #: its thread listens
+        self.began = thread.now
+        self.since = self.until = 0.0  #: since when it waits; when it goes on by itself
+
+
+class Thread:
+    """One connection of a module's run, and what its thread does."""
+
+    def __init__(self, process: "Process", number: int, resource: str) -> None:
+        self.process, self.number, self.resource = process, number, resource
+        self.clockwork = process.clockwork
+        self.name = f"{process.name}/{number}"
+        prefetch = PREFETCH if resource else 0
+        hello = headers.Hello(
+            0, headers.PROTOCOL_VERSION, process.program.name, process.incarnation, number, resource, prefetch=prefetch
+        )
+        self.session = Session(hello, process.attachments)
+        self.session.open_deliveries.is_ending = lambda: process.is_leaving
+        self.arrived: deque[bytes] = deque()
+        self.stack: list[Work] = []
+        self.is_over = False
+        self._wake_at = FOR_EVER
+        self._stuck_since = FOR_EVER  #: since when nothing leaves
+        self._since = self.clockwork.now
+        self._lingers_until = FOR_EVER
+        self.socket = process.network.open(self)
+        self.look()
+
+    @property
+    def now(self) -> float:
+        return self.clockwork.now
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it does not listen."""
+        return bool(self.stack) and not self.stack[-1].waits
+
+    # --- the line ----------------------------------------------------------------------------------------------------
+
+    def hear(self, packet: bytes) -> None:
+        """A packet is there."""
+        self.arrived.append(packet)
+        if not self.is_busy:
+            self.look()
+
+    def has_line(self) -> None:
+        """There is a line again."""
+        if not self.is_busy:
+            self.look()
+
+    def flush(self) -> None:
+        """Send what is to be said. If that does not leave within a second the line has broken."""
+        session = self.session
+        if not session.outgoing:
+            return
+        outgoing = session.take_outgoing(lambda: self.now)
+        for before, packet in codec.packets(outgoing):
+            if not self.socket.send(packet):
+                session.outgoing = outgoing[before:]
+                self._stuck_since = min(self._stuck_since, self.now)
+                if self.now >= self._stuck_since + SEND_WAIT:
+                    self._stuck_since = FOR_EVER
+                    session.break_off()
+                return
+            self.clockwork.note(packet)
+        self._stuck_since = FOR_EVER
+
+    def catch_up(self) -> None:
+        """Take in what has come."""
+        while self.arrived:
+            self._take_in(self.arrived.popleft())
+
+    def _take_in(self, packet: bytes) -> None:
+        for header, body in codec.unpack_to_module(packet):
+            if self.clockwork.is_told and not isinstance(header, headers.Beat):
+                self.clockwork.say(self.name, f"hears {shown(header)}")
+            self.session.receive(header, body, self.now)
+        self.session.routing.clear()
+        while self.session.complaints:
+            self.clockwork.say(self.name, f"LOGS {self.session.complaints.pop(0)}")
+
+    # --- its turns ---------------------------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """Do all that can be done now."""
+        session = self.session
+        while not (self.is_busy or self.is_over) and self._does_next():
+            pass
+        if self.is_over:
+            return
+        if self.is_busy:
+            self.flush()
+            return
+        waits = bool(self.stack)
+        quiet = quiet_within(PATIENCE if waits else FOR_EVER, is_idle=not waits)
+        due = session.tend(self.now, self.stack[-1].since if waits else self._since, quiet)
+        self.flush()
+        if session.outgoing or not session.is_welcome:
+            due = min(due, self.now + 0.2)
+        if waits:
+            due = min(due, self.stack[-1].until, max(session.heard, self.stack[-1].since) + PATIENCE)
+        self.wake(due)
+
+    def _does_next(self) -> bool:
+        """Do what comes first; False if there is nothing to do."""
+        session = self.session
+        if self.arrived:
+            self._take_in(self.arrived.popleft())
+        elif session.news:
+            session.news.popleft()()
+        elif self.stack and self._goes_on(self.stack[-1]):
+            pass
+        elif session.deliveries:
+            self._begin(*session.deliveries.popleft())
+        elif session.has_next and not session.is_claiming and not self.stack:
+            header, body = session.ahead.popleft()
+            session.held.begin(header.delivery, self.now)
+            self._begin(header, body)
+            if self.is_busy or not session.has_next:
+                self._end_turn()
+        else:
+            return self.process.is_leaving and self._leaves()
+        return True
+
+    def _end_turn(self) -> None:
+        if self.session.held.ended and self.is_busy:
+            self.clockwork.after(LATE, self._flush_late)  # by another thread
+        else:
+            self.flush()
+        self.session.held.stop()
+
+    def _flush_late(self) -> None:
+        if not self.is_over:
+            self.flush()
+
+    def wake(self, at: float) -> None:
+        """Look again at that time."""
+        if at < self._wake_at and at < FOR_EVER:
+            self._wake_at = at
+            self.clockwork.after(max(0.0, at - self.now), self._woken, at)
+
+    def _woken(self, at: float) -> None:
+        if at == self._wake_at:
+            self._wake_at = FOR_EVER
+            if not (self.is_over or self.is_busy):
+                self.look()
+
+    # --- handlers ----------------------------------------------------------------------------------------------------
+
+    def run(self, main: Callable[[Work], Steps]) -> None:
+        """Begin with the main program."""
+        work = Work(self, None)
+        work.steps = main(work)
+        self.stack.append(work)
+        self._go_on(work)
+        self.look()
+
+    def _begin(self, header: headers.Deliver, body: bytes) -> None:
+        work = Work(self, header)
+        work.open = self.session.open_deliveries.begin(header.delivery, header.message)
+        work.steps = self.process.program.handle(work, header, body)
+        self.process.outside.begin(work, header, body)
+        self.stack.append(work)
+        self._go_on(work)
+
+    def _goes_on(self, work: Work) -> bool:
+        """Let a handler go on that has what it waited for; whether it has."""
+        request, session = work.request, self.session
+        is_over = request.is_over if request is not None else False
+        reason = "" if request is None or not waits_for_others(request) or work.open is None else (
+            session.open_deliveries.wake_reason(work.open))  # fmt: skip
+        if reason and (not is_over or (reason == KILLED and request is not None and request.is_ended_by_kill)):
+            session.open_deliveries.mark_told(work.open)
+            self._give_up(work, reason)
+        elif is_over:
+            assert request is not None
+            has_failed = request.refused is not None or request.lost
+            self._go_on(work, Lost(request) if has_failed else None)
+        elif self.now >= work.until:
+            self._give_up(work, "time is over") if request is not None else self._go_on(work)
+        elif self.now >= max(session.heard, work.since) + PATIENCE and request is not None:
+            self._give_up(work, "central is silent")
+        else:
+            return False
+        return True
+
+    def _give_up(self, work: Work, why: str) -> None:
+        if work.request is not None:
+            self.session.abandon(work.request)
+        self._go_on(work, Woken(why))
+
+    def _go_on(self, work: Work, error: Exception | None = None) -> None:
+        """To the next step of a handler, or its end."""
+        work.request, work.waits, work.until = None, False, FOR_EVER
+        failed: Failing | None = None
+        body = b"\xc0"
+        try:
+            with working_on(work.open):
+                step = next(work.steps) if error is None else work.steps.throw(error)
+        except StopIteration as end:
+            self._end(work, end.value or body)
+        except Failing as failing:
+            failed = failing
+            self._end(work, body, failed)
+        except (Woken, Lost) as let_pass:
+            self.clockwork.say(self.name, f"lets pass {type(let_pass).__name__}: {let_pass}")
+            if work.delivery is None:
+                self.process.fail()
+            else:
+                self._end(work, body, Failing("handler error"))
+        else:
+            self._do(work, step)
+
+    def _do(self, work: Work, step: Busy | Nap | Request) -> None:
+        work.since = self.now
+        if isinstance(step, Request):
+            work.request, work.waits = step, True
+            if step.is_unannounced:
+                step.is_announced = self.session.post(headers.Await(step.header.number, True, step.header.origin))
+        else:
+            work.waits = isinstance(step, Nap)
+            work.until = self.now + step.seconds
+            if isinstance(step, Busy):
+                self.flush()
+                self.clockwork.after(step.seconds, self._is_done, work)
+
+    def _is_done(self, work: Work) -> None:
+        """A handler has been busy for long enough."""
+        if not self.is_over:
+            self._go_on(work)
+            self.look()
+
+    def _end(self, work: Work, body: bytes, failing: Failing | None = None) -> None:
+        assert self.stack[-1] is work
+        self.stack.pop()
+        delivery = work.delivery
+        if delivery is None:
+            self.flush()
+            self.process.main_ended()
+            return
+        reply: headers.Reply | headers.Fail = headers.Reply(delivery.delivery, self.now - work.began)
+        if failing is None and self.session.open_deliveries.was_told_to_end(delivery.delivery):
+            failing = Failing("module lost")
+        if failing is not None:
+            reply, body = headers.Fail(delivery.delivery, failing.failure, "why", [], failing.reissue), b"\x07"
+        self.process.outside.end(work, delivery, body, failing)
+        with working_on(work.open):
+            is_held = self.session.reply(reply, body, self.now)
+        if not is_held:
+            self.flush()
+
+    # --- its end -----------------------------------------------------------------------------------------------------
+
+    def _leaves(self) -> bool:
+        """Say goodbye, if nothing is left to do; whether it has."""
+        if self.stack or (not self.number and self.process.has_slots):
+            return False
+        session = self.session
+        if session.ahead:
+            session.give_back()
+        if self._lingers_until == FOR_EVER:
+            self._lingers_until = self.now + PATIENCE
+            if session.is_welcome and not session.is_settled:
+                session.confirm()
+        if session.is_welcome and not session.is_settled and self.now < self._lingers_until:
+            self.wake(self._lingers_until)
+            return False
+        self.session.post(headers.Bye())
+        self.flush()
+        self.close()
+        self.process.has_ended(self)
+        return True
+
+    def close(self) -> None:
+        """Its process ends."""
+        self.is_over = True
+        self.socket.close()
+
+
+class Program:
+    """What a module does: the same in each of its runs."""
+
+    name = ""
+
+    def handle(self, work: Work, header: headers.Deliver, body: bytes) -> Steps:
+        """Handle a message."""
+        raise NotImplementedError
+
+    def begin(self, process: "Process", work: Work) -> Steps:
+        """The main program: declares what is handled, opens slots."""
+        raise NotImplementedError
+
+
+class Process:
+    """One run of a module."""
+
+    def __init__(
+        self, clockwork: Clockwork, network: Network, outside: Any, program: Program, number: int,
+        fail: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self.clockwork, self.network, self.outside, self.program = clockwork, network, outside, program
+        self.fail = fail  #: the main program ends with an error: what runs it starts it again
+        self.name = f"{program.name}.{number}"
+        self.incarnation = f"run {number} of {program.name}"
+        self.attachments = LastingAttachments()
+        self.is_alive, self.is_leaving, self.has_finished = True, False, False
+        self.threads: list[Thread] = []
+        self.ended = 0
+        clockwork.say(self.name, "starts")
+        first = Thread(self, 0, "")
+        self.threads.append(first)
+        first.run(lambda work: program.begin(self, work))
+
+    @property
+    def has_slots(self) -> bool:
+        return any(not thread.is_over for thread in self.threads[1:])
+
+    def open_slot(self, resource: str) -> None:
+        """A further thread, which handles messages."""
+        self.threads.append(Thread(self, len(self.threads), resource))
+
+    def main_ended(self) -> None:
+        self.has_finished = True
+
+    def crash(self) -> None:
+        """All ends at once."""
+        self.clockwork.say(self.name, "CRASHES")
+        self.is_alive = False
+        for thread in self.threads:
+            if not thread.is_over:
+                thread.close()
+        self.outside.die(self)
+
+    def leave(self) -> None:
+        """Of its own will: handle nothing more, finish what runs, say goodbye."""
+        self.clockwork.say(self.name, "leaves")
+        self.is_leaving = True
+        first = self.threads[0]
+        first.session.withdrawn()
+        first.session.request(headers.Unregister(0, []))
+        for thread in self.threads:
+            if not thread.is_over and not thread.is_busy:
+                thread.look()
+
+    def has_ended(self, thread: Thread) -> None:
+        """A thread has said goodbye."""
+        first = self.threads[0]
+        if thread is first:
+            self.is_alive = False
+            self.outside.die(self)
+        elif not self.has_slots and not first.is_busy:
+            first.look()
