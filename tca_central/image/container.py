@@ -11,7 +11,7 @@ import struct
 import zlib
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -42,7 +42,7 @@ class ClassTable(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
 
     name: str
     fields: list[str]
-    count: int
+    count: Annotated[int, msgspec.Meta(ge=0)]
     columns: list[Column]
 
 

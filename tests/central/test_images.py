@@ -4,6 +4,7 @@ import os
 import random
 import subprocess
 import sys
+from collections import OrderedDict, deque
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -160,6 +161,18 @@ def test_long_data_is_written_once() -> None:
     size = len(encode(player.central))
     player.central.variables.values = dict.fromkeys(("x", "y", "z"), b"." * 100_000)  # type: ignore[arg-type]
     assert len(encode(player.central)) < size + 101_000
+
+
+def test_each_class_of_values_comes_back() -> None:
+    central = Player.of("user").central
+    values: list[Any] = [kind(*range(len(layout.VALUE_SHAPES[kind].fields))) for kind in layout.VALUES]
+    values += [member for kind in layout.ENUMS for member in kind] + [Flags(3)]
+    values += [tuple(range(length)) for length in range(12)] + [(1, ("a", ("b",)))]
+    values += [None, True, 1, 1.0, 0.0, -0.0, float("inf"), 1 << 200, -1 << 70, "1", b"1", "é" * 300, b"\0" * 300]
+    values += [[], [1, [2]], {}, {1: {"a": ()}}, deque([1, None]), OrderedDict(b=1, a=2), {"a"}]
+    central.facts.extend(values)
+    again = decode(encode(central)).facts
+    assert [(type(one), repr(one)) for one in again] == [(type(one), repr(one)) for one in values]
 
 
 # --- what can't be written -------------------------------------------------------------------------------------------
