@@ -19,7 +19,7 @@ from click.shell_completion import get_completion_class
 
 COMMANDS = "tca.commands"
 _GROUPS = {
-    "Run": ("central", "keys", "status", "top", "modules", "messages", "variables", "attached", "bench"),
+    "Run": ("central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached", "bench"),
     "Send and steer": (
         "send", "query", "get", "set", "kill", "suspend", "resume", "retry", "raise", "unlock", "detach",
     ),

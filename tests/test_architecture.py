@@ -13,7 +13,8 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = (
-    "tca_wire", "tca_central", "tca_module", "tca_tools", "tca_properties", "tca_explorer", "tca_live", "tca_bench", "robots",
+    "tca_wire", "tca_central", "tca_module", "tca_tools", "tca_properties", "tca_explorer", "tca_live", "tca_run", "tca_bench",
+    "robots",
 )  # fmt: skip
 OURS = set(PACKAGES)
 
@@ -40,6 +41,7 @@ MAY_IMPORT = {
         "vl_convert",
     },
     "tca_live": {"tca_wire", "tca_module", "msgspec", "click", "rich"},
+    "tca_run": {"tca_module", "tca_wire", "msgspec", "click"},
     "tca_explorer": {"tca_central", "tca_module", "tca_properties", "tca_wire", "msgspec", "click"},
     "tca_bench": {"tca_module", "tca_wire", "msgspec", "zmq", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
@@ -97,6 +99,18 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "algebra": {"predicates", "world"},
         "language": {"algebra", "field_values", "predicates", "world"},
         "__init__": {"algebra", "language", "predicates", "world"},
+    },
+    "tca_run": {
+        "guard": set(),
+        "robot_file": set(),
+        "output": set(),
+        "restarts": {"robot_file"},
+        "supervised": {"guard", "output", "restarts", "robot_file"},
+        "hung": {"supervised"},
+        "robot": {"guard", "hung", "supervised", "output", "robot_file"},
+        "command": {"supervised", "output", "robot", "robot_file"},
+        "__main__": {"command"},
+        "__init__": set(),
     },
     "tca_bench": {
         "processes": set(),

@@ -179,7 +179,7 @@ def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> 
     central.registry.forget_module(module)
     central.tree.forget_module(module)
     central.facts.append(facts.ModuleLeft(module.name, why, lost))
-    _announce(central, module, MODULE_LEFT, Departure(module.name, why))
+    _announce(central, module, MODULE_LEFT, Departure(module.name, why, module.process, lost))
 
 
 def _announce(central: State, module: Module, notice: Notice[D], data: D) -> None:

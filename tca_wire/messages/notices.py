@@ -32,6 +32,10 @@ class Departure(msgspec.Struct, frozen=True):
     module: str
     why: str
     """In words, for people: it said goodbye, its connection closed, ..."""
+    process: str = ""
+    """Its process: "host:pid"."""
+    is_lost: bool = False
+    """Whether it left without a goodbye: its connection closed, or its process was silent."""
 
 
 class HandlerCount(msgspec.Struct, frozen=True):

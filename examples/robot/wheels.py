@@ -1,0 +1,21 @@
+"""Drives. Its driver has a bug: each third drive ends the whole program."""
+
+import os
+from itertools import count
+
+from tca_module import Command, Module, Task
+
+DRIVE = Command("drive", str)
+wheels = Module("wheels")
+drives = count(1)
+
+
+@wheels.handles(DRIVE)
+def drive(_: Task, place: str) -> None:
+    if next(drives) == 3:
+        os.abort()
+    print("to the", place)
+
+
+if __name__ == "__main__":
+    wheels.run()

@@ -1,0 +1,1 @@
+"""``tca run``: a robot's programs, kept running."""

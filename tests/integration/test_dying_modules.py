@@ -1,0 +1,138 @@
+"""Programs that die in the midst of a handler, each in its own way: who waits is told, what they had is free, and nothing
+that ends a program is given to another one unless somebody decides so.
+"""
+
+import signal
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from integration.programs import central, program
+from module.real_central import until
+
+from tca_module import Command, ExceptionHandler, Module, Query, QueryFailed, Recovery, TaskFailed, connect
+
+pytestmark = pytest.mark.slow
+SOON = 30.0
+
+DIES = """
+import ctypes, os, sys, time
+from tca_module import Command, Module, Task
+module = Module("m")
+
+@module.handles(Command("work"))
+def work(task: Task) -> None:
+    with task.lock("camera"):
+        print("begun", flush=True)
+        {how}
+"""
+RUN = "module.run()"
+WAYS = {
+    "crash": ("ctypes.string_at(0)", RUN, -signal.SIGSEGV),
+    "exit": ("os._exit(0)", RUN, 0),
+    "exec": ("os.execv('/bin/true', ['true'])", RUN, 0),
+    "main thread": ("time.sleep(60)", "block = module.running(); block.__enter__(); sys.stdin.readline()", 0),
+    "SIGTERM": (
+        "os.kill(os.getpid(), 15); time.sleep(60)",
+        "with module.running(): sys.stdin.read()",
+        -15,
+    ),
+}
+
+
+def test_who_waits_for_a_program_that_dies_is_told(tmp_path: Path) -> None:
+    """The lock that its handler had, and central's list of modules, know it, too."""
+    with central(tmp_path) as daemon, connect("user", daemon.address) as user:
+        eyes = Module("eyes", daemon.address)
+        eyes.resource("camera")
+        eyes.handles(Command("photo"), resource="camera")(lambda _: None)
+        with eyes.running():
+            for how, end, code in WAYS.values():
+                with program(DIES.replace("{how}", how) + end + "\n", daemon.address) as dying:
+                    user.wait_until_handled(Command("work"), timeout=SOON)
+                    work = user.command(Command("work"))
+                    assert dying.stdout
+                    assert dying.stdout.readline() == "begun\n"
+                    if "readline" in end:
+                        dying.communicate("x\n")
+                    with pytest.raises(TaskFailed, match="module lost: module 'm' was lost"):
+                        work.result(timeout=SOON)
+                    assert dying.wait(SOON) == code
+                user.lock("camera", timeout=SOON).release()
+                until(lambda: {module.name for module in user.modules()} == {"user", "eyes"}, "it is forgotten")
+
+
+AGAIN = ExceptionHandler("again")
+POOL = """
+import ctypes, os, pathlib, sys
+from tca_module import Command, Module, Query, Task
+module = Module("m")
+
+def die(_: Task) -> None:
+    with open(os.environ["BEGUN"], "a") as file:
+        file.write("begun\\n")
+    ctypes.string_at(0)
+
+module.handles(Command("poison"), pool="pool")(die)
+module.handles(Query("bad question", reply=int), pool="pool")(die)
+print("runs", flush=True)
+module.run()
+"""
+
+
+def test_what_ends_its_handlers_program_is_tried_once_and_once_more_for_each_decision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = tmp_path / "begun"
+    monkeypatch.setenv("BEGUN", str(begun))
+    poison, question = Command("poison"), Query("bad question", reply=int)
+    with central(tmp_path) as daemon, ExitStack() as programs, connect("user", daemon.address) as user:
+        pool = [programs.enter_context(program(POOL, daemon.address)) for _ in range(4)]
+        until(lambda: sum("m" in module.name for module in user.modules()) == len(pool), "the pool is there")
+        user.wait_until_handled(poison, question, timeout=SOON)
+        with pytest.raises(QueryFailed, match="module lost"):
+            user.query(question, timeout=SOON)
+        assert begun.read_text().count("begun") == 1
+        retrier = Module("retrier", daemon.address)
+        retrier.handles(AGAIN)(lambda task: task.trouble.failing.retry() and None)
+        with retrier.running(), pytest.raises(TaskFailed, match="module lost"):
+            user.command(poison, on_failure=[Recovery(None, AGAIN, maximum=1)]).result(timeout=SOON)
+        assert begun.read_text().count("begun") == 3
+        assert sum(one.poll() is None for one in pool) == 1
+
+
+MANY = """
+import time
+from contextlib import ExitStack
+from tca_module import Command, Module
+modules = [Module(f"m{number}") for number in range(50)]
+for module in modules:
+    module.handles(Command(f"work {module.name}"))(lambda task: task.wait_until_handled(Command("never")))
+with ExitStack() as running:
+    for module in modules:
+        running.enter_context(module.running())
+    time.sleep(100)
+"""
+
+STANDS = """
+import time
+from tca_module import Command, Module
+module = Module("m")
+module.handles(Command("work"))(lambda _: [print("begun", flush=True), time.sleep(60)] and None)
+module.run()
+"""
+
+
+def test_central_ends_at_once_though_a_module_of_many_stands_still(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, program(MANY, daemon.address), connect("user", daemon.address) as user:
+        with program(STANDS, daemon.address) as stopped:
+            user.wait_until_handled(Command("work"), *(Command(f"work m{n}") for n in range(50)), timeout=SOON)
+            work = [user.command(Command(f"work m{number}"), sequential=False) for number in range(50)]
+            work.append(user.command(Command("work"), sequential=False))
+            assert all(one.id for one in work)
+            assert stopped.stdout
+            assert stopped.stdout.readline() == "begun\n"
+            stopped.send_signal(signal.SIGSTOP)
+            assert [user.command(Command("work"), sequential=False).id for _ in range(20)]
+            daemon.signal(signal.SIGTERM)
+            assert daemon.process.wait(5) == 0
