@@ -8,7 +8,7 @@ from tca_central.core import Central
 from tca_central.events import Record
 from tca_central.shell.loss_log import LossLog, loss_in
 from tca_wire.journal import facts
-from tca_wire.text.printable import first_line, printable, printable_lines, shortened
+from tca_wire.text.printable import first_line, printable, shortened
 
 NAMED = 3
 """So many tasks and messages that failed of one cause are named in a line."""
@@ -27,9 +27,7 @@ class LineFormatter(logging.Formatter):
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - logging calls it so
         """The lines of a traceback."""
-        return "\n".join(
-            shortened(line, LONGEST_LINE) for line in printable_lines(super().formatException(ei)).split("\n")
-        )
+        return "\n".join(shortened(printable(line), LONGEST_LINE) for line in super().formatException(ei).splitlines())
 
 
 class LogLines:

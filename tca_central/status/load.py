@@ -27,7 +27,7 @@ _EDGES = 10_000
 """Edges of the graph of needs, visited to find the last causes of waits."""
 _ENDS = 10
 
-_SINCE = attrgetter("since")
+_SINCE = attrgetter("since", "arrival")
 
 _Since = tuple[float, Callable[[], Waiter]]
 """Since when, and who; that is made only of those that are told."""

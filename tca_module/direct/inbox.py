@@ -18,7 +18,7 @@ from tca_wire.packets.codec import pack, pack_item
 from tca_wire.packets.direct import Begun, Direct, Greet, Greeting
 from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Deliver, Fail, GiveUp, Refused, Reply
 from tca_wire.packets.routes import Note
-from tca_wire.vocabulary import Limit, Outcome, Refusal
+from tca_wire.vocabulary import Limit, Outcome, Refusal, is_name
 
 MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # messages, and bytes of their data; more stay in the socket
 MOST_SENDERS = 256
@@ -141,7 +141,7 @@ class Inbox:
         if header.version != PROTOCOL_VERSION or not hmac.compare_digest(header.key.encode(), self._key.encode()):
             self._refuse(address, f"version {header.version} or the key is not the one that central gives")
             return
-        if max(len(header.session), len(header.module)) > Limit.NAME or not 0 <= header.newest < 1 << 62:
+        if not (is_name(header.session) and is_name(header.module) and 0 <= header.newest < 1 << 62):
             self._refuse(address, f"{header.session!r:.40} of {header.module!r:.40} is no sender")
             return
         sender = self._sessions.pop(header.session, None)

@@ -71,7 +71,7 @@ class ReactionFold(RecordFold):
                 task.is_recovering, task.is_unhandled = False, True
 
     def _is_undecided(self, task: Task) -> bool:
-        deciders = (self.tasks[handler] for handler in task.deciders[-1:])
+        deciders = (self.tasks[handler] for handler in task.deciders[-1:] if handler in self.tasks)
         return any(one.id in self._called_for and not one.has_ended for one in deciders)
 
     def _retried(self, fact: facts.Retried) -> None:

@@ -68,7 +68,7 @@ class PlainFormat(Format[Any]):
 
     def __init__(self, schema: str) -> None:
         try:
-            self.shape: Any = json.loads(schema or "{}")
+            self.shape: dict[str, Any] = _sound(json.loads(schema or "{}"))
         except (ValueError, RecursionError):
             self.shape = {}
         is_nothing = self.shape == {"type": "null"}
@@ -90,6 +90,46 @@ class PlainFormat(Format[Any]):
         except RecursionError:
             raise BadData("it is nested too deeply") from None
         return super().encode(fitted)
+
+
+def _sound(schema: Any) -> dict[str, Any]:
+    """A schema without the parts that are none: it comes from anybody."""
+    if not isinstance(schema, dict):
+        return {}
+    return {key: made for key, part in schema.items() if (made := _PARTS.get(key, _as_it_is)(part)) is not None}
+
+
+def _as_it_is(part: Any) -> Any:
+    return part
+
+
+def _text(part: Any) -> str | None:
+    return part if isinstance(part, str) else None
+
+
+def _list(part: Any) -> list[Any] | None:
+    return part or None if isinstance(part, list) else None
+
+
+def _schemas(part: Any) -> list[Any] | None:
+    return [_sound(one) for one in part] if isinstance(part, list) and part else None
+
+
+def _fields(part: Any) -> dict[str, Any] | None:
+    return {name: _sound(one) for name, one in part.items()} if isinstance(part, dict) else None
+
+
+_PARTS: dict[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(("type", "format", "contentEncoding", "$ref", "propertyName"), _text),
+    **dict.fromkeys(("properties", "$defs"), _fields),
+    **dict.fromkeys(("anyOf", "prefixItems"), _schemas),
+    "enum": _list,
+    "required": lambda part: [one for one in part if isinstance(one, str)] if isinstance(part, list) else None,
+    "items": _sound,
+    "additionalProperties": lambda part: part if isinstance(part, bool) else _sound(part),
+    "discriminator": lambda part: _sound(part) or None,
+    "mapping": lambda part: {name: to for name, to in part.items() if _text(to)} if isinstance(part, dict) else None,
+}
 
 
 def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:

@@ -2,9 +2,11 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 from central.player import ANY, Player
 
+from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Dropped, Failed, LostDirectly
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, Refused
@@ -115,3 +117,16 @@ def test_who_names_the_entrance_of_another_gets_its_messages_through_central(pla
     )
     owners = [one.module.name for one in player.central.registry.connections.values() if one.entrance is not None]
     assert owners == ["map"]
+
+
+def test_the_oldest_of_those_that_came_at_one_time_is_the_first_that_came(player: Player) -> None:
+    """Else what is shown would hang on how a heap lies in memory."""
+    player.task("user", "move")
+    for name in ("move", "note", "move"):
+        player.send("user", name, flags=Flags.NONE, number=player.number("user"))
+        player.time -= 1.0
+    player.receive("user", headers.Kill(player.number("user"), TaskId(2)))
+    (answer, *_) = player.receive("user", headers.Ask(player.number("user"), "load"))
+    load = msgspec.msgpack.decode(player.inbox["user"][-1][1])
+    assert isinstance(answer, headers.Answer)
+    assert [one["name"] for one in load["waits"]] == ["note"]

@@ -21,7 +21,7 @@ from tca_wire.packets.codec import pack_item
 from tca_wire.packets.direct import Direct, Greet, unpack_from_entrance
 from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Hello, Refused, Reply, Send, Unknown, Welcome
 from tca_wire.packets.routes import Entrance, Loss, Noted
-from tca_wire.vocabulary import Outcome, Refusal
+from tca_wire.vocabulary import Limit, Outcome, Refusal
 
 KEY = "key"
 
@@ -369,6 +369,7 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
         ((pack_item(Greet(PROTOCOL_VERSION + 1, KEY, "s", "m")),), f"version {PROTOCOL_VERSION + 1}"),
         ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s" * 200, "m")),), "is no sender"),
         ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "m", -1)),), "is no sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "\x1b[2J")),), "is no sender"),
     ],
 )
 def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:
@@ -390,6 +391,13 @@ def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pa
     assert greeting.missing == []
     greeting, _ = said(pair, pack_item(Greet(PROTOCOL_VERSION, KEY, "far ahead", "m", (1 << 61) + 10_000)))
     assert len(greeting.missing) == 2000
+
+
+def test_data_that_are_too_long_are_refused_with_both_sizes(pair: Pair) -> None:
+    said(pair, pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "m")))
+    (answer,) = said(pair, pack_item(Direct(1, "height"), bytes(Limit.BODY + 1)))
+    assert answer.text == "a body of 8,388,609 bytes; at most 8,388,608 are allowed"
+    assert not pair.inbox.has_message
 
 
 def test_a_flood_stays_in_the_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """Plain values as data of a format of which only the schema is known: what fits arrives, what does not is named."""
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta
 from enum import Enum
@@ -176,3 +177,28 @@ def test_a_message_may_be_declared_by_its_schemas() -> None:
     with pytest.raises(BadData, match="command 'move' wants data of type Move: field 'leg' is missing"):
         untyped.encode_data({})
     assert untyped.decode_reply(typed.encode_reply(Pose(1.0))) == {"x": 1.0, "y": 0.0}
+
+
+@pytest.mark.parametrize(
+    "schema",
+    [
+        '{"$defs":[],"$ref":"#/$defs/a"}',
+        '{"type":"object","properties":[]}',
+        '{"type":"object","properties":{"x":7},"required":[{}]}',
+        '{"type":"array","prefixItems":7}',
+        '{"anyOf":[7,[]]}',
+        '{"anyOf":7}',
+        '{"enum":true}',
+        '{"anyOf":[{}],"discriminator":{"propertyName":[],"mapping":[]}}',
+        "[" * 100_000,
+        '{"items":' * 100_000,
+    ],
+)
+def test_a_schema_that_is_none_lets_everything_pass_or_says_why_not(schema: str) -> None:
+    """Anybody may declare a message, and `tca send` reads what they did."""
+    made = PlainFormat(schema)
+    assert str(made)
+    assert made.takes_fields in (True, False)
+    for value in ({"x": Bare("1")}, [1], "x", None):
+        with suppress(BadData):
+            assert made.encode(value)

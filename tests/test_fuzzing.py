@@ -1,0 +1,48 @@
+"""Hostile bytes: a few of each target of fuzz/, the same ones in every run; and minutes of each with ``make soak``."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from fuzz.targets import TARGETS
+
+ROOT = Path(__file__).parents[1]
+INPUTS = {"central": 40, "packets": 15, "session": 80, "entrance": 80, "path": 80, "journal": 60}
+"""Random inputs, where 200 would take too long."""
+SECONDS = {"central": 300, "packets": 120, "session": 120}
+"""Of a target that has more to it than others, which take a minute each."""
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_no_bytes_are_answered_by_an_exception(name: str, request: pytest.FixtureRequest) -> None:
+    target, first = TARGETS[name], 0
+    if request.config.getoption("--new-lives"):
+        first = Random().randrange(1 << 30)
+    for seed in target.seeds()[:10]:
+        target.attack(seed)
+    for number in range(first, first + INPUTS.get(name, 200)):
+        chance = Random(number)
+        data = chance.randbytes(chance.randrange(target.most // 2) + 1)
+        try:
+            target.attack(data)
+        except Exception as error:
+            error.add_note(f"input {number} of {name}: {data.hex()}")
+            raise
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", TARGETS)
+def test_no_bytes_that_a_fuzzer_finds_are(name: str, tmp_path: Path) -> None:
+    pytest.importorskip(
+        "atheris", reason="atheris has wheels for Linux on x86-64 only: pip install 'tca-central[fuzz]'"
+    )
+    command = [sys.executable, "-m", "fuzz", name, "--seconds", str(SECONDS.get(name, 60)), "--faults", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-4000:]
+    runs, reached = re.findall(r"#(\d+)\s+DONE\s+cov: (\d+)", done.stderr)[0]
+    print(f"\n{name}: {int(runs):,} inputs, {int(runs) // SECONDS.get(name, 60):,} a second, {reached} places reached")
+    assert int(runs) > 100
