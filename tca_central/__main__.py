@@ -6,7 +6,6 @@ import logging
 import os
 import signal
 import time
-from importlib.metadata import version
 from pathlib import Path
 from secrets import token_hex
 
@@ -17,8 +16,10 @@ from tca_central.errors import CentralError
 from tca_central.loading import is_compiled
 from tca_central.shell.door import make_room
 from tca_central.shell.gate import OpenGate, gate_for
-from tca_central.shell.journal_writer import JournalWriter, Sync
 from tca_central.shell.log_lines import LineFormatter
+from tca_central.shell.log_writer import Sync, is_written
+from tca_central.shell.recovery import unfinished
+from tca_central.shell.run_folder import RunFolder
 from tca_central.shell.server import LOST_AFTER, Server
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
 from tca_wire.errors import KeyRefused
@@ -38,6 +39,23 @@ CORE = "compiled" if is_compiled() else "pure Python"
 
 def _new_journal_folder() -> Path:
     return default_journals() / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}-{os.getpid()}"
+
+
+def _lost_after(_context: click.Context, _option: click.Parameter, seconds: int) -> int:
+    if seconds == 1:
+        msg = "1 is too short to tell a stopped process from a busy computer: 2 or more, or 0 for never"
+        raise click.BadParameter(msg)
+    return seconds
+
+
+def _unfinished_at(address: str, *, is_fresh: bool) -> Path | None:
+    """The journal of the last central at an address, if its run has ended without a goodbye."""
+    try:
+        there = journal_link(address).readlink()
+        is_open = not is_fresh and there.is_dir() and not is_written(there) and bool(unfinished(there))
+    except OSError:
+        return None
+    return there if is_open else None
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
@@ -98,7 +116,13 @@ def _obey_signals(server: Server) -> None:
 @click.option("--sync", type=click.Choice([str(sync) for sync in Sync]), default="batch", show_default=True,
               help="When the journal is safe: 'always' on the disk before anything leaves, 'batch' with the kernel \
 before and on the disk within a second, 'none' when convenient.")  # fmt: skip
-@click.option("--lost-after", type=click.IntRange(min=0), default=LOST_AFTER, show_default=True, metavar="SECONDS",
+@click.option("--no-inputs", is_flag=True, help="Keep no inputs: after a crash everything begins anew.")
+@click.option("--fresh", is_flag=True, help="Begin a new run, also where the last one ended without a goodbye.")
+@click.option("--resume", type=click.Choice(["hold", "facts"]), multiple=True,
+              help="How a run goes on that ended without a goodbye: 'hold' starts no task until 'tca resume' says so, \
+'facts' accepts that the journal differs from what the inputs lead to.")  # fmt: skip
+@click.option("--lost-after", type=click.IntRange(min=0), callback=_lost_after, default=LOST_AFTER,
+              show_default=True, metavar="SECONDS",
               help="Silence after which a program whose process stands still (stopped, paused) counts as lost; 0: \
 never.")  # fmt: skip
 @click.option("--insecure", is_flag=True, help="Over TCP, let in every program of this computer, without a key.")
@@ -106,43 +130,44 @@ never.")  # fmt: skip
 @click.version_option(
     package_name="tca-central", prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
 )
-def central(
-    bind: str | None, journal: Path | None, sync: str, *, lost_after: int, no_journal: bool, insecure: bool, quiet: bool
-) -> None:
+def central(  # noqa: PLR0913 - one for each option
+    bind: str | None, journal: Path | None, sync: str, resume: tuple[str, ...], *, lost_after: int, no_journal: bool,
+    no_inputs: bool, fresh: bool, insecure: bool, quiet: bool,
+) -> None:  # fmt: skip
     """Run the daemon that routes messages and keeps the task tree."""
     _log_lines(quiet=quiet)
     endpoint = bind or default_endpoint()
     _check_address(endpoint, insecure=insecure)
-    if lost_after == 1:
-        msg = "--lost-after 1 is too short to tell a stopped process from a busy computer: 2 or more, or 0 for never"
-        raise click.UsageError(msg)
     make_room()
-    epoch = token_hex(8)
-    folder = journal or _new_journal_folder()
-    try:
-        gate = gate_for(endpoint, keys_folder(), insecure=insecure)
-        server = Server(Central(epoch), None, endpoint, lost_after=lost_after, gate=gate)
-    except (CentralError, KeyRefused) as error:
-        raise click.ClickException(str(error)) from None
+    run: RunFolder | None = None
+    server: Server | None = None
     try:
         if not no_journal:
-            server.journal = JournalWriter(folder, epoch=epoch, version=version("tca-central"), sync=Sync(sync))
+            folder = journal or _unfinished_at(endpoint, is_fresh=fresh) or _new_journal_folder()
+            run = RunFolder(folder, is_fresh=fresh, accept="facts" in resume)
+        gate = gate_for(endpoint, keys_folder(), insecure=insecure)
+        known = Central(token_hex(8)) if run is None else run.central
+        server = Server(known, endpoint, lost_after=lost_after, gate=gate)
+        if run is not None:
+            run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)
             if journal is not None:
                 with contextlib.suppress(OSError):  # tools that are to show the newest run find this one
                     _link(_new_journal_folder(), journal.resolve())
-        _tell_where(server.endpoint, None if no_journal else folder)
+        _tell_where(server.endpoint, None if run is None else run.path)
         _obey_signals(server)
         log.info("listening on %s", server.endpoint)
         if isinstance(gate, OpenGate):
             log.warning("%s", INSECURE)
-        earlier = ", after earlier runs" if server.journal is not None and server.journal.before else ""
-        log.info("no journal" if no_journal else f"journal in {folder}{earlier}")
+        log.info("no journal" if run is None else f"journal in {run.path}{run.history}")
         gc.freeze()  # what lasts as long as central need not be looked through each time
         server.serve()
-    except CentralError as error:
+    except (CentralError, KeyRefused) as error:
         raise click.ClickException(str(error)) from None
     finally:
-        server.close()
+        if server is not None:
+            server.close()
+        if run is not None:
+            run.close()
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Any
 
 import msgspec
 
-from tca_central.control import keeping, monitors, revoking, steering
+from tca_central.control import holding, keeping, monitors, revoking, steering
 from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
 from tca_central.events import (
@@ -28,9 +28,11 @@ from tca_central.events import (
     ConnectionLost,
     Effect,
     Event,
-    KeysChanged,
+    OfAll,
     Record,
     RequestReceived,
+    Restarted,
+    TellAll,
     Tick,
     Transmit,
 )
@@ -40,7 +42,7 @@ from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection, Wiretap
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability, direct_routes
-from tca_central.requests import joining, naming, replying, sending, variables, waiting
+from tca_central.requests import joining, naming, replying, restarting, sending, variables, waiting
 from tca_central.state import State
 from tca_central.status import topics
 from tca_central.watching import taps
@@ -100,14 +102,6 @@ class Central(State):
             self._on_keeper(event, effects)
         return effects
 
-    def tell_all(self) -> list[Effect]:
-        """Messages for those who were not told yet of the quiet tasks that they have sent. Changes nothing else."""
-        for connection in list(self.untold):
-            self.tell_tasks(connection)
-        told = self.messages[:]
-        self.messages.clear()
-        return told
-
     # --- an event --------------------------------------------------------------------------------------------------
 
     def _let_fire(self, timer: Timer, time: float, effects: list[Effect]) -> None:
@@ -134,12 +128,18 @@ class Central(State):
         self._settle()
         self._report(effects, event.time, cause)
 
-    def _on_keeper(self, event: KeysChanged, effects: list[Effect]) -> None:
-        """Whoever runs central has changed who may come."""
+    def _on_keeper(self, event: OfAll, effects: list[Effect]) -> None:
+        """Whoever runs central has done something, or central itself does something for all."""
         self.events += 1
-        self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
+        if isinstance(event, TellAll):
+            for untold in list(self.untold):
+                self.tell_tasks(untold)
+        elif isinstance(event, Restarted):
+            restarting.on_restarted(self, event)
+        else:
+            self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
         self._settle()
-        self._report(effects, event.time, None)
+        self._report(effects, event.time, causes.Keeper())
 
     def _receive(self, event: RequestReceived, effects: list[Effect]) -> None:
         """A connection sent something. What can't be done is refused and leaves nothing behind."""
@@ -366,6 +366,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Lock: claims.on_lock,
     headers.AwaitAny: waiting.on_await_any,
     headers.Unlock: revoking.on_unlock,
+    headers.GoOn: holding.on_go_on,
     Noted: direct_routes.on_noted,
     WatchEntrance: direct_routes.on_watch_entrance,
 }
@@ -398,5 +399,6 @@ TIMERS: dict[Due, Callable[[Central, Any], None]] = {
     Due.WATCHED: monitors.on_watched,
     Due.CLAIM: claims.on_time_out,
     Due.LOOK: deadlocks.on_look,
+    Due.GRACE: restarting.on_grace_over,
 }
 """One row per kind of timer: what happens when it is due."""

@@ -1,4 +1,8 @@
-"""Events that reach central, and the effects that it asks for. The core sees nothing else of the world."""
+"""Events that reach central, and the effects that it asks for. The core sees nothing else of the world.
+
+An *input* is what the log of inputs keeps, in the order in which it was handled: a packet as it came, which holds a
+request or more, or any other event. The same inputs always give the same effects.
+"""
 
 from typing import NewType
 
@@ -8,6 +12,9 @@ from tca_wire.journal.facts import Entry
 from tca_wire.packets.headers import ToCentral, ToModule
 
 ConnectionId = NewType("ConnectionId", bytes)
+
+AWAY = b"away "
+"""Begins the id of a connection that is awaited after a restart; no socket gives such an id."""
 
 
 class RequestReceived(msgspec.Struct, frozen=True):
@@ -21,7 +28,16 @@ class RequestReceived(msgspec.Struct, frozen=True):
     """Who sent it: the name of a key, "uid:N" for another user of this computer, "" for the one who runs central."""
 
 
-class BadBytes(msgspec.Struct, frozen=True):
+class Arrived(msgspec.Struct, frozen=True, array_like=True, tag="p"):
+    """A packet has arrived, as an input."""
+
+    time: float
+    connection: ConnectionId
+    packet: bytes
+    principal: str = ""
+
+
+class BadBytes(msgspec.Struct, frozen=True, array_like=True, tag="b"):
     """Bytes arrived that are no message."""
 
     time: float
@@ -29,7 +45,7 @@ class BadBytes(msgspec.Struct, frozen=True):
     why: str
 
 
-class ConnectionLost(msgspec.Struct, frozen=True):
+class ConnectionLost(msgspec.Struct, frozen=True, array_like=True, tag="l"):
     """A connection closed without Bye: its process died or the network failed."""
 
     time: float
@@ -37,13 +53,19 @@ class ConnectionLost(msgspec.Struct, frozen=True):
     why: str = "its connection closed"
 
 
-class Tick(msgspec.Struct, frozen=True):
+class Tick(msgspec.Struct, frozen=True, array_like=True, tag="t"):
     """Time has passed: due timers fire, as they do before any other event."""
 
     time: float
 
 
-class KeysChanged(msgspec.Struct, frozen=True):
+class TellAll(msgspec.Struct, frozen=True, array_like=True, tag="a"):
+    """Those who were not told yet of the quiet tasks that they have sent are to be told now."""
+
+    time: float
+
+
+class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
     """Keys may connect that might not before, or may no more; their connections are lost with events of their own."""
 
     time: float
@@ -51,7 +73,29 @@ class KeysChanged(msgspec.Struct, frozen=True):
     revoked: list[str] = []
 
 
-Event = KeysChanged | RequestReceived | BadBytes | ConnectionLost | Tick
+class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
+    """Central was away, and is back with all that it knew; every connection has broken meanwhile."""
+
+    time: float
+    away: float
+    """Seconds, as far as they are known (0: not)."""
+    grace: float
+    """Seconds after which a connection that has not come back counts as lost."""
+    hold: bool = False
+    """No task starts until somebody says so, not only until all are back."""
+    skipped: int = 0
+    """Numbers that are not given: they may have been, and that was lost with the disk's last second."""
+
+
+class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
+    """As an input: central failed in this request of the packet before, which is refused when it comes back."""
+
+    index: int
+
+
+OfAll = TellAll | KeysChanged | Restarted
+Event = RequestReceived | BadBytes | ConnectionLost | Tick | OfAll
+Input = Arrived | BadBytes | ConnectionLost | Tick | OfAll | Spared
 
 
 class Transmit(msgspec.Struct, frozen=True):

@@ -204,6 +204,9 @@ class State:
         self.keep_count = 0  #: number of tasks, living or ended, that each module keeps, added up
         self.events = 0  #: number of events handled, and of timers
         self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
+        self.awaited: dict[Connection, None] = {}  #: connections that may come back: central was away
+        self.grace: Timer | None = None  #: until they must be back
+        self.holds_until_told = False  #: no task starts before somebody says so
         self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
         self.messages: list[Effect] = []
 

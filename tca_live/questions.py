@@ -51,12 +51,17 @@ def status(client: Client) -> tuple[Any, str]:
     overview, load = client.status("status"), client.status("load")
     overview |= {what: overview[what] - 1 for what in ("modules", "connections")}  # this command is not counted
     waiting = _waiting(load)
+    awaited, is_to_be_told = overview.get("awaited"), overview.get("to be told")
     shown = [
         counted(number, what.removesuffix("s")) if what.endswith("s") else f"{number:,} {what}"
         for what, number in overview.items()
-        if what not in ("epoch", "newest id")
+        if what not in ("epoch", "newest id", "awaited", "to be told")
     ]
     parts = [f"central at {client.address}, run {overview['epoch']}", *textwrap.wrap(", ".join(shown), 100)]
+    if awaited is not None:
+        waits = f"waits for {printable(listed(awaited))} to come back" if awaited else "is to be told"
+        more = "; 'tca resume' starts them" if is_to_be_told or awaited else ""
+        parts.append(f"no task starts since central was restarted: it {waits}{more}")
     lost = sorted((one for one in load["messages"] if one["dropped"]), key=lambda one: -int(one["dropped"]))
     if lost:
         dropped = listed([f"{one['dropped']:,} of {one['message']}" for one in lost])

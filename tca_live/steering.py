@@ -46,6 +46,11 @@ def resume(task: TaskRef) -> str:
     return f"{task}: " + ("resumed" if info is None or info.suspended else "not suspended")
 
 
+def resume_all(client: Client) -> str:
+    """Let tasks start again that a restart of central holds back."""
+    return "tasks start again" if client.go_on() else "no tasks are held back: nothing to be done"
+
+
 def retry(task: TaskRef) -> str:
     """Handle a task again, when all under it has been killed."""
     info = task.info()

@@ -59,15 +59,16 @@ def suspend(task: str, central: str | None) -> None:
 
 
 @click.command()
-@task_argument
+@click.argument("task", required=False)
 @central_option
-def resume(task: str, central: str | None) -> None:
+def resume(task: str | None, central: str | None) -> None:
     """Let a suspended task go on, with everything under it.
 
-    TASK is a task's number, or its message's name if only one such task lives.
+    TASK is a task's number, or its message's name if only one such task lives. Without TASK: let tasks start again
+    after a restart of central, whoever has not come back yet.
     """
     with talking("resume", central) as client:
-        click.echo(steering.resume(find_task(client, task)))
+        click.echo(steering.resume_all(client) if task is None else steering.resume(find_task(client, task)))
 
 
 @click.command()

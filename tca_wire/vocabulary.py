@@ -171,6 +171,7 @@ class Due(StrEnum):
     TEST = "test"  # a polling monitor asks its condition
     WATCHED = "watched"  # a monitor has watched long enough
     LOOK = "look"  # check blocked handlers for deadlocks
+    GRACE = "grace"  # who has not come back to a central that was away is lost
     CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
 
 

@@ -74,9 +74,9 @@ _RESOURCE = (
 
 OBJECTS: dict[type, str] = {
     Central: (
-        "agenda attached blocked claimed_for claims clock collectors dispatcher epoch events facts failed forgotten "
-        "keep_count kept kept_bytes look_after may_have_closed messages next_look origin outcome_bytes outcomes "
-        "registry scan suspects taps tree untold variables watch_of_condition watches"
+        "agenda attached awaited blocked claimed_for claims clock collectors dispatcher epoch events facts failed "
+        "forgotten grace holds_until_told keep_count kept kept_bytes look_after may_have_closed messages next_look "
+        "origin outcome_bytes outcomes registry scan suspects taps tree untold variables watch_of_condition watches"
     ),
     # model
     AttachedHandler: "by failure handler holders id maximum place",
@@ -84,7 +84,8 @@ OBJECTS: dict[type, str] = {
     Clock: "_asked _cancelled _queue now",
     Connection: (
         "answers begins entrance handling id known_until last_number late lost_claims module number orphans "
-        "outstanding pauses prefetch principal pulse resource routes session tasks untold waits watchers watches"
+        "outstanding pauses prefetch principal pulse repeats_until resource routes session tasks untold waits watchers "
+        "watches"
     ),
     Delivery: _DELIVERY,
     Guard: "above age task",
@@ -118,7 +119,8 @@ OBJECTS: dict[type, str] = {
         "_facts ended ended_waits holds look_at only_watched resumed startable tap_events taps_to_fire tree withdrawn"
     ),
     Dispatcher: (
-        "_arrivals _clock _facts _out _suspects changed displaced granted messages_ahead running stranded to_offer"
+        "_arrivals _clock _facts _out _suspects changed displaced granted is_holding messages_ahead running stranded "
+        "to_offer"
     ),
     Holds: "_clock _facts ending tree",
     MessagesAhead: "_clock _out trusts_all",

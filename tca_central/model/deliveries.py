@@ -59,7 +59,7 @@ class Connection:
 
     __slots__ = ("answers", "begins", "entrance", "handling", "id", "known_until", "last_number", "late",
                  "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch", "principal",
-                 "pulse", "resource", "routes", "session", "tasks", "untold", "waits", "watchers",
+                 "pulse", "repeats_until", "resource", "routes", "session", "tasks", "untold", "waits", "watchers",
                  "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
@@ -78,6 +78,7 @@ class Connection:
         self.last_number = 0  #: the highest request number seen
         self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
         self.begins = 0.0  #: when it began what it has ahead (0: when that is given to it)
+        self.repeats_until = 0  #: answers of deliveries up to this one may come again: the connection had broken
         self.known_until = 0.0  #: no run of a handler of which it tells later began or ended before
         self.orphans: list[int] = []  #: deliveries it had when it was lost, to be cancelled
         self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then

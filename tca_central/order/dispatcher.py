@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 from tca_central.model.clock import Clock
-from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, ModuleResource
+from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
 from tca_central.order.ahead import MessagesAhead, WaysAhead, first_ahead, note_run, take_back
 from tca_wire.journal.facts import HandlerRemoved, Queued, Recalling, Unqueued
@@ -33,6 +33,7 @@ class Dispatcher:
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
         self.messages_ahead = MessagesAhead(out, clock)
         self._arrivals = 0
+        self.is_holding = False  #: no task starts
         self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
@@ -106,6 +107,8 @@ class Dispatcher:
             one.arrival = self._arrivals
 
     def _take_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
+        if self.is_holding and delivery.is_task:
+            return False
         for resource in resources:
             if slot := resource.slot_for(delivery):
                 self._give(delivery, slot)
@@ -152,7 +155,7 @@ class Dispatcher:
             resource.grant(following)
             self.granted.append(following)
             self.to_offer.extend((copy, None) for copy in resource.copies)
-        elif following is not None and resource.free:
+        elif following is not None and resource.free and not (self.is_holding and following.is_task):
             self._give_next(following, resource)
             if resource.free or resource.called_back:
                 self.to_offer.append((resource, None))
@@ -226,6 +229,11 @@ class Dispatcher:
                 self._facts.append(Recalling(resource.module, resource.name, is_over=True))
         self.to_offer.append((resource, None))
         return moved
+
+    def go_on(self, modules: Iterable[Module]) -> None:
+        """Let tasks start again."""
+        self.is_holding = False
+        self.to_offer.extend((resource, None) for module in modules for resource in module.resources.values())
 
     # --- claims ----------------------------------------------------------------------------------------------------
 

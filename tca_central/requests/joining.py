@@ -1,5 +1,6 @@
 """Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
 
+from tca_central.control.holding import go_on_if_complete
 from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
@@ -16,7 +17,7 @@ from tca_central.state import RaisedFailure, State, cancelled_header, deliver_he
 from tca_central.watching.taps import fire_after, listeners_come
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
-from tca_wire.messages.failures import MODULE_LOST
+from tca_wire.messages.failures import MODULE_LOST, UNCERTAIN
 from tca_wire.messages.notices import COMMANDS, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, Notice
 from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION, Cancelled
@@ -46,6 +47,8 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello, pr
         del registry.connections[connection.id]
         connection.id = connection_id
         registry.connections[connection_id] = connection
+        connection.repeats_until = central.tree.newest
+        central.awaited.pop(connection, None)
     else:
         connection = Connection(connection_id, session, module, header.connection)
         connection.entrance = direct_routes.own_entrance(central, header) if header.resource else None
@@ -55,6 +58,7 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello, pr
     connection.pulse = header.pulse
     on_hello_again(central, connection, header, b"")
     _tell_again(central, connection)
+    go_on_if_complete(central)
 
 
 def _tell_again(central: State, connection: Connection) -> None:
@@ -131,6 +135,8 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     """A connection is gone. Its unfinished messages have failed (*lost*) or go to another handler."""
     module = connection.module
     central.untold.pop(connection, None)
+    is_uncertain = connection in central.awaited
+    central.awaited.pop(connection, None)
     central.registry.forget_connection(connection)
     direct_routes.forget_sender(connection)
     for number in list(connection.outstanding):
@@ -151,9 +157,10 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     _forget_if_gone(central, module, why, lost=lost)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
-            _fail_or_drop(central, delivery, module, why, lost=lost)
+            _fail_or_drop(central, delivery, module, why, lost=lost, is_uncertain=is_uncertain)
         else:
             _give_to_another(central, delivery)
+    go_on_if_complete(central)
 
 
 def _note_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
@@ -188,7 +195,9 @@ def _announce(central: State, module: Module, notice: Notice[D], data: D) -> Non
         broadcast_notice(central, notice, data)
 
 
-def _fail_or_drop(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
+def _fail_or_drop(
+    central: State, delivery: Delivery, module: Module, why: str, *, lost: bool, is_uncertain: bool
+) -> None:
     """End a delivery that only that handler could have finished."""
     if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
         lose(central, delivery, f"module '{module.name}' left before it began with it")
@@ -196,7 +205,9 @@ def _fail_or_drop(central: State, delivery: Delivery, module: Module, why: str, 
     if isinstance(delivery, Task) and delivery.given_as != delivery.id:
         central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
     fire_after(central, delivery, RETURNED | FAILURE)
-    fail_delivery(central, delivery, RaisedFailure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
+    text = f"module '{module.name}' was lost: {why}"
+    failure = RaisedFailure(UNCERTAIN, text, kinds=(MODULE_LOST,)) if is_uncertain else RaisedFailure(MODULE_LOST, text)
+    fail_delivery(central, delivery, failure)
 
 
 def _give_to_another(central: State, delivery: Delivery) -> None:

@@ -35,6 +35,8 @@ def _running_delivery(central: State, connection: Connection, delivery_id: int) 
             central.facts.append(facts.Ignored(connection.module.name, late))
             central.tell(connection, headers.Refused(0, Refusal.TOO_LATE, late))
             return None
+        if delivery_id <= connection.repeats_until and (delivery is None or delivery.slot is not connection):
+            return None
         who = connection.module.name
         text = f"module '{who}' answers delivery {delivery_id}, which it was not given or has answered"
         raise RequestError(Refusal.UNKNOWN, text)

@@ -18,23 +18,30 @@ import zmq
 from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.events import (
+    AWAY,
+    Arrived,
     BadBytes,
     ConnectionId,
     ConnectionLost,
     Effect,
     Event,
+    Input,
     KeysChanged,
     RequestReceived,
+    Spared,
+    TellAll,
     Tick,
     Transmit,
 )
+from tca_central.inputs import events_of
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
+from tca_central.shell.images import Images
+from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_lines import LogLines
 from tca_central.shell.pulses import Pulses
 from tca_wire.endpoint import default_folder
-from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Beat, Bye, Closing, Refused, ToModule, Unknown
 from tca_wire.vocabulary import Limit, Refusal
@@ -101,16 +108,18 @@ class Server:
     """Central as a daemon: the core, its journal and its socket."""
 
     def __init__(
-        self, central: Central, journal: JournalWriter | None, endpoint: str, *, lost_after: int = LOST_AFTER,
-        gate: Gate | None = None,
-    ) -> None:  # fmt: skip
+        self, central: Central, endpoint: str, *, lost_after: int = LOST_AFTER, gate: Gate | None = None
+    ) -> None:
         """*lost_after*: seconds of silence from a process that stands still; 0: none are too many. Without a *gate*
         everybody may come over TCP.
         """
         self.central = central
-        self.journal = journal
+        self.journal: JournalWriter | None = None
+        self.inputs: InputLog | None = None
+        self.images: Images | None = None
         self.stopping = ""  #: why the loop shall end
-        self._began = time.monotonic()
+        self._is_told_to_end = False  #: so that it does not go on when central starts again
+        self._began = time.monotonic() - central.clock.now
         self._outboxes: dict[ConnectionId, Outbox] = {}
         self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
         self._too_slow: dict[ConnectionId, str] = {}
@@ -134,7 +143,8 @@ class Server:
         self._poller.register(self.socket, _POLLIN)
 
     def stop(self, why: str) -> None:
-        """End the loop; may be called from a signal handler or another thread."""
+        """End the loop, and the run; may be called from a signal handler or another thread."""
+        self._is_told_to_end = True
         self.stopping = why
         self._wake_up()
 
@@ -170,16 +180,24 @@ class Server:
                 self._do_what_is_due()
             self._flush()
 
-    def _let_happen(self, event: Event) -> None:
-        """Let central handle an event, and take over what is to be done about it."""
-        try:
-            effects = self.central.handle(event)
-        except Exception as error:
-            raise self._own_error(event, error) from error
-        self._perform(effects)
+    def take(self, event: Input) -> None:
+        """Let central handle an input, and take over what is to be done about it."""
+        if self.inputs is not None:
+            self.inputs.add(event)
+        handle = self.central.handle
+        for index, one in enumerate(events_of(event)):
+            if isinstance(one, RequestReceived) and isinstance(one.header, Bye):
+                self._expected += self._lines_of(one.connection)
+            try:
+                effects = handle(one)
+            except Exception as error:
+                raise self._own_error(one, error, index) from error
+            self._perform(effects)
 
-    def _own_error(self, event: Event, error: Exception) -> CentralError:
-        """An error of central's own ends it (decision 52)."""
+    def _own_error(self, event: Event, error: Exception, index: int) -> CentralError:
+        """An error of central's own ends it (decision 52). What brought it about is left out when it comes back."""
+        if self.inputs is not None:
+            self.inputs.add(Spared(index))
         what, who = type(event).__name__, ""
         if isinstance(event, RequestReceived):
             what = type(event.header).__name__
@@ -207,17 +225,21 @@ class Server:
             self._find_silent()
         due = self.central.clock.next
         if due is not None and due <= self.now():
-            self._let_happen(Tick(self.now()))
+            self.take(Tick(self.now()))
 
     def _flush(self) -> None:
-        """End a turn: first the journal, then the messages that it justifies."""
-        if self.journal is not None:
-            try:
+        """End a turn: first what has arrived, then what it came to, then the messages that this justifies."""
+        try:
+            if self.inputs is not None:
+                self.inputs.flush()
+            if self.journal is not None:
                 self.journal.flush()
-            except CentralError:
-                self._outboxes.clear()  # nothing unrecorded may be sent
-                self._dirty.clear()
-                raise
+        except CentralError:
+            self._outboxes.clear()  # nothing unrecorded may be sent
+            self._dirty.clear()
+            raise
+        if self.images is not None:
+            self.images.tend(self.central)
         dirty, self._dirty = self._dirty, {}
         for connection, outbox in dirty.items():
             self._send(connection, outbox)
@@ -258,41 +280,29 @@ class Server:
             if self._gate.has_news:
                 self._look_at_keys()
             self._pulses.heard.add(connection)
-            self._take_in(connection, principal, frame, now)
-        return True
-
-    def _take_in(self, connection: ConnectionId, principal: str, frame: zmq.Frame, now: float) -> None:
-        try:
-            packet = frame.bytes if not frame.more else self._one_frame(frame)
-            if packet == _BEAT:  # sent back by a pulse
-                return
+            if frame.more:
+                self.take(BadBytes(now, connection, self._many_frames(frame)))
+                continue
+            packet = frame.bytes
             if not packet:  # a line is new
                 self._greet(connection)
-                return
-            items = codec.unpack_to_central(packet)
-        except ProtocolError as error:
-            self._let_happen(BadBytes(now, connection, str(error)))
-            return
-        for header, body in items:
-            if isinstance(header, Bye):
-                self._expected += self._lines_of(connection)
-            self._let_happen(RequestReceived(now, connection, header, body, principal))
+            elif packet != _BEAT:  # sent back by a pulse
+                self.take(Arrived(now, connection, packet, principal))
+        return True
 
     def _turn_away(self, connection: ConnectionId, frame: zmq.Frame) -> None:
         """What comes from somebody who has no say is not even read; he is told so once."""
-        with contextlib.suppress(ProtocolError):
-            self._one_frame(frame)
+        self._many_frames(frame)
         if self._gate.is_new(connection):
             self._put(connection, Refused(0, Refusal.FORBIDDEN, self._gate.why), b"")
 
-    def _one_frame(self, frame: zmq.Frame) -> bytes:
-        """Take in the other frames of a message that has several. Raises ProtocolError."""
+    def _many_frames(self, frame: zmq.Frame) -> str:
+        """Take in the other frames of a message that has several; what is wrong with it."""
         frames = 1
         while frame.more:
             frame = self.socket.recv(_DONTWAIT, copy=False)
             frames += 1
-        msg = f"{frames} frames; a packet is one"
-        raise ProtocolError(msg)
+        return f"{frames} frames; a packet is one"
 
     def _greet(self, connection: ConnectionId) -> None:
         """Somebody has connected, or connected again: he is to say who he is."""
@@ -310,12 +320,12 @@ class Server:
         """Cut the connections of those whose keys have gone."""
         allowed, revoked = self._gate.look_again()
         if allowed or revoked:
-            self._let_happen(KeysChanged(self.now(), allowed, revoked))
+            self.take(KeysChanged(self.now(), allowed, revoked))
         if revoked:
             known = self.central.registry.connections
             for connection in [one for one in known.values() if one.principal in revoked]:
                 why = f"the key '{connection.principal}' is not allowed any more"
-                self._let_happen(ConnectionLost(self.now(), connection.id, why))
+                self.take(ConnectionLost(self.now(), connection.id, why))
 
     def _find_lost(self) -> None:
         """Beat to those who wait for an answer; to all when some are gone, for the door does not tell which (the socket
@@ -331,16 +341,18 @@ class Server:
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
         for stranger in [one for one in self._outboxes if one not in known]:
             self._forget(stranger)
-        self._perform(self.central.tell_all())
+        if self.central.untold:
+            self.take(TellAll(now))
         for connection, why in self._too_slow.items():
-            self._let_happen(ConnectionLost(now, connection, why))
+            self.take(ConnectionLost(now, connection, why))
             self._greet(connection)
         self._too_slow.clear()
-        gone = [one.id for one in list(known.values()) if (is_sweep or one.outstanding) and not self._beat(one.id)]
+        beats = [one for one in known.values() if (is_sweep or one.outstanding) and one not in self.central.awaited]
+        gone = [one.id for one in beats if not self._beat(one.id)]
         if gone:
             self._hear_last_words()
         for connection in gone:
-            self._let_happen(ConnectionLost(self.now(), connection))
+            self.take(ConnectionLost(self.now(), connection))
 
     def _beat(self, connection: ConnectionId) -> bool:
         """Say that central lives; False if nobody is there."""
@@ -365,7 +377,7 @@ class Server:
         silent = pulses.silent()
         for connection in [one for one in known.values() if one.pulse in silent]:
             why = f"its process was silent for {self._lost_after} s"
-            self._let_happen(ConnectionLost(self.now(), connection.id, why))
+            self.take(ConnectionLost(self.now(), connection.id, why))
             self._greet(connection.id)  # should it go on
         for pulse in beating - silent:
             try:
@@ -390,6 +402,8 @@ class Server:
     # --- sending ---------------------------------------------------------------------------------------------------
 
     def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+        if self.central.awaited and connection.startswith(AWAY):
+            return  # whoever comes back is told anew
         outbox = self._outboxes.get(connection)
         if outbox is None:
             self._outboxes[connection] = outbox = Outbox()
@@ -445,13 +459,19 @@ class Server:
     def close(self) -> None:
         """Say goodbye to the modules, close the journal, free the address."""
         self._lines.losses.tell()
-        self._perform(self.central.tell_all())
+        self._perform(self.central.handle(TellAll(self.now())))
         for connection in self.central.registry.connections:
             self._put(connection, Closing(self.stopping), b"")
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
             self._flush()
-            if self.journal is not None:
-                self.journal.close(self.central.events + 1, self.now(), self.stopping or "an error")
+            if self.images is not None:
+                self.images.close()
+            if self.inputs is not None:
+                self.inputs.end(self.stopping) if self._is_told_to_end else self.inputs.close()
+            if self.journal is not None and self._is_told_to_end:
+                self.journal.end(self.central.events + 1, self.now(), self.stopping)
+            elif self.journal is not None:
+                self.journal.break_off(self.central.events + 1, self.now(), self.stopping)
         self._door.close()
         self._gate.close()
         self.socket.close()

@@ -25,7 +25,10 @@ SHOWN_BYTES = 512  # of a variable's value
 def overview(central: State) -> dict[str, Any]:
     """Counts of everything."""
     registry = central.registry
-    return {
+    held: dict[str, Any] = {}
+    if central.dispatcher.is_holding:
+        held = {"awaited": sorted({one.module.name for one in central.awaited}), "to be told": central.holds_until_told}
+    return held | {
         "epoch": central.epoch,
         "events": central.events,
         "modules": len(registry.modules),

@@ -14,7 +14,7 @@ from tca_module.link.questions import ask
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
-from tca_wire.packets.headers import Ask, GetVariable, Lock, Remove, SetVariable, Unlock, WaitUntilHandled
+from tca_wire.packets.headers import Ask, GetVariable, GoOn, Lock, Remove, SetVariable, Unlock, WaitUntilHandled
 from tca_wire.text.plain_data import PlainFormat
 from tca_wire.vocabulary import Outcome
 
@@ -194,6 +194,12 @@ class CentralServices:
         check("unlock()", checks.NAME_OR_NONE, module=module)
         header = Unlock(0, resource, module or "", self._origin)
         return bool(self._connection().call(header, f"unlocking resource '{resource}'"))
+
+    def go_on(self) -> bool:
+        """Let tasks start again after a restart of central, whoever has not come back yet; whether they were held back.
+        For operators: see ``tca central --resume hold``.
+        """
+        return bool(self._connection().call(GoOn(0), "letting tasks start again"))
 
     # --- attachments -----------------------------------------------------------------------------------------------
 

@@ -26,7 +26,7 @@ _WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntil
 
 _WITHOUT_TASKS = (
     Register, headers.Unregister, headers.Ask, headers.GetVariable, SetVariable, headers.WaitUntilHandled,
-    headers.Unlock,
+    headers.Unlock, headers.GoOn,
 )  # fmt: skip
 """Requests that any central understands, whatever it remembers."""
 

@@ -167,6 +167,8 @@ def _of(
 _ITEM, _TASK = JournalWorld.item, JournalWorld.task
 
 FOLD: dict[type, Take] = {
+    facts.CentralRestarted: presence.restarted,
+    facts.WentOn: presence.went_on,
     facts.ModuleJoined: presence.joined,
     facts.ModuleLeft: presence.left,
     facts.ResourceChanged: presence.resource,

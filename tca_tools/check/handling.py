@@ -60,6 +60,8 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     (place.nested if is_nested else place.runs)[item.given_as] = item
     item.place, item.is_begun = place, True
     if item.is_task and not item.message_class.is_monitor:
+        if world.is_holding:
+            world.broken(rules.RESTARTED, item, "was given to a handler before central went on")
         if item.reached & START_HANDLING and not (item.is_stranger or item.is_killed):
             check_fired(world, item, START_HANDLING)
         what = "was given to a handler, and was not begun"
@@ -255,6 +257,6 @@ def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -
         if not any(one.waiting or one.runs or one.nested or one.is_recalling for one in claims.places):
             claim = next(iter(claims.waiting.values()))
             world.broken(rules.FREE, claim.origin, f"{claim_in_words(claim)} is not granted, and nobody is in there")
-    elif place.waiting and taken + len(place.nested) < capacity and not place.is_recalling:
+    elif place.waiting and not world.is_holding and taken + len(place.nested) < capacity and not place.is_recalling:
         what = f"waits for {said(place)}, which takes {capacity} and has {taken}"
         world.broken(rules.FREE, next(iter(place.waiting.values())), what)

@@ -6,6 +6,17 @@ from tca_tools.check.world import JournalWorld, said
 from tca_wire.journal import facts
 
 
+def restarted(world: JournalWorld, _: facts.CentralRestarted) -> None:
+    """Central is back."""
+    world.is_holding = True
+
+
+def went_on(world: JournalWorld, _: facts.WentOn) -> None:
+    """What was held back may begin."""
+    world.is_holding = False
+    world.places_touched.update(dict.fromkeys(world.places.values()))
+
+
 def joined(world: JournalWorld, fact: facts.ModuleJoined) -> None:
     """A module joins."""
     if fact.module in world.joined:

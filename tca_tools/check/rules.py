@@ -58,6 +58,9 @@ SETTLED = Rule("what may happen happens at once", "TCM 2.10: the agenda is drain
 KILLED = Rule("what is killed is not begun, and dies with all under it", f"{MANUAL}, killing task trees")
 SUSPENDED = Rule("nothing is begun while it is suspended", "TCM 2.10: Suspend")
 
+RESTARTED = Rule("after a restart of central no task begins before all are back or lost, or somebody says so",
+                 "docs/reliability.md")  # fmt: skip
+
 # --- handlers and resources ------------------------------------------------------------------------------------------
 
 ONE_HANDLER = Rule("a message is with one handler at a time", f"{PAPER}, schema TaskTree: node.handler")

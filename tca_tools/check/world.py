@@ -39,6 +39,7 @@ class JournalWorld:
         self.events = events  #: how many were seen before this one
         self.event = 0  #: its number
         self.now = 0.0
+        self.is_holding = False  #: since a restart no task begins
         self.passed = 0.0  #: seconds since the event before
         #: By number, oldest first; each copy of a broadcast has one of its own.
         self.items: dict[int, MessageRecord] = {}

@@ -39,4 +39,8 @@ class ConnectionLost(_Cause, frozen=True, tag="lost"):
     connection: int
 
 
-Cause = Request | TimeOver | ConnectionLost
+class Keeper(_Cause, frozen=True, tag="keeper"):
+    """Whoever runs central did something: it was started again, or keys have changed."""
+
+
+Cause = Request | TimeOver | ConnectionLost | Keeper

@@ -47,6 +47,28 @@ class Closed(_Fact, frozen=True, tag="closed"):
     why: str
 
 
+class CentralFailed(_Fact, frozen=True, tag="broke"):
+    """Central ended by an error of its own. The run may go on: then ``CentralRestarted`` follows."""
+
+    why: str
+
+
+class CentralRestarted(_Fact, frozen=True, tag="restarted"):
+    """Central was *away* for so many seconds of wall-clock time (0: not known), in which its clock stood still. No task
+    starts before so many connections are back or lost; with *hold* none does until somebody says so.
+    """
+
+    away: float
+    awaited: int
+    hold: bool = False
+
+
+class WentOn(_Fact, frozen=True, tag="went on"):
+    """Tasks start again after a restart: all were back or lost, or a module said so."""
+
+    by: str = ""
+
+
 # --- modules ----------------------------------------------------------------------------------------------------------
 
 
@@ -509,7 +531,7 @@ class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
 
 
 Fact = (
-    Opened | Closed
+    Opened | Closed | CentralFailed | CentralRestarted | WentOn
     | ModuleJoined | ModuleLeft | ResourceChanged | Recalling | FormatDefined | HandlerAdded | HandlerRemoved
     | KeysChanged | RequestRefused | Ignored
     | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly

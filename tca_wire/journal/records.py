@@ -11,7 +11,6 @@ damage with nothing sound behind it.
 import errno
 import os
 import re
-import struct
 from collections.abc import Iterator
 from typing import Any, BinaryIO
 from zlib import crc32
@@ -21,11 +20,9 @@ import msgspec
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.causes import Cause
 from tca_wire.journal.facts import JOURNAL_VERSION, OLDEST_READ, Entry, EntryTime, Fact, Opened
+from tca_wire.journal.frames import FRAME, MAX_RECORD, UINT32, framed
 
-_FRAME = struct.Struct(">BIBI")
-_HEAD, _unpack_head = _FRAME.size, _FRAME.unpack_from
-_UINT32 = 0xCE
-MAX_RECORD = 64 << 20
+_HEAD, _unpack_head = FRAME.size, FRAME.unpack_from
 SEGMENT_SUFFIX = ".tcaj"
 
 _LIKE_A_RECORD = re.compile(rb"\xce[\x00-\x04].{3}\xce.{4}[\x90-\x9f]", re.DOTALL)
@@ -76,7 +73,7 @@ def record(entry: Entry) -> bytes:
         middle = len(entry.facts) // 2
         halves = entry.facts[:middle], entry.facts[middle:]
         return b"".join(record(Entry(entry.number, entry.time, half, entry.cause)) for half in halves)
-    return _FRAME.pack(_UINT32, len(payload), _UINT32, crc32(payload)) + payload
+    return framed(payload)
 
 
 class JournalReader:
@@ -141,7 +138,7 @@ class JournalReader:
             if len(window) < _HEAD:
                 return None
         mark, length, mark_too, checksum = _unpack_head(window, at)
-        if mark != _UINT32 or mark_too != _UINT32 or length > self._longest:
+        if mark != UINT32 or mark_too != UINT32 or length > self._longest:
             return None
         end = at + _HEAD + length
         if end > len(window):
@@ -169,8 +166,8 @@ class JournalReader:
         frame = self._bytes(place, _HEAD)
         if len(frame) < _HEAD:
             return None
-        mark, length, mark_too, _ = _FRAME.unpack(frame)
-        return int(length) if (mark, mark_too) == (_UINT32, _UINT32) and length <= MAX_RECORD else None
+        mark, length, mark_too, _ = FRAME.unpack(frame)
+        return int(length) if (mark, mark_too) == (UINT32, UINT32) and length <= MAX_RECORD else None
 
     def _is_sound(self, place: int, size: int) -> bool:
         """Whether a record is there, in a stream of that size."""

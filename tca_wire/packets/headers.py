@@ -417,11 +417,17 @@ class WaitUntilHandled(_Header, frozen=True, tag=22):
     """The messages that the sender will handle as soon as all those are."""
 
 
+class GoOn(_Header, frozen=True, tag=54):
+    """Let tasks start again after a restart of central, whoever is not back yet."""
+
+    number: int
+
+
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | AwaitPoint | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
     | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
-    | WatchEntrance | Recalled | Replies
+    | WatchEntrance | Recalled | Replies | GoOn
 )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.journal.causes import Cause, ConnectionLost, TimeOver
+from tca_wire.journal.causes import Cause, ConnectionLost, Keeper, TimeOver
 from tca_wire.points import ROOT, Point, describe_moments
 from tca_wire.vocabulary import CENTRAL, Due, Scope
 
@@ -36,6 +36,8 @@ class Wording:
             return _DUE[cause.due] + (f" of {self.name(cause.about)}" if cause.about else "")
         if isinstance(cause, ConnectionLost):
             return f"a connection of {cause.module} was lost"
+        if isinstance(cause, Keeper):
+            return "whoever runs central"
         handler = f", in the handler of {self.name(cause.origin)}" if cause.origin else ""
         return f"{cause.message or 'no message'}{by_whom(cause.module)}{handler}"
 
@@ -65,6 +67,11 @@ class Wording:
 
 
 # --- facts of several parts -------------------------------------------------------------------------------------------
+
+
+def _restarted(_: Wording, fact: facts.CentralRestarted) -> str:
+    until = "somebody says so" if fact.hold else "all are back or lost"
+    return f"away for {_seconds(fact.away)}, {fact.awaited} connections awaited; no task starts until {until}"
 
 
 def _opened(_: Wording, fact: facts.Opened) -> str:
@@ -136,6 +143,9 @@ def _timed_out(say: Wording, fact: facts.TimedOut) -> str:
 _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Opened: _opened,
     facts.Closed: lambda _, fact: fact.why,
+    facts.CentralFailed: lambda _, fact: fact.why,
+    facts.CentralRestarted: _restarted,
+    facts.WentOn: lambda _, fact: f"tasks start again{by_whom(fact.by) if fact.by else ''}",
     facts.ModuleJoined: lambda _, fact: ", ".join(filter(None, (fact.module, fact.process, fact.principal))),
     facts.KeysChanged: lambda _, fact: "; ".join(
         f"{what} {', '.join(names)}" for what, names in (("allowed", fact.allowed), ("revoked", fact.revoked)) if names
@@ -265,6 +275,7 @@ _DUE = {
     Due.WATCHED: "end of the watch",
     Due.LOOK: "look for deadlocks",
     Due.CLAIM: "timeout of a lock",
+    Due.GRACE: "end of the wait for those who were there before the restart",
 }
 
 

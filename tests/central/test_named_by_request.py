@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life
 
-from tca_central.events import ConnectionId
+from tca_central.events import ConnectionId, TellAll
 from tca_central.model.deliveries import REMEMBERED_TASKS, TOLD_TOGETHER
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -98,16 +98,16 @@ def test_of_many_the_sender_is_told_at_once_and_of_the_rest_with_the_next_beat()
     requests = [sent_quietly(player, "user", "walk") for _ in range(TOLD_TOGETHER + 1)]
     told = [header for header, _ in player.inbox["user"] if isinstance(header, TasksMade)]
     assert told == [TasksMade([(request, TaskId(n + 1)) for n, request in enumerate(requests[:-1])])]
-    (effect,) = player.central.tell_all()
+    (effect,) = player.central.handle(TellAll(player.time))
     assert effect.header == TasksMade([(requests[-1], TaskId(TOLD_TOGETHER + 1))])  # type: ignore[union-attr]
-    assert player.central.tell_all() == []
+    assert player.central.handle(TellAll(player.time)) == []
 
 
 def test_a_connection_that_is_gone_is_told_nothing() -> None:
     player = robot()
     sent_quietly(player, "user", "walk")
     player.lose("user")
-    assert player.central.tell_all() == []
+    assert player.central.handle(TellAll(player.time)) == []
 
 
 def test_said_again_after_a_break_it_is_answered_by_itself() -> None:

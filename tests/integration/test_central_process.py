@@ -182,7 +182,7 @@ def test_a_port_in_use_is_named(refused: Refused) -> None:
         (["--sync", "sometimes"], "sometimes"),
         (
             ["--lost-after", "1"],
-            "--lost-after 1 is too short to tell a stopped process from a busy computer: 2 or more",
+            "1 is too short to tell a stopped process from a busy computer: 2 or more",
         ),
     ],
 )
@@ -190,19 +190,19 @@ def test_wrong_options_are_explained(tmp_path: Path, refused: Refused, options: 
     assert words in refused("--bind", f"ipc://{tmp_path}/central.sock", *options)
 
 
-def test_a_central_that_crashed_is_started_anew_with_the_same_command(tmp_path: Path) -> None:
-    """As a supervisor does: each run has segments of its own in the folder, and nothing is written to those before."""
+def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None:
+    """Each run has segments of its own in the folder, and nothing is written to those before."""
     with central(tmp_path) as first:
         with connect("early", first.address) as user:
             user.modules()
         first.signal(signal.SIGKILL)
         first.process.wait()
     before = {path.name: path.read_bytes() for path in first.journal.iterdir()}
-    with central(tmp_path) as again, connect("late", again.address) as user:
+    with central(tmp_path, "--fresh") as again, connect("late", again.address) as user:
         user.modules()
         assert again.journal == first.journal
     found = {path.name: path.read_bytes() for path in first.journal.iterdir()}
-    assert sorted(found) == ["00000001.tcaj", "00000002.tcaj"]
+    assert sorted(found) == ["00000001.tcai", "00000001.tcaj", "00000002.tcai", "00000002.tcaj"]
     assert {name: found[name] for name in before} == before
     log = open_log(first.journal)
     assert [path.name for path in log.segments()] == ["00000002.tcaj"]
@@ -259,9 +259,9 @@ def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
     entries = list(log)
     log.check()
     assert any(isinstance(fact, facts.Received) and fact.message == "walk" for entry in entries for fact in entry.facts)
-    (closed,) = entries[-1].facts
-    assert isinstance(closed, facts.Closed)
-    assert closed.why.startswith("internal error: AssertionError in event")
+    (failed,) = entries[-1].facts
+    assert isinstance(failed, facts.CentralFailed)
+    assert failed.why.startswith("internal error: AssertionError in event")
 
 
 def test_a_failure_is_a_line_of_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -9,8 +9,9 @@ import pytest
 from integration.programs import Central, central
 
 from tca_central.errors import CentralError
-from tca_central.shell import journal_writer
-from tca_central.shell.journal_writer import JournalWriter, Sync
+from tca_central.shell import log_writer
+from tca_central.shell.journal_writer import JournalWriter
+from tca_central.shell.log_writer import Sync, lock_folder
 from tca_module import Client, Inform, TcaError, connect
 from tca_tools.errors import UnusableLog
 from tca_tools.run.journals import newest_journal, open_log
@@ -20,6 +21,7 @@ NOTE = Inform("note", bytes)
 
 
 def writer(folder: Path, sync: Sync = Sync.BATCH) -> JournalWriter:
+    os.close(lock_folder(folder))
     return JournalWriter(folder, epoch="e", version="0", sync=sync)
 
 
@@ -29,7 +31,7 @@ def test_what_was_added_can_be_read(tmp_path: Path, sync: Sync) -> None:
     for number in range(1, 100):
         journal.add(Entry(number, number / 10, [Dropped(number, "any", "why")]))
         journal.flush()
-    journal.close(100, 10.0, "done")
+    journal.end(100, 10.0, "done")
     entries = list(open_log(tmp_path / "run"))
     assert [entry.number for entry in entries] == list(range(101))
     assert isinstance(entries[0].facts[0], Opened)
@@ -37,12 +39,12 @@ def test_what_was_added_can_be_read(tmp_path: Path, sync: Sync) -> None:
 
 
 def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal_writer, "SEGMENT_BYTES", 2000)
+    monkeypatch.setattr(JournalWriter, "longest", 2000)
     journal = writer(tmp_path / "run")
     for number in range(1, 200):
         journal.add(Entry(number, number / 10, [Dropped(number, "any", "x" * 50)]))
         journal.flush()
-    journal.close(200, 20.0, "done")
+    journal.end(200, 20.0, "done")
     segments = sorted(path.name for path in (tmp_path / "run").iterdir())
     assert segments[:3] == ["00000001.tcaj", "00000002.tcaj", "00000003.tcaj"]
     dropped = [fact.id for entry in open_log(tmp_path / "run") for fact in entry.facts if isinstance(fact, Dropped)]
@@ -50,7 +52,7 @@ def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_sync_that_fails_stops_the_next_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal_writer, "SYNC_PERIOD", 0.01)
+    monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
     journal = writer(tmp_path / "run")
     os.close(journal._file)
     journal._file = os.open("/dev/full", os.O_WRONLY)

@@ -1,182 +1,236 @@
-"""Rocks that the scanner does not see, on real processes: each rung of the ladder (paper, figure 3), by the journal."""
+"""Central is killed and comes back: nothing that it had taken is lost, and nothing is done twice."""
 
+import shutil
+import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from integration.programs import Central, central, program, tca
 
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
-from tca_tools.run.records import Task, TaskState
-from tca_wire.points import Moment
-from tca_wire.vocabulary import Outcome, Role
+from tca_central.errors import CentralError
+from tca_central.shell.recovery import recover, unfinished
+from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, connect
 
-pytestmark = pytest.mark.slow
-ROOT = Path(__file__).parents[2]
+STEP, WHERE, SPEED = Command("step", int, result=int), Query("where", reply=int), Variable("speed", int)
 
-LOW = "1.1 1.85 0.25 0.7"
-TALL = "1.1 0.9 0.25 1.9"
-"""Taller than a leg is raised; the leg swings around it."""
+LEGS = """
+    import sys, time
+    from pathlib import Path
+    from tca_module import Command, Module, Query
 
-BROAD = "1.4 0.6 0.3 1.9"
-"""As broad as a leg can go around; half a metre further on it is no longer in the way."""
+    legs, done = Module("legs"), open({done!r}, "a", buffering=1)
 
-HUGE = "1.9 0.0 1.2 1.9"
+    @legs.handles(Command("step", int, result=int))
+    def step(task, number):
+        done.write(f"begin {{number}}\\n")
+        while number < 0 and not Path({done!r} + ".go").exists():
+            time.sleep(0.005)
+        done.write(f"end {{number}}\\n")
+        return 2 * number
 
-ROCKS = [HUGE, *(pytest.param(rock, marks=pytest.mark.soak) for rock in (TALL, BROAD))]
+    legs.resource("eyes")
 
-MOVES = ("move leg", "move body")
-LADDER = ("raise leg", "replan move", "shuffle feet", "give up")
+    @legs.handles(Query("where", reply=int), resource="eyes")
+    def where(task):
+        return 7
 
-
-class Walk(NamedTuple):
-    output: str
-    code: int
-    history: History
-
-    @property
-    def recoveries(self) -> dict[str, int]:
-        return Counter(task.name for task in self.history.tasks.values() if task.role is Role.EXCEPTION)
-
-    def named(self, *names: str) -> list[Task]:
-        return [task for task in self.history.tasks.values() if task.name in names]
+    with legs.running():
+        print("runs", flush=True)
+        sys.stdin.read()
+"""
 
 
-def walk(folder: Path, *options: str) -> Walk:
-    command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder / "walk"), "--pace", "0", "--arcs", "1"]
-    done = subprocess.run([*command, *options], cwd=ROOT, capture_output=True, text=True, timeout=150, check=False)
-    return Walk(done.stdout + done.stderr, done.returncode, History.until(open_log(folder / "walk" / "journal")))
+class Robot:
+    """A central that can be killed, and a module with a notebook of what it did."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.notebook = folder / "done"
+        self.central = Central(folder)
+        self._legs = program(LEGS.format(done=str(self.notebook)), self.central.address)
+        self.legs = self._legs.__enter__()
+        assert self.legs.stdout
+        assert self.legs.stdout.readline() == "runs\n"
+
+    def kill(self) -> None:
+        self.central.signal(signal.SIGKILL)
+        self.central.process.communicate()
+
+    def restart(self, *options: str) -> str:
+        """Central comes back; its first line."""
+        self.central = Central(self.folder, *options)
+        return self.central.first_line
+
+    def begun(self) -> Counter[int]:
+        words = [line.split() for line in self.notebook.read_text().splitlines()] if self.notebook.exists() else []
+        return Counter(int(number) for word, number in words if word == "begin")
+
+    def close(self) -> None:
+        self._legs.__exit__(None, None, None)
+        self.central.stop()
 
 
-def walk_with(folder: Path, rock: str, metres: str = "2", backend: str = "kinematic") -> Walk:
-    return walk(folder, "--backend", backend, "--metres", metres, "--rock", *rock.split())
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Robot]:
+    made = Robot(tmp_path)
+    yield made
+    made.close()
 
 
-Walks = Callable[[str], Walk]
+@pytest.fixture
+def user(robot: Robot) -> Iterator[Client]:
+    with connect("user", robot.central.address, patience=20) as client:
+        yield client
 
 
-@pytest.fixture(scope="module")
-def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
-    """The walk with a rock; each is walked once."""
-    known: dict[str, Walk] = {}
-
-    def get(rock: str) -> Walk:
-        if rock not in known:
-            known[rock] = walk_with(tmp_path_factory.mktemp("rock"), rock)
-        return known[rock]
-
-    return get
-
-
-def assert_walked(walk: Walk) -> None:
-    assert walk.code == 0, walk.output
-    (path,) = walk.named("traverse path")
-    assert path.state is TaskState.ACHIEVED
+@contextmanager
+def program_of(command: list[str]) -> Iterator["subprocess.Popen[str]"]:
+    """A central, once it has said something."""
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        assert running.stderr
+        running.stderr.readline()
+        yield running
+    finally:
+        running.kill()
+        running.communicate()
 
 
-@pytest.mark.parametrize("backend", ["kinematic", pytest.param("pybullet", marks=pytest.mark.soak)])
-def test_over_a_low_rock_the_leg_is_raised(backend: str, tmp_path: Path) -> None:
-    if backend == "pybullet":
-        pytest.importorskip("pybullet")
-    done = walk_with(tmp_path, LOW, metres="1", backend=backend)
-    assert_walked(done)
-    assert done.recoveries == {"raise leg": 1}
-    (raised,) = done.named("raise leg")
-    leg_move = done.history.tasks[raised.parent]
-    assert [handling.outcome for handling in leg_move.handlings] == [Outcome.FAILED, Outcome.DONE]
-    assert "recoveries: 1 x raise leg" in done.output
+def until(client: Client, holds: Callable[[], bool]) -> None:
+    for _ in range(4000):
+        if holds():
+            return
+        client.status()
+    pytest.fail("not in time")
 
 
-@pytest.mark.soak
-def test_around_a_tall_rock_the_step_is_planned_anew(walked: Walks) -> None:
-    done = walked(TALL)
-    assert_walked(done)
-    assert done.recoveries.keys() == {"raise leg", "replan move"}
-    replanned = done.named("replan move")[0]
-    assert names_under(done, replanned) == ["move leg", "move body", "achieved position?"]
-    failing = done.history.tasks[replanned.parent]
-    assert failing.name == "move leg"
-    tried = [name for name in names_under(done, failing) if name in LADDER]
-    assert tried == ["raise leg", "raise leg", "replan move"]
-    step = done.history.tasks[failing.parent]
-    assert (step.name, len(step.handlings)) == ("take steps", 2)  # planned, and planned anew
+def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user: Client) -> None:
+    steps = []
+    for number in range(120):
+        steps.append(user.command(STEP, number))
+        if number % 40 == 20:
+            robot.kill()
+            assert "goes on with the run" in robot.restart()
+    assert [step.result(timeout=20) for step in steps] == [2 * number for number in range(120)]
+    assert robot.begun() == Counter(range(120))
+    user.close()
+    robot.central.stop()
+    good = tca("check", str(robot.central.journal))
+    assert good.returncode == 0, good.stdout
 
 
-def names_under(walk: Walk, task: Task) -> list[str]:
-    return [walk.history.tasks[child].name for child in task.children]
+def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(robot: Robot, user: Client) -> None:
+    user.set_variable(SPEED, 3)
+    step = user.command(STEP, -1)
+    until(user, lambda: robot.begun()[-1] == 1)
+    after = user.command(STEP, 5)
+    user.status()
+    robot.kill()
+    Path(f"{robot.notebook}.go").touch()
+    robot.restart()
+    assert step.result(timeout=20) == -2
+    assert after.result(timeout=20) == 10
+    assert user.get_variable(SPEED) == 3
+    assert robot.begun() == Counter([-1, 5])
 
 
-@pytest.mark.soak
-def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked: Walks) -> None:
-    done = walked(BROAD)
-    assert_walked(done)
-    assert done.recoveries.keys() == {"raise leg", "replan move", "shuffle feet"}
-    shuffled = done.named("shuffle feet")
-    assert set(names_under(done, shuffled[0])) == {"move leg"}
-    (arc,) = done.named("traverse arc")
-    assert len(arc.handlings) == 1 + len(shuffled)  # begun again each time, from the standard configuration
+def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(robot: Robot, user: Client) -> None:
+    step = user.command(STEP, -1)
+    until(user, lambda: robot.begun()[-1] == 1)
+    robot.kill()
+    robot.legs.kill()
+    robot.legs.wait()
+    robot.restart()
+    with pytest.raises(TaskFailed) as failed:
+        step.result(timeout=20)
+    assert (failed.value.failure, robot.begun()[-1]) == ("uncertain", 1)
 
 
-def test_when_nothing_helps_the_walk_is_given_up_and_the_user_is_told(walked: Walks) -> None:
-    done = walked(HUGE)
-    assert done.code == 1
-    assert done.recoveries.keys() == set(LADDER)
-    said = " ".join(done.output.split())
-    assert "the walk failed: traverse path {" in said
-    assert "walk given up" in said
-    assert "met something at" in said
-    (path,) = done.named("traverse path")
-    assert path.state in (TaskState.KILLED, TaskState.FAILED)
+def test_nothing_starts_before_somebody_says_so(robot: Robot, user: Client) -> None:
+    user.command(STEP, 1).result(timeout=20)
+    robot.kill()
+    robot.restart("--resume", "hold")
+    step = user.command(STEP, 2)
+    assert user.query(WHERE, timeout=20) == 7  # who asks is answered
+    with pytest.raises(Timeout):
+        step.result(timeout=0.3)
+    assert robot.begun()[2] == 0
+    said = tca("status", "--central", robot.central.address).stdout
+    assert "no task starts since central was restarted" in said
+    assert tca("resume", "--central", robot.central.address).stdout == "tasks start again\n"
+    assert step.result(timeout=20) == 4
 
 
-def test_the_rungs_are_tried_from_the_leg_up(walked: Walks) -> None:
-    history = walked(HUGE).history
-    (task,) = walked(HUGE).named("give up")
-    assert history.tasks[task.parent].name == "replan move"  # whose own failure, "stuck", nobody could mend
-    firsts = [min(one.id for one in walked(HUGE).named(name)) for name in LADDER]
-    assert firsts == sorted(firsts)
+def test_a_run_that_has_ended_is_not_gone_on_with(tmp_path: Path) -> None:
+    with central(tmp_path) as first, connect("user", first.address) as user:
+        epoch = user.status()["epoch"]
+    with central(tmp_path) as again, connect("user", again.address) as user:
+        assert user.status()["epoch"] != epoch
 
 
-@pytest.mark.parametrize("rock", ROCKS)
-def test_a_stability_check_precedes_every_move(walked: Walks, rock: str) -> None:
-    """Every time that a controller begins a move, a check that nothing else has used was made before it."""
-    history = walked(rock).history
-    begun = [(task, handling) for task in walked(rock).named(*MOVES) for handling in task.handlings]
-    assert len(begun) >= 8
-    for task, handling in begun:
-        children = [history.tasks[child] for child in task.children]
-        checks = [check for check in children if check.name == "stability check" and check.state is TaskState.ACHIEVED]
-        before = [check for check in checks if check.reached[Moment.END_ACHIEVING] <= handling.start]
-        assert len(before) >= task.handlings.index(handling) + 1
+def test_without_a_name_the_journal_of_the_address_is_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    command = [sys.executable, "-m", "tca_central", "--bind", f"ipc://{tmp_path}/c.sock"]
+    with program_of(command) as first, connect("user", f"ipc://{tmp_path}/c.sock", patience=20) as user:
+        epoch = user.status()["epoch"]
+        first.kill()
+        first.wait()
+        with program_of(command):
+            assert user.status()["epoch"] == epoch
 
 
-@pytest.mark.parametrize("rock", ROCKS)
-def test_a_footfall_check_follows_every_leg_move(walked: Walks, rock: str) -> None:
-    """No leg move is achieved, and nothing goes on after it, before its footfall was checked."""
-    history = walked(rock).history
-    achieved = [task for task in walked(rock).named("move leg") if task.state is TaskState.ACHIEVED]
-    assert len(achieved) >= 4
-    for task in achieved:
-        (check,) = [history.tasks[child] for child in task.children if history.tasks[child].name == "footfall check"]
-        assert check.reached[Moment.START_HANDLING] >= task.reached[Moment.END_HANDLING]
-        assert check.reached[Moment.END_ACHIEVING] <= task.reached[Moment.END_ACHIEVING]
+@pytest.fixture
+def broken_run(tmp_path: Path) -> Path:
+    """The journal of a run that was killed in the middle."""
+    robot = Robot(tmp_path / "robot")
+    try:
+        with connect("user", robot.central.address) as user:
+            for number in range(10):
+                user.command(STEP, number).result()
+            user.command(STEP, -1)
+            user.status()
+            robot.kill()
+    finally:
+        robot.close()
+    return robot.central.journal
 
 
-@pytest.mark.soak
-def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> None:
-    done = walk(tmp_path, "--backend", "kinematic", "--metres", "1", "--bare")
-    assert_walked(done)
-    assert not {"monitoring", "error recovery"} & done.history.modules.keys()
-    assert not done.named("stability check", "footfall check", *LADDER)
-    assert "checks: none" in done.output
+def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(broken_run: Path, tmp_path: Path) -> None:
+    """The journal has more then; --resume facts puts that aside."""
+    inputs = (broken_run / "00000001.tcai").read_bytes()
+    for cut in range(len(inputs) - 1, 200, -len(inputs) // 40):
+        copy = tmp_path / "copy"
+        shutil.copytree(broken_run, copy)
+        (copy / "00000001.tcai").write_bytes(inputs[:cut])
+        run = recover(copy, unfinished(copy), accept=True)
+        entries = run.last.number
+        assert run.central.events >= entries
+        shutil.rmtree(copy)
 
 
-@pytest.mark.soak
-def test_without_recovery_the_same_rock_ends_the_walk(tmp_path: Path) -> None:
-    done = walk(tmp_path, "--backend", "kinematic", "--metres", "1", "--bare", "--rock", *LOW.split())
-    assert done.code == 1
-    assert "terrain collision" in done.output
+def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path) -> None:
+    journal = broken_run / "00000001.tcaj"
+    (broken_run / "00000001.tcai").write_bytes((broken_run / "00000001.tcai").read_bytes()[:-200])
+    before = journal.read_bytes()
+    with pytest.raises(CentralError, match=r"the journal differs .* to which the inputs do not lead.*--resume facts"):
+        recover(broken_run, unfinished(broken_run))
+    assert journal.read_bytes() == before
+    recover(broken_run, unfinished(broken_run), accept=True)
+    aside = journal.with_suffix(".aside").read_bytes()
+    assert journal.read_bytes() + aside == before
+
+
+def test_a_damaged_input_is_not_passed_over(broken_run: Path) -> None:
+    inputs = broken_run / "00000001.tcai"
+    whole = bytearray(inputs.read_bytes())
+    whole[len(whole) // 2] ^= 1
+    inputs.write_bytes(whole)
+    with pytest.raises(CentralError, match=r"00000001.tcai, byte \d+: an input is damaged, and others follow it"):
+        recover(broken_run, unfinished(broken_run))

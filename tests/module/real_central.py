@@ -33,7 +33,7 @@ class Gate:
 
 class _Recorded(Server):
     def __init__(self, epoch: str, address: str, gate: EntranceGate | None) -> None:
-        super().__init__(Central(epoch), None, address, gate=gate)
+        super().__init__(Central(epoch), address, gate=gate)
         self.recorded: list[Any] = []
 
     def _perform(self, effects: list[Effect]) -> None:

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import JOURNAL_VERSION, Delivered, Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
-from tca_wire.journal.records import MAX_RECORD, JournalReader, record
+from tca_wire.journal.frames import MAX_RECORD
+from tca_wire.journal.records import JournalReader, record
 from tca_wire.points import Moment, TaskId, describe_moments
 from tca_wire.text.facts_in_words import fields_of
 from tca_wire.vocabulary import Outcome

@@ -1,0 +1,24 @@
+"""Inputs as the events that they are: the daemon and whoever replays a log of inputs go through here."""
+
+from collections.abc import Iterable
+
+from tca_central.events import Arrived, BadBytes, Event, Input, RequestReceived, Spared
+from tca_wire.errors import ProtocolError
+from tca_wire.packets import codec
+
+
+def events_of(event: Input, spared: int = -1) -> Iterable[Event]:
+    """The events that an input is; the request of a packet that is to be *spared* is only refused."""
+    if isinstance(event, Spared):
+        return ()
+    if not isinstance(event, Arrived):
+        return (event,)
+    now, connection, principal = event.time, event.connection, event.principal
+    try:
+        items = codec.unpack_to_central(event.packet)
+    except ProtocolError as error:
+        return (BadBytes(now, connection, str(error)),)
+    events: list[Event] = [RequestReceived(now, connection, header, body, principal) for header, body in items]
+    if spared >= 0:
+        events[spared] = BadBytes(now, connection, "central ended by an error of its own in it: it is not tried again")
+    return events

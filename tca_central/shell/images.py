@@ -1,0 +1,110 @@
+"""Images of the state, so that neither the log of inputs nor the time of a restart grows with the run.
+
+A forked child writes one: central goes on meanwhile. The inputs from then on are in the segment of the image's number;
+what is older than the image before is removed, unless all inputs are to be kept.
+"""
+
+import contextlib
+import gc
+import logging
+import os
+import signal
+import sys
+import warnings
+from pathlib import Path
+
+from tca_central.core import Central
+from tca_central.image.encoder import encode, may_be_taken
+from tca_central.shell.input_log import IMAGE_SUFFIX, INPUT_SUFFIX, InputLog
+from tca_central.shell.log_writer import SEGMENT_BYTES, numbers
+
+INPUTS_BETWEEN = 50_000
+"""Inputs after which there is a new image: they are handled again in a few seconds."""
+
+log = logging.getLogger("tca.central")
+
+
+class Images:
+    """Has an image made when the log of inputs has grown."""
+
+    def __init__(self, inputs: InputLog, *, keeps_all: bool = False) -> None:
+        self._inputs = inputs
+        self._keeps_all = keeps_all
+        self._child = 0  #: the process that writes one
+        self._number = 0
+        self._kept = 0  #: the number of the newest image that is there
+
+    def tend(self, central: Central) -> None:
+        """End of a turn."""
+        if self._child:
+            self._look_after_child()
+        elif (self._inputs.count >= INPUTS_BETWEEN or self._inputs.size >= SEGMENT_BYTES) and may_be_taken(central):
+            self.take(central)
+
+    def take(self, central: Central) -> None:
+        """Begin an image of the state, and a new segment of inputs with it. Raises CentralError."""
+        self._number = self._inputs.next_segment(central.clock.now)
+        path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
+        sys.stdout.flush()
+        sys.stderr.flush()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # the child uses no other thread's locks
+            try:
+                self._child = os.fork()
+            except OSError as error:
+                log.warning("no image of the state could be taken: %s", error.strerror)
+                return
+        if not self._child:
+            _write_and_exit(central, path)
+
+    def close(self) -> None:
+        """Wait for the child."""
+        if self._child:
+            self._look_after_child(0)
+
+    def _look_after_child(self, options: int = os.WNOHANG) -> None:
+        child, status = os.waitpid(self._child, options)
+        if not child:
+            return
+        self._child = 0
+        if status:
+            log.warning("the image of the state that was being taken is not there: its process ended with %d", status)
+            return
+        if not self._keeps_all and self._kept:
+            for suffix in (IMAGE_SUFFIX, INPUT_SUFFIX):
+                for number in numbers(self._inputs.folder, suffix):
+                    if self._inputs.first <= number < self._kept:
+                        (self._inputs.folder / f"{number:08d}{suffix}").unlink(missing_ok=True)
+        self._kept = self._number
+
+
+def _write_and_exit(central: Central, path: Path) -> None:
+    """In the child: nothing of central's is touched, and nothing of its lines and locks is kept open."""
+    status = 1
+    try:
+        os.closerange(3, os.sysconf("SC_OPEN_MAX"))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)  # it ends soon
+        gc.disable()
+        write_image(encode(central), path)
+        status = 0
+    except OSError:
+        status = 2
+    finally:
+        os._exit(status)
+
+
+def write_image(image: bytes, path: Path) -> None:
+    """Write an image, all or nothing. Raises OSError."""
+    draft = path.with_suffix(".draft")
+    file = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+    data = memoryview(image)
+    while data:
+        data = data[os.write(file, data) :]
+    os.fsync(file)
+    os.close(file)
+    draft.rename(path)
+    with contextlib.suppress(OSError):
+        folder = os.open(path.parent, os.O_RDONLY)
+        os.fsync(folder)
+        os.close(folder)

@@ -1,0 +1,126 @@
+"""The log of inputs: all that central was told, as it came, in segments NNNNNNNN.tcai beside the journal's.
+
+An image of the state, NNNNNNNN.tcas, is the state at the beginning of the segment of that number. Newest image and the
+inputs since give the state anew (recovery.py).
+"""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from tca_central.events import Input
+from tca_central.shell.log_writer import LogWriter, Sync
+from tca_wire.journal.frames import framed, payloads
+
+INPUT_SUFFIX = ".tcai"
+IMAGE_SUFFIX = ".tcas"
+INPUT_VERSION = 1
+
+_encode = msgspec.msgpack.Encoder().encode
+_decode = msgspec.msgpack.Decoder(Input).decode
+
+BOOT = Path("/proc/sys/kernel/random/boot_id")
+
+
+def this_boot() -> str:
+    """A name for the time since this machine has started; "" where it has none."""
+    try:
+        return BOOT.read_text().strip()
+    except OSError:
+        return ""
+
+
+class Head(msgspec.Struct, frozen=True, array_like=True, tag="inputs"):
+    """The first record of a segment."""
+
+    version: int
+    epoch: str
+    central: str  #: its version
+    is_first: bool  #: of its run, which begins with nothing
+    sync: Sync
+    boot: str
+    clock: float  #: of central, at that time
+    wall: float  #: seconds since 1970
+
+
+class Ended(msgspec.Struct, frozen=True, array_like=True, tag="end"):
+    """The last record of a run that ended of its own will."""
+
+    why: str
+
+
+_decode_head = msgspec.msgpack.Decoder(Head).decode
+_decode_any = msgspec.msgpack.Decoder(Input | Ended).decode
+
+
+class InputLog(LogWriter):
+    """One run's log of inputs. A segment ends with an image."""
+
+    longest = float("inf")
+
+    def __init__(
+        self, folder: Path, *, epoch: str, version: str, sync: Sync = Sync.BATCH, clock: float | None = None
+    ) -> None:
+        """*clock*: central's, in a run that goes on; None: it begins."""
+        self._head = Head(INPUT_VERSION, epoch, version, clock is None, sync, this_boot(), clock or 0.0, 0.0)
+        self.count = 0  #: of inputs in the segment
+        super().__init__(folder, INPUT_SUFFIX, sync)
+
+    def head(self) -> bytes:
+        """Each segment says which run it belongs to."""
+        head, self.count = msgspec.structs.replace(self._head, wall=time.time()), 0
+        self._head = msgspec.structs.replace(head, is_first=False)
+        return framed(_encode(head))
+
+    def add(self, event: Input) -> None:
+        """Take an input; ``flush`` writes it."""
+        self.count += 1
+        self.put(framed(_encode(event)))
+
+    def next_segment(self, clock: float) -> int:
+        """Begin another segment, at this time of central's; its number. Raises CentralError."""
+        self._head = msgspec.structs.replace(self._head, clock=clock)
+        self.turn_over()
+        return self.newest
+
+    def end(self, why: str) -> None:
+        """Write the rest, and that it is all."""
+        self.put(framed(_encode(Ended(why))))
+        self.close()
+
+
+class InputSegment:
+    """A segment that is read. ``end`` is the place behind the last sound record; ``size`` that of the file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.number = int(path.stem)
+        self.size = path.stat().st_size
+        self.end = 0
+        self.head: Head | None = None
+        with path.open("rb") as stream:
+            for self.end, payload in payloads(stream):
+                self.head = _head_of(payload)
+                break
+        self._begin = self.end
+
+    def __iter__(self) -> Iterator[Input | Ended]:
+        """Its inputs, up to the first record that is not sound."""
+        with self.path.open("rb") as stream:
+            stream.seek(self._begin)
+            for place, payload in payloads(stream):
+                try:
+                    found = _decode_any(payload)
+                except msgspec.MsgspecError:
+                    return
+                self.end = place
+                yield found
+
+
+def _head_of(payload: bytes) -> Head | None:
+    try:
+        return _decode_head(payload)
+    except msgspec.MsgspecError:
+        return None

@@ -1,0 +1,192 @@
+"""Files that are written at the end only: segments NNNNNNNN of one suffix in the folder of a journal.
+
+Three ways of keeping them safe (``Sync``). The routing loop writes once per turn, for all records of the turn, before
+anything that they justify is sent; under ``batch`` another thread asks the disk once a second.
+"""
+
+import contextlib
+import fcntl
+import os
+import threading
+from enum import StrEnum
+from pathlib import Path
+
+from tca_central.errors import CentralError
+
+SEGMENT_BYTES = 64 << 20
+SYNC_PERIOD = 1.0
+WRITE_LATER = 256 << 10
+"""Under ``none``: bytes that may wait in memory."""
+
+
+class Sync(StrEnum):
+    """The time at which records are safe, and from which failures."""
+
+    ALWAYS = "always"  # on the disk before anything they justify leaves: survives a power cut
+    BATCH = "batch"  # with the kernel before, on the disk within a second: survives any death of central
+    NONE = "none"  # when convenient
+
+
+def lock_folder(folder: Path) -> int:
+    """The lock of a journal's folder, made if there is none; two centrals that run would mix their segments. A lock
+    ends with its process, however that ends. Raises CentralError.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        locked = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as error:
+        msg = f"journal {folder}: {error.strerror}: name a folder that can be written with --journal"
+        raise CentralError(msg) from None
+    try:
+        fcntl.flock(locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(locked)
+        msg = f"{folder}: another central writes its journal there: name another folder with --journal"
+        raise CentralError(msg) from None
+    except OSError:  # some file systems have no locks
+        pass
+    return locked
+
+
+def is_written(folder: Path) -> bool:
+    """Whether a central that runs has the lock of a folder."""
+    try:
+        os.close(lock_folder(folder))
+    except CentralError:
+        return True
+    return False
+
+
+def numbers(folder: Path, suffix: str) -> list[int]:
+    """The numbers of the files of one suffix, in order."""
+    return sorted(int(path.stem) for path in folder.glob(f"*{suffix}") if path.stem.isdecimal())
+
+
+class LogWriter:
+    """Segments of one suffix. ``head`` gives the first record of each."""
+
+    longest: float = SEGMENT_BYTES  #: bytes after which another segment begins
+
+    def __init__(self, folder: Path, suffix: str, sync: Sync) -> None:
+        """Raises CentralError if the folder can't be written."""
+        self.folder = folder
+        self.sync = sync
+        self._suffix = suffix
+        self._pending: list[bytes] = []
+        self._pending_bytes = 0
+        self._file = -1
+        self.size = 0  #: of the segment
+        self._lock = threading.Lock()
+        self._stopped = threading.Event()
+        self._unsynced = False
+        self._error: OSError | None = None  #: of the thread that syncs
+        self._thread = threading.Thread(target=self._sync_each_second, name=f"sync {suffix}", daemon=True)
+        try:
+            self.newest = max(numbers(folder, suffix), default=0)  #: the number of the newest segment
+            self.first = self.newest + 1  #: of those that are written now
+            self.begin_segment()
+        except OSError as error:
+            msg = f"journal {folder}: {error.strerror}: name a folder that can be written with --journal"
+            raise CentralError(msg) from None
+        if sync is Sync.BATCH:
+            self._thread.start()
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether no more can be written."""
+        return self._error is not None
+
+    def head(self) -> bytes:
+        """The first record of the segment that begins."""
+        raise NotImplementedError
+
+    def put(self, record: bytes) -> None:
+        """Take a record; ``flush`` writes it."""
+        self._pending.append(record)
+        self._pending_bytes += len(record)
+
+    def flush(self) -> None:
+        """End a turn: what must be safe before the turn's messages leave is safe when this returns.
+
+        Raises CentralError if it can't be written, or if what was written may not be on the disk.
+        """
+        if self._error is not None:  # after a failed sync the data is gone, and a second sync would say all is well
+            raise self._broken(self._error)
+        if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):
+            return
+        try:
+            self.write()
+            if self.sync is Sync.ALWAYS:
+                self._fsync()
+            if self.size > self.longest:
+                self.begin_segment()
+        except OSError as error:
+            self._error = error
+            raise self._broken(error) from None
+
+    def turn_over(self) -> None:
+        """Begin another segment, whatever waits. Raises CentralError."""
+        try:
+            self.write()
+            self.begin_segment()
+        except OSError as error:
+            self._error = error
+            raise self._broken(error) from None
+
+    def close(self) -> None:
+        """Write the rest."""
+        self._stopped.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        try:
+            if self._error is None:
+                self.write()
+                self._fsync()
+        except OSError as error:
+            raise self._broken(error) from None
+        finally:
+            os.close(self._file)
+
+    def write(self) -> None:
+        """Hand over to the kernel what waits. Raises OSError."""
+        data = memoryview(b"".join(self._pending))
+        self._pending.clear()
+        self._pending_bytes = 0
+        while data:
+            written = os.write(self._file, data)
+            self.size += written
+            data = data[written:]
+        self._unsynced = True
+
+    def begin_segment(self) -> None:
+        """Begin another segment file. Raises OSError."""
+        with self._lock:
+            if self._file >= 0:
+                os.fsync(self._file)
+                os.close(self._file)
+            self.newest += 1
+            self.size = 0
+            path = self.folder / f"{self.newest:08d}{self._suffix}"
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600)
+            with contextlib.suppress(OSError):  # readers see by it that central lives; some file systems have no locks
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._pending.insert(0, self.head())
+        self.write()
+
+    def _sync_each_second(self) -> None:
+        while not self._stopped.wait(SYNC_PERIOD):
+            if self._unsynced:
+                self._unsynced = False
+                try:
+                    self._fsync()
+                except OSError as error:
+                    self._error = error
+                    return
+
+    def _broken(self, error: OSError) -> CentralError:
+        msg = f"journal {self.folder}: {error.strerror}: central stops, for what it can't record it must not do"
+        return CentralError(msg)
+
+    def _fsync(self) -> None:
+        with self._lock:
+            os.fdatasync(self._file) if hasattr(os, "fdatasync") else os.fsync(self._file)

@@ -1,0 +1,49 @@
+"""Records of a log: a payload with its length and checksum before it. Two integers of MessagePack, always in five bytes
+(``ce`` and 32 bits, big endian), so that a record's frame has a fixed size.
+"""
+
+import struct
+from collections.abc import Iterator
+from typing import BinaryIO
+from zlib import crc32
+
+FRAME = struct.Struct(">BIBI")
+UINT32 = 0xCE
+MAX_RECORD = 64 << 20
+
+
+def framed(payload: bytes) -> bytes:
+    """A record."""
+    return FRAME.pack(UINT32, len(payload), UINT32, crc32(payload)) + payload
+
+
+def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """The payloads of sound records from the present place on, each with the place behind it; up to the first that is
+    none.
+    """
+    place = stream.tell()
+    while len(frame := stream.read(FRAME.size)) == FRAME.size:
+        mark, length, mark_too, checksum = FRAME.unpack(frame)
+        if (mark, mark_too) != (UINT32, UINT32) or length > MAX_RECORD:
+            return
+        payload = stream.read(length)
+        if len(payload) < length or crc32(payload) != checksum:
+            return
+        place += FRAME.size + length
+        yield place, payload
+
+
+def has_record(data: bytes) -> bool:
+    """Whether a sound record is anywhere behind the first byte."""
+    place = data.find(UINT32, 1)
+    while 0 <= place <= len(data) - FRAME.size:
+        _, length, mark, checksum = FRAME.unpack_from(data, place)
+        end = place + FRAME.size + length
+        if (
+            mark == UINT32
+            and 0 < length <= len(data) - end + length
+            and crc32(data[place + FRAME.size : end]) == checksum
+        ):
+            return True
+        place = data.find(UINT32, place + 1)
+    return False
