@@ -39,11 +39,7 @@ def has_record(data: bytes) -> bool:
     while 0 <= place <= len(data) - FRAME.size:
         _, length, mark, checksum = FRAME.unpack_from(data, place)
         end = place + FRAME.size + length
-        if (
-            mark == UINT32
-            and 0 < length <= len(data) - end + length
-            and crc32(data[place + FRAME.size : end]) == checksum
-        ):
+        if mark == UINT32 and length and end <= len(data) and crc32(data[end - length : end]) == checksum:
             return True
         place = data.find(UINT32, place + 1)
     return False

@@ -227,6 +227,7 @@ ATTACKED: dict[str, dict[str, Any]] = {
     "reserve": {"resource": "legs", "module": None, "timeout": BRIEFLY, "priority": 0},
     "unlock": {"resource": "legs", "module": None},
     "detach": {"number": 1},
+    "go_on": {},
     "handlers": {"message": SAY},
     "declared": {"name": "say"},
     "status": {"topic": "status", "timeout": BRIEFLY},
