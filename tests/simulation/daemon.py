@@ -14,7 +14,7 @@ from simulation.network import PROBE, Network, Wire
 from simulation.options import Options
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, ConnectionLost, Effect, Event, Record, RequestReceived, Tick
+from tca_central.events import ConnectionId, ConnectionLost, Effect, Event, Record, RequestReceived, TellAll, Tick
 from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.invariants import check_invariants
@@ -291,7 +291,7 @@ def _let_happen(core: Central, given: Input) -> Iterator[tuple[Event | None, lis
             event = RequestReceived(given.time, connection, header, body)
             yield event, core.handle(event)
     elif given.kind == "told":
-        yield None, core.tell_all()
+        yield None, core.handle(TellAll(given.time))
     elif given.kind == "lost":
         lost = ConnectionLost(given.time, connection)
         yield lost, core.handle(lost)
