@@ -15,16 +15,16 @@ from typing import Any
 from fuzz.choices import Choices
 from fuzz.grammar import Grammar, damaged
 from tca_central.core import Central
-from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Event, Record, RequestReceived, Tick, Transmit
+from tca_central.events import Arrived, ConnectionId, ConnectionLost, Event, Record, TellAll, Tick, Transmit
 from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
+from tca_central.inputs import events_of
 from tca_central.invariants import check_invariants
 from tca_central.shell.log_lines import LogLines
-from tca_wire.errors import ProtocolError
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry, Opened
 from tca_wire.journal.records import JournalReader, record
 from tca_wire.packets import headers
-from tca_wire.packets.codec import pack_item, unpack_to_central, unpack_to_module
+from tca_wire.packets.codec import pack_item, unpack_to_module
 from tca_wire.packets.headers import PROTOCOL_VERSION, Hello, Register, Send, ToCentral
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Entrance
@@ -100,14 +100,8 @@ class Attacked:
 
     def arrive(self, time: float, line: bytes, packet: bytes) -> None:
         """A packet arrives."""
-        connection = ConnectionId(line)
-        try:
-            items = unpack_to_central(packet)
-        except ProtocolError as error:
-            self.happen(BadBytes(time, connection, str(error)))
-            return
-        for header, body in items:
-            self.happen(RequestReceived(time, connection, header, body))
+        for event in events_of(Arrived(time, ConnectionId(line), packet)):
+            self.happen(event)
 
     def happen(self, event: Event) -> None:
         """An event happens."""
@@ -122,7 +116,7 @@ class Attacked:
 
     def tell_all(self) -> None:
         """Tell of tasks that were sent quietly, as with a beat."""
-        self.done += [self._said(effect) for effect in self.central.tell_all() if isinstance(effect, Transmit)]
+        self.happen(TellAll(self.central.clock.now))
 
     def restart(self) -> None:
         """Go on as another central that knows no more than an image of this one holds."""
