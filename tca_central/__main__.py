@@ -126,13 +126,19 @@ before and on the disk within a second, 'none' when convenient.")  # fmt: skip
               help="Silence after which a program whose process stands still (stopped, paused) counts as lost; 0: \
 never.")  # fmt: skip
 @click.option("--insecure", is_flag=True, help="Over TCP, let in every program of this computer, without a key.")
+@click.option(
+    "--permissions",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Who may do what, as TOML; read again when it changes [default: whoever gets in, everything].",
+)
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
 @click.version_option(
     package_name="tca-central", prog_name="tca central", message=f"%(prog)s, version %(version)s, core: {CORE}"
 )
 def central(  # noqa: PLR0913 - one for each option
-    bind: str | None, journal: Path | None, sync: str, resume: tuple[str, ...], *, lost_after: int, no_journal: bool,
-    no_inputs: bool, fresh: bool, insecure: bool, quiet: bool,
+    bind: str | None, journal: Path | None, sync: str, resume: tuple[str, ...], permissions: Path | None, *,
+    lost_after: int, no_journal: bool, no_inputs: bool, fresh: bool, insecure: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Run the daemon that routes messages and keeps the task tree."""
     _log_lines(quiet=quiet)
@@ -145,7 +151,7 @@ def central(  # noqa: PLR0913 - one for each option
         if not no_journal:
             folder = journal or _unfinished_at(endpoint, is_fresh=fresh) or _new_journal_folder()
             run = RunFolder(folder, is_fresh=fresh, accept="facts" in resume)
-        gate = gate_for(endpoint, keys_folder(), insecure=insecure)
+        gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Server(known, endpoint, lost_after=lost_after, gate=gate)
         if run is not None:

@@ -19,6 +19,7 @@ from typing import Any
 
 import msgspec
 
+from tca_central.access import requests as access
 from tca_central.control import holding, keeping, monitors, revoking, steering
 from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
@@ -29,6 +30,7 @@ from tca_central.events import (
     Effect,
     Event,
     OfAll,
+    PermissionsChanged,
     Record,
     RequestReceived,
     Restarted,
@@ -39,10 +41,10 @@ from tca_central.events import (
 from tca_central.failing import attaching, failures
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
-from tca_central.model.deliveries import Connection, Wiretap
+from tca_central.model.deliveries import Connection, Module, Wiretap
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability, direct_routes
-from tca_central.requests import joining, naming, replying, restarting, sending, variables, waiting
+from tca_central.requests import joining, naming, permissions, replying, restarting, sending, variables, waiting
 from tca_central.state import State
 from tca_central.status import topics
 from tca_central.watching import taps
@@ -136,6 +138,8 @@ class Central(State):
                 self.tell_tasks(untold)
         elif isinstance(event, Restarted):
             restarting.on_restarted(self, event)
+        elif isinstance(event, PermissionsChanged):
+            permissions.change_permissions(self, event)
         else:
             self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
         self._settle()
@@ -175,6 +179,8 @@ class Central(State):
             connection.known_until = self.clock.now
         if kind.names_tasks:
             header = naming.with_ids(connection, header)
+        if connection.rights is not None:
+            access.check(self, connection, header)
         if len(body) > _LONGEST_BODY:
             replying.refuse_body(self, connection, header, len(body))
         else:
@@ -309,10 +315,13 @@ class Central(State):
     def _remember(self, task: Task, outcome: tuple[Outcome, str, str, bytes]) -> None:
         """Keep an outcome of which there is more to tell than that the task is done."""
         self.outcomes[task.id] = outcome
+        if self.registry.permissions.rules is not None and isinstance(task.sent_by, Module):
+            self.registry.permissions.outcome_owners[task.id] = task.sent_by.principal
         self.outcome_bytes += _size(outcome)
         while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > REMEMBERED_BYTES:
             oldest = next(iter(self.outcomes))
             self.outcome_bytes -= _size(self.outcomes.pop(oldest))
+            self.registry.permissions.outcome_owners.pop(oldest, None)
             self.tree.never_began.pop(oldest, None)
             self.forgotten = max(self.forgotten, oldest)
 

@@ -10,6 +10,7 @@ import msgspec
 
 from tca_wire.journal.facts import Entry
 from tca_wire.packets.headers import ToCentral, ToModule
+from tca_wire.vocabulary import Permission
 
 ConnectionId = NewType("ConnectionId", bytes)
 
@@ -73,6 +74,23 @@ class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
     revoked: list[str] = []
 
 
+class AccessRule(msgspec.Struct, frozen=True, array_like=True):
+    """What the owners of some keys may do, as some modules. All are patterns, in which * stands for any text."""
+
+    keys: tuple[str, ...]
+    modules: tuple[str, ...] = ("*",)
+    allowed: tuple[tuple[Permission, tuple[str, ...]], ...] = ()
+
+
+class PermissionsChanged(msgspec.Struct, frozen=True, array_like=True, tag="c"):
+    """From now on these rules say who may do what; None: whoever gets in may do everything."""
+
+    time: float
+    rules: tuple[AccessRule, ...] | None
+    source: str = ""
+    """Where they come from, for people."""
+
+
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     """Central was away, and is back with all that it knew; every connection has broken meanwhile."""
 
@@ -93,7 +111,7 @@ class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     index: int
 
 
-OfAll = TellAll | KeysChanged | Restarted
+OfAll = TellAll | KeysChanged | PermissionsChanged | Restarted
 Event = RequestReceived | BadBytes | ConnectionLost | Tick | OfAll
 Input = Arrived | BadBytes | ConnectionLost | Tick | OfAll | Spared
 

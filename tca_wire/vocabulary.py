@@ -175,6 +175,17 @@ class Due(StrEnum):
     CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
 
 
+class Permission(StrEnum):
+    """What a permissions file may allow, each for names that match its patterns."""
+
+    SEND = "send"  # messages, and to set variables, fire monitors
+    HANDLE = "handle"  # messages, and to get variables
+    TAP = "tap"  # messages, and to attach exception handlers to all of them, wait for and look at others' tasks
+    LOCK = "lock"  # resources, as "module.resource"
+    KILL = "kill"  # others' tasks of these messages; and to suspend, retry, fail, constrain and extend them
+    ADMINISTER = "administer"  # what the command line does: "unlock", "detach", "status", ...
+
+
 CENTRAL = "central"
 """The sender of central's own messages, and the author of its own actions."""
 

@@ -28,6 +28,7 @@ OTHER_WORDS = (
     "where {1} in map",
     "00 00 ",
     "[Unit]",
+    "[[allow]]",
 )
 """How blocks begin that are no Python: what one types, what is printed, what is on the wire, a service of systemd."""
 

@@ -13,6 +13,7 @@ import msgspec
 
 from tca_central.control.steering import PendingDeadline, PendingKill
 from tca_central.core import Central
+from tca_central.events import AccessRule
 from tca_central.image.shapes import (
     ObjectShape,
     ValueShape,
@@ -45,6 +46,7 @@ from tca_central.model.deliveries import (
 from tca_central.model.guards import Guard, Guards
 from tca_central.model.registry import Registry, Value, Variables
 from tca_central.model.resources import Claim, PendingLimit, Queue
+from tca_central.model.rights import Permissions, Rights
 from tca_central.model.task_tree import KeptTask, Rare, Task, TaskTree, Verdict
 from tca_central.order.agenda import Agenda
 from tca_central.order.ahead import MessagesAhead
@@ -59,7 +61,7 @@ from tca_wire.packets import headers, parts
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import Moment, Point
 from tca_wire.rules import GOAL, NO_GOAL, TaskRules
-from tca_wire.vocabulary import Condition, Dropping, Due, MessageClass, Outcome, Refusal, Role, Scope
+from tca_wire.vocabulary import Condition, Dropping, Due, MessageClass, Outcome, Permission, Refusal, Role, Scope
 
 FORMAT = 1
 """The version of the layout, and of how it is written."""
@@ -76,7 +78,8 @@ OBJECTS: dict[type, str] = {
     Central: (
         "agenda attached awaited blocked claimed_for claims clock collectors dispatcher epoch events facts failed "
         "forgotten grace holds_until_told keep_count kept kept_bytes look_after may_have_closed messages next_look "
-        "origin outcome_bytes outcomes registry scan suspects taps tree untold variables watch_of_condition watches"
+        "origin outcome_bytes outcomes registry scan suspects taps tree untold variables "
+        "watch_of_condition watches"
     ),
     # model
     AttachedHandler: "by failure handler holders id maximum place",
@@ -84,8 +87,8 @@ OBJECTS: dict[type, str] = {
     Clock: "_asked _cancelled _queue now",
     Connection: (
         "answers begins entrance handling id known_until last_number late lost_claims module number orphans "
-        "outstanding pauses prefetch principal pulse repeats_until resource routes session tasks untold waits watchers "
-        "watches"
+        "outstanding pauses prefetch principal pulse repeats_until resource rights routes session tasks untold waits "
+        "watchers watches"
     ),
     Delivery: _DELIVERY,
     Guard: "above age task",
@@ -100,11 +103,13 @@ OBJECTS: dict[type, str] = {
     ModuleResource: f"{_RESOURCE} busy delivered limits quick_runs",
     PendingLimit: "most waiting",
     Queue: "_heap waiting",
+    Permissions: "outcome_owners rules",
+    Rights: "known patterns",
     Rare: (
         "attached attempts ended_followers farewells fired guests invocations is_guest is_tapped is_void kept kept_by "
         "listeners pending recovering retry_askers retry_targets sequence taps watch"
     ),
-    Registry: "_names connections lost messages modules",
+    Registry: "_names connections lost messages modules permissions",
     Task: (
         f"{_DELIVERY} children delayed failure followers guard held ignores_parent is_dealt_with is_goal is_watcher "
         "killed last_child leaders parent rare reached recovery requested result retrying returned survives suspended "
@@ -141,14 +146,15 @@ DERIVED: dict[type, set[str]] = {Central: {"_output_queues", "_outputs"}}
 """Attributes that are made anew (Central.connect_outputs)."""
 
 VALUES: tuple[type, ...] = (
-    Blocking, Constraint, Dropped, Entrance, Holder, LostClaim, Point, RaisedFailure, Refusals, Value, Verdict,
-    parts.Involved, parts.MessageFormat, parts.Tapped, parts.Trouble, parts.Watching, parts.WatchOptions,
+    AccessRule, Blocking, Constraint, Dropped, Entrance, Holder, LostClaim, Point, RaisedFailure, Refusals, Value,
+    Verdict, parts.Involved, parts.MessageFormat, parts.Tapped, parts.Trouble, parts.Watching, parts.WatchOptions,
     *get_args(headers.ToModule),
 )  # fmt: skip
 """Classes of values that never change: NamedTuples and msgspec's. They have the fields that they declare."""
 
 ENUMS: tuple[type[Enum], ...] = (
-    Condition, Dropping, Due, Flags, MessageClass, Moment, Outcome, Refusal, Role, Scope,
+    Condition, Dropping, Due, Flags, MessageClass, Moment, Outcome, Permission, Refusal, Role,
+    Scope,
 )  # fmt: skip
 
 LONGEST_RECORD = 8

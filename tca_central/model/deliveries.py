@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from tca_central.events import ConnectionId
 from tca_central.model.resources import PendingLimit, Resource
+from tca_central.model.rights import Rights
 from tca_wire.messages.notices import NOTICES
 from tca_wire.packets.headers import ToModule
 from tca_wire.packets.parts import MessageFormat, WatchOptions
@@ -59,12 +60,13 @@ class Connection:
 
     __slots__ = ("answers", "begins", "entrance", "handling", "id", "known_until", "last_number", "late",
                  "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch", "principal",
-                 "pulse", "repeats_until", "resource", "routes", "session", "tasks", "untold", "waits", "watchers",
-                 "watches")  # fmt: skip
+                 "pulse", "repeats_until", "resource", "rights", "routes", "session", "tasks", "untold", "waits",
+                 "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
         self.principal = module.principal  #: who it belongs to
+        self.rights: Rights | None = None  #: what it may do (None: everything)
         self.session = session  #: names it across reconnects
         self.number = number  #: which of its module's it is
         self.module = module

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
 from tca_central.model.deliveries import Connection, MessageType, Module, ModuleResource
+from tca_central.model.rights import Permissions
 from tca_wire.messages.formats import first_difference
 from tca_wire.messages.notices import NOTICES, PREFIX
 from tca_wire.packets.parts import MessageFormat
@@ -30,6 +31,7 @@ class Registry:
         self.modules: dict[str, Module] = {}  #: by incarnation
         self.messages: dict[str, MessageType] = {}
         self.lost: dict[str, Connection] = {}  #: lately lost, by session: they may come back and repeat requests
+        self.permissions = Permissions()
         self._names: set[str] = set()
 
     def module(self, name: str, incarnation: str, process: str, principal: str) -> tuple[Module, bool]:

@@ -7,6 +7,7 @@ from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
 from tca_central.locks import claims
 from tca_central.model.deliveries import Connection, Delivery, Handler, Module
+from tca_central.model.rights import OWNER, Rights, rights_of
 from tca_central.model.task_tree import Task, to_be_fired
 from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
@@ -38,6 +39,7 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello, pr
     _check(header)
     session = f"{header.incarnation}/{header.connection}"
     _check_owner(central, header, session, principal)
+    rights = _rights(central, header, principal)
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process, principal)
     if is_new:
         central.facts.append(facts.ModuleJoined(module.name, header.process, principal))
@@ -55,7 +57,7 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello, pr
         if connection.entrance is None:  # else it may be busy with what central does not know
             connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
         _join(central, connection, header.resource)
-    connection.pulse = header.pulse
+    connection.pulse, connection.rights = header.pulse, rights
     on_hello_again(central, connection, header, b"")
     _tell_again(central, connection)
     go_on_if_complete(central)
@@ -102,6 +104,18 @@ def _check_owner(central: State, header: headers.Hello, session: str, principal:
     if known is not None and known.principal != principal:
         text = f"another run of module '{header.module}' has this incarnation, and is somebody else's: draw a new one"
         raise RequestError(Refusal.FORBIDDEN, text)
+
+
+def _rights(central: State, header: headers.Hello, principal: str) -> Rights | None:
+    """What the connection may do; None: everything. Raises RequestError if it may not be such a module."""
+    if central.registry.permissions.rules is None:
+        return None
+    known = central.registry.modules.get(header.incarnation)
+    called = known.called if known is not None else header.module or "module"
+    if (rights := rights_of(central.registry.permissions.rules, principal, called)) is None:
+        text = f"'{principal or OWNER}' may not be module '{called}': see the permissions file"
+        raise RequestError(Refusal.FORBIDDEN, text)
+    return rights
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:

@@ -5,18 +5,22 @@ told to trust everybody on this computer. Each packet is asked, and not its line
 of an earlier one. So a key that is gone has no say from the next look on.
 """
 
+import contextlib
 import logging
 import os
 import sys
-from collections.abc import Collection
+from collections.abc import Iterator
 from pathlib import Path
 
 import zmq
 
+from tca_central.core import Central
 from tca_central.errors import CentralError
+from tca_central.events import ConnectionLost, Input, KeysChanged, PermissionsChanged
 from tca_central.shell.allowed_keys import AllowedKeys, own_pair
 from tca_central.shell.authenticator import Authenticator, KeyPair, guard
 from tca_central.shell.log_limit import LogLimit
+from tca_central.shell.permissions_file import PermissionsFile, users_in
 
 log = logging.getLogger("tca.central")
 
@@ -29,27 +33,41 @@ class Gate:
 
     why = "central lets in no programs of other users"  #: for those who are turned away
 
-    def __init__(self) -> None:
+    def __init__(self, permissions: PermissionsFile | None = None, socket_file: Path | None = None) -> None:
+        self._permissions = permissions
+        self._socket_file = socket_file
         self._users = {os.getuid(): ""}
+        self._listed: list[int] = []
         self._principals: dict[str, str | None] = {}  #: by what the kernel says of the far end
         self._warned = LogLimit(log)
-        self.has_news = False  #: ``look_again`` has something to tell
+        self.has_news = False  #: ``news`` has something to tell
         self._told: set[bytes] = set()  #: lines that were turned away, and know it
 
-    def open(self, context: "zmq.Context[zmq.Socket[bytes]]", socket: "zmq.Socket[bytes]") -> None:
+    def open(self, _context: "zmq.Context[zmq.Socket[bytes]]", _socket: "zmq.Socket[bytes]", /) -> None:
         """Guard a socket that is not bound yet."""
 
     def close(self) -> None:
         """Let nobody in any more."""
 
-    def allow_users(self, users: Collection[int]) -> None:
+    def news(self, now: float, central: Central) -> Iterator[Input]:
+        """The events of what has changed in files since the last look, and of whom that cuts off."""
+        permissions = self._permissions
+        if permissions is not None:
+            permissions.look_again()
+        rules = permissions.rules if permissions is not None else None
+        if self._socket_file is not None and (users := users_in(rules or ())) != self._listed:
+            self._allow_users(users)
+        if rules != central.registry.permissions.rules:
+            yield PermissionsChanged(now, rules, str(permissions.path.absolute()) if permissions is not None else "")
+
+    def _allow_users(self, users: list[int]) -> None:
         """Let these users in, and no others but the one who runs central."""
+        assert self._socket_file is not None
+        self._listed = users
         self._users = {user: f"uid:{user}" for user in users} | {os.getuid(): ""}
         self._principals.clear()
-
-    def look_again(self) -> tuple[list[str], list[str]]:
-        """The names whose keys have come since the last look, and those whose keys have gone."""
-        return [], []
+        with contextlib.suppress(OSError):
+            self._socket_file.chmod(0o666 if users else 0o700)  # who comes is asked; its folder may be closed to them
 
     def is_new(self, line: bytes) -> bool:
         """Whether a line is turned away for the first time, as far as is remembered."""
@@ -101,9 +119,9 @@ class KeyGate(Gate):
 
     why = "central lets in nobody without a key that it allows"
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, permissions: PermissionsFile | None = None) -> None:
         """Keys are in this folder. Raises KeyRefused, or CentralError if there are none."""
-        super().__init__()
+        super().__init__(permissions)
         self._own: KeyPair = own_pair(folder)
         self._allowed = AllowedKeys(folder)
         self._authenticator: Authenticator | None = None
@@ -114,7 +132,7 @@ class KeyGate(Gate):
             msg = f"no key is allowed in {folder}, so nobody could connect: make one with 'tca keys new NAME'"
             raise CentralError(msg)
 
-    def open(self, context: "zmq.Context[zmq.Socket[bytes]]", socket: "zmq.Socket[bytes]") -> None:
+    def open(self, context: "zmq.Context[zmq.Socket[bytes]]", socket: "zmq.Socket[bytes]", /) -> None:
         """Guard a socket that is not bound yet. Raises CentralError if keys can't be checked here."""
         self._authenticator = Authenticator(context, self._allowed.is_known)
         self._authenticator.try_out(context, self._own)
@@ -130,14 +148,18 @@ class KeyGate(Gate):
         """Whether newcomers can get in."""
         return self._authenticator is not None and self._authenticator.is_alive
 
-    def look_again(self) -> tuple[list[str], list[str]]:
-        """The names whose keys have come since the last look, and those whose keys have gone."""
+    def news(self, now: float, central: Central) -> Iterator[Input]:
+        """The events of what has changed in files since the last look, and of whom that cuts off."""
         if self._was_alive and not self.is_alive:
             self._was_alive = False
             log.error("nobody can connect any more: the authenticator has ended; start central again")
         self._look()
-        news, self._news, self.has_news = self._news, ([], []), False
-        return news
+        (allowed, revoked), self._news, self.has_news = self._news, ([], []), False
+        if allowed or revoked:
+            yield KeysChanged(now, allowed, revoked)
+        for connection in [one for one in central.registry.connections.values() if one.principal in revoked]:
+            yield ConnectionLost(now, connection.id, f"the key '{connection.principal}' is not allowed any more")
+        yield from super().news(now, central)
 
     def _look(self) -> None:
         new, gone = self._allowed.look_again()
@@ -166,8 +188,9 @@ def _said_of(frame: zmq.Frame, what: str) -> str:
         return ""
 
 
-def gate_for(endpoint: str, keys: Path, *, insecure: bool) -> Gate:
+def gate_for(endpoint: str, keys: Path, permissions: Path | None = None, *, insecure: bool) -> Gate:
     """The gate for an address; *insecure*: TCP without keys. Raises KeyRefused, CentralError."""
+    file = PermissionsFile(permissions) if permissions is not None else None
     if not endpoint.startswith("tcp://"):
-        return Gate()
-    return OpenGate() if insecure else KeyGate(keys)
+        return Gate(file, Path(endpoint.removeprefix("ipc://")))
+    return OpenGate(file) if insecure else KeyGate(keys, file)

@@ -45,6 +45,7 @@ class LogLines:
             facts.Ignored: lambda fact, _: log.warning("nothing done for module '%s': %s", fact.sender, fact.text),
             facts.ModuleJoined: self._joined,
             facts.KeysChanged: self._keys,
+            facts.PermissionsChanged: self._permissions,
             facts.ModuleLeft: lambda fact, _: log.info("module '%s' left: %s", fact.module, fact.why),
             facts.Queued: self._queued,
             facts.HandlerAdded: lambda fact, _: self._unseen.discard(fact.message),
@@ -66,6 +67,12 @@ class LogLines:
         for what, names in (("allowed", fact.allowed), ("revoked", fact.revoked)):
             if names:
                 self._log.info("%s: %s", what, ", ".join(names))
+
+    def _permissions(self, fact: facts.PermissionsChanged, _: Record) -> None:
+        if fact.rules < 0:
+            self._log.info("no permissions file: whoever gets in may do everything")
+        else:
+            self._log.info("%d rules of %s say who may do what", fact.rules, fact.source)
 
     def _lost(self, fact: facts.Fact, record: Record) -> bool:
         if (loss := loss_in(fact)) is None:

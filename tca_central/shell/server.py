@@ -26,7 +26,6 @@ from tca_central.events import (
     Effect,
     Event,
     Input,
-    KeysChanged,
     RequestReceived,
     Spared,
     TellAll,
@@ -166,6 +165,7 @@ class Server:
 
     def serve(self) -> None:
         """Run until ``stopping`` says why to stop."""
+        self._ask_gate()
         while not self.stopping:
             patience = self._patience()
             if self._is_lively and patience > LIVELY:
@@ -278,7 +278,7 @@ class Server:
                 self._turn_away(connection, frame)
                 continue
             if self._gate.has_news:
-                self._look_at_keys()
+                self._ask_gate()
             self._pulses.heard.add(connection)
             if frame.more:
                 self.take(BadBytes(now, connection, self._many_frames(frame)))
@@ -316,16 +316,10 @@ class Server:
             return 0
         return 1 + (bool(leaving.pulse) and sum(one.pulse == leaving.pulse for one in known.values()) == 1)
 
-    def _look_at_keys(self) -> None:
-        """Cut the connections of those whose keys have gone."""
-        allowed, revoked = self._gate.look_again()
-        if allowed or revoked:
-            self.take(KeysChanged(self.now(), allowed, revoked))
-        if revoked:
-            known = self.central.registry.connections
-            for connection in [one for one in known.values() if one.principal in revoked]:
-                why = f"the key '{connection.principal}' is not allowed any more"
-                self.take(ConnectionLost(self.now(), connection.id, why))
+    def _ask_gate(self) -> None:
+        """Keys and permissions may have changed."""
+        for event in self._gate.news(self.now(), self.central):
+            self.take(event)
 
     def _find_lost(self) -> None:
         """Beat to those who wait for an answer; to all when some are gone, for the door does not tell which (the socket
@@ -367,7 +361,7 @@ class Server:
     def _find_silent(self) -> None:
         """Beat to every process; those that stand still do not send it back, whatever the kernel says of them."""
         self._next_pulse = self.now() + PULSE_PERIOD
-        self._look_at_keys()
+        self._ask_gate()
         self._lines.losses.tell(self.now())
         known, pulses = self.central.registry.connections, self._pulses
         beating = pulses.beat(known.values()) if self._lost_after else set()

@@ -96,6 +96,13 @@ class KeysChanged(_Fact, frozen=True, tag="keys"):
     revoked: list[str]
 
 
+class PermissionsChanged(_Fact, frozen=True, tag="permissions"):
+    """From now on so many rules, from that source, say who may do what (-1: none do, everybody may do everything)."""
+
+    rules: int
+    source: str
+
+
 class ResourceChanged(_Fact, frozen=True, tag="resource"):
     """A resource of a module now takes *capacity* messages at a time."""
 
@@ -533,7 +540,7 @@ class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
 Fact = (
     Opened | Closed | CentralFailed | CentralRestarted | WentOn
     | ModuleJoined | ModuleLeft | ResourceChanged | Recalling | FormatDefined | HandlerAdded | HandlerRemoved
-    | KeysChanged | RequestRefused | Ignored
+    | KeysChanged | PermissionsChanged | RequestRefused | Ignored
     | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly
     | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
     | SuspendedOrResumed | Kept | Released

@@ -151,6 +151,9 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
         f"{what} {', '.join(names)}" for what, names in (("allowed", fact.allowed), ("revoked", fact.revoked)) if names
     ),
     facts.ModuleLeft: lambda _, fact: f"{fact.module}: {fact.why}",
+    facts.PermissionsChanged: lambda _, fact: (
+        f"{fact.rules} rules of {fact.source}" if fact.rules >= 0 else "whoever gets in may do everything"
+    ),
     facts.ResourceChanged: lambda _, fact: f"{place(fact.module, fact.resource)} takes {fact.capacity} at a time",
     facts.Recalling: lambda _, fact: (
         f"{place(fact.module, fact.resource)} {'has said' if fact.is_over else 'is asked'} what it has not begun"

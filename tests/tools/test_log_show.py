@@ -31,7 +31,7 @@ def run(tmp_path: Path) -> Path:
 def told_of_everything() -> Story:
     """A story with each kind of fact at least once."""
     story = Story().module("legs", "walk", resource="motors")
-    story.say(facts.KeysChanged(["arm"], ["old arm", "leg"]))
+    story.say(facts.KeysChanged(["arm"], ["old arm", "leg"]), facts.PermissionsChanged(3, "/etc/tca/robot.toml"))
     story.say(facts.FormatDefined("walk", MessageClass.GOAL, "{}", "", "legs"))
     goal = story.goal("walk", "script", 0, data={"metres": 2.5})
     story.queued(goal).at(1.25).delivered(goal, "legs", "motors")

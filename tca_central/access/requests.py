@@ -1,0 +1,269 @@
+"""The permissions that requests need: a row for each message of the protocol, asked only where there are rules.
+
+What a principal has sent, and what it handles, is its own: that needs no permission. Nor do answers, which
+count only from the slot that was given the message, nor what ends a connection's own wants. What a request
+mentions that does not exist is left to the function that carries it out: that refuses it, too.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from tca_central.errors import RequestError
+from tca_central.model.deliveries import Connection, Holder, Module, ModuleResource
+from tca_central.model.task_tree import KeptTask, Task
+from tca_central.state import State
+from tca_wire.packets import headers
+from tca_wire.packets.routes import Noted, WatchEntrance
+from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import Permission, Refusal, Role, Scope
+
+SEND, HANDLE, TAP = Permission.SEND, Permission.HANDLE, Permission.TAP
+LOCK, KILL, ADMINISTER = Permission.LOCK, Permission.KILL, Permission.ADMINISTER
+
+OPEN_TOPICS = ("messages", "modules")
+"""Central tells these to all: the module library asks for them to explain errors."""
+
+
+def check(central: State, connection: Connection, header: Any) -> None:
+    """Raise RequestError if a connection may not ask for that."""
+    if (needs := NEEDS[type(header)]) is not None:
+        needs(central, connection, header)
+
+
+def forbidden(connection: Connection, what: str) -> RequestError:
+    """The error of a connection that may not do *what*."""
+    module = connection.module
+    who = f" ({module.principal})" if module.principal else ""
+    return RequestError(Refusal.FORBIDDEN, f"module '{module.name}'{who} may not {what}: see the permissions file")
+
+
+def _need(connection: Connection, permission: Permission, name: str) -> None:
+    if name and not _may(connection, permission, name):
+        raise forbidden(connection, f"{permission} '{name}'")
+
+
+def _may(connection: Connection, permission: Permission, name: str) -> bool:
+    return connection.rights is None or connection.rights.allow(permission, name)
+
+
+def _may_one_of(connection: Connection, permissions: Iterable[Permission], name: str) -> bool:
+    return any(_may(connection, permission, name) for permission in permissions)
+
+
+# --- tasks -----------------------------------------------------------------------------------------------------------
+
+
+def _is_own(connection: Connection, task: Task) -> bool:
+    """Whether its principal has sent a task, or handles it."""
+    principal, sender, slot = connection.principal, task.sent_by, task.slot
+    if isinstance(sender, Module) and sender.principal == principal:
+        return True
+    return slot is not None and slot.principal == principal
+
+
+def _decides_for(central: State, connection: Connection, task: Task) -> bool:
+    """Whether the handler that asks is the exception handler of a failure of what is under that task, or of itself."""
+    asking: Any = central.dispatcher.running.get(central.origin)
+    if not isinstance(asking, Task) or asking.role is not Role.EXCEPTION or asking.slot is not connection:
+        return False
+    above = asking.parent
+    while above is not None:
+        if above is task:
+            return True
+        above = above.parent
+    return False
+
+
+def _control(central: State, connection: Connection, number: TaskId, what: str) -> None:
+    """Its principal may steer that task. One that has ended is not changed any more; all hang under the root."""
+    task = central.tree.tasks.get(number)
+    if number == ROOT:
+        _need(connection, ADMINISTER, "root")
+    if task is None or _is_own(connection, task) or _may(connection, KILL, task.message.name):
+        return
+    if not _decides_for(central, connection, task):
+        raise forbidden(connection, f"{what} {task}, which is somebody else's")
+
+
+def _see(central: State, connection: Connection, number: TaskId) -> None:
+    """Its principal may know what a task does, and did."""
+    task = central.tree.tasks.get(number)
+    if task is not None:
+        is_its = _is_own(connection, task) or _may_one_of(connection, (TAP, KILL), task.message.name)
+        if not is_its and not _decides_for(central, connection, task):
+            raise forbidden(connection, f"see {task}, which is somebody else's")
+        return
+    owner, record = central.registry.permissions.outcome_owners.get(number), central.kept.get(number)
+    if owner == connection.principal or (owner is None and record is None) or _may(connection, ADMINISTER, "tree"):
+        return
+    if record is None or not _may_see_record(connection, record):
+        raise forbidden(connection, f"see task {number}, which was somebody else's")
+
+
+def _may_see_record(connection: Connection, record: KeptTask) -> bool:
+    is_its = any(module.principal == connection.principal for module in record.kept_by)
+    return is_its or _may_one_of(connection, (TAP, KILL), record.message.name)
+
+
+def _constrain(central: State, connection: Connection, header: headers.Send | headers.Constrain) -> None:
+    for constraint in header.constraints:
+        if constraint.after.task > 0:
+            _control(central, connection, constraint.after.task, "constrain")
+
+
+# --- a function a message --------------------------------------------------------------------------------------------
+
+
+def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
+    _control(central, connection, header.task, "kill")
+    task = central.tree.tasks.get(header.task)
+    if header.scope is Scope.SIBLINGS and task is not None and task.parent is not None:
+        _control(central, connection, TaskId(task.parent.id), "kill what is under")
+
+
+def _register(_: State, connection: Connection, header: headers.Register) -> None:
+    for declared in header.messages:
+        if not _may_one_of(connection, (SEND, HANDLE, TAP), declared.name):
+            raise forbidden(connection, f"declare '{declared.name}'")
+        for part in declared.parts:
+            _need(connection, SEND, part)
+    for handled in header.handlers:
+        _need(connection, HANDLE, handled.message)
+
+
+def _send(central: State, connection: Connection, header: headers.Send) -> None:
+    _need(connection, SEND, header.message)
+    if header.parent:
+        _control(central, connection, header.parent, "send under")
+    _constrain(central, connection, header)
+    for attachment in header.attachments:
+        _need(connection, SEND, attachment.handler)
+
+
+def _attach(central: State, connection: Connection, header: headers.Attach) -> None:
+    _need(connection, SEND, header.attachment.handler)
+    if header.message:
+        _need(connection, TAP, header.message)
+    elif header.task:
+        _control(central, connection, header.task, "attach an exception handler to")
+    else:
+        _need(connection, ADMINISTER, "attach")
+
+
+def _remove(central: State, connection: Connection, header: headers.Remove) -> None:
+    if (attached := central.attached.get(header.id)) is not None:
+        is_its = _holds(central, connection, attached.holders.values())
+    elif (tap := central.taps.get(header.id)) is not None:
+        is_its = not header.for_all or _holds(central, connection, tap.holders.values())
+    else:
+        task = central.tree.tasks.get(header.id)
+        is_its = task is None or _is_own(connection, task)
+    if not is_its:
+        _need(connection, ADMINISTER, "detach")
+
+
+def _holds(central: State, connection: Connection, holders: Iterable[Holder]) -> bool:
+    """Whether all who have attached something are of its principal, and connected."""
+    runs = [central.registry.modules.get(holder.run) for holder in holders]
+    return all(run is not None and run.principal == connection.principal for run in runs)
+
+
+def _tap(central: State, connection: Connection, header: headers.Tap) -> None:
+    _need(connection, SEND, header.listener)
+    if header.message:
+        _need(connection, TAP, header.message)
+    elif (task := central.tree.tasks.get(header.task)) is not None:
+        if not _is_own(connection, task):
+            _need(connection, TAP, task.message.name)
+    else:
+        _see(central, connection, header.task)
+        _need(connection, TAP, header.of)
+
+
+def _fire(central: State, connection: Connection, header: headers.Fire) -> None:
+    _need(connection, SEND, header.action)
+    if header.message:
+        _need(connection, SEND, header.message)
+    elif (task := central.tree.tasks.get(header.monitor)) is not None and not _is_own(connection, task):
+        _need(connection, SEND, task.message.name)
+
+
+def _inspect(central: State, connection: Connection, header: headers.Inspect) -> None:
+    if header.task:
+        _see(central, connection, header.task)
+    else:
+        _need(connection, ADMINISTER, "tree")
+
+
+def _get_variable(_: State, connection: Connection, header: headers.GetVariable) -> None:
+    if not _may_one_of(connection, (HANDLE, SEND), header.variable):
+        raise forbidden(connection, f"get '{header.variable}'")
+
+
+def _lock(central: State, connection: Connection, header: headers.Lock) -> None:
+    """Whatever resource may be meant."""
+    for module in central.registry.modules.values():
+        resource = module.resources.get(header.resource)
+        if resource is not None and header.module in ("", module.name, module.called):
+            _lock_one(connection, module, resource)
+
+
+def _lock_one(connection: Connection, module: Module, resource: ModuleResource) -> None:
+    if module is not connection.module:
+        _need(connection, LOCK, f"{module.called}.{resource.name}")
+
+
+def _ask(_: State, connection: Connection, header: headers.Ask) -> None:
+    if header.topic not in OPEN_TOPICS:
+        _need(connection, ADMINISTER, header.topic)
+
+
+def _noted(_: State, connection: Connection, header: Noted) -> None:
+    for note in header.notes:
+        _need(connection, HANDLE, note.message)
+
+
+def _controls(what: str, number: Callable[[Any], TaskId]) -> Callable[[State, Connection, Any], None]:
+    """A request that steers the task of that *number*."""
+    return lambda central, connection, header: _control(central, connection, number(header), what)
+
+
+NEEDS: dict[type, Callable[[State, Connection, Any], None] | None] = {
+    headers.Hello: None,  # joining.py: which names a principal may have
+    headers.Register: _register,
+    headers.Unregister: None,
+    headers.Send: _send,
+    headers.Reply: None,
+    headers.Replies: None,
+    headers.Fail: None,
+    headers.Constrain: _constrain,
+    headers.AwaitPoint: lambda central, connection, header: _see(central, connection, header.point.task),
+    headers.Await: None,
+    headers.AwaitAny: None,
+    headers.GiveUp: None,
+    headers.Release: None,
+    headers.Kill: _kill,
+    headers.Ask: _ask,
+    headers.Attach: _attach,
+    headers.Remove: _remove,
+    headers.Raise: _controls("raise a failure on", lambda header: header.task),
+    headers.Retry: _controls("retry", lambda header: header.task),
+    headers.Suspend: _controls("suspend", lambda header: header.task),
+    headers.Deadline: _controls("give a deadline to", lambda header: header.point.task),
+    headers.Inspect: _inspect,
+    headers.Tap: _tap,
+    headers.Fire: _fire,
+    headers.EndMonitor: _controls("end", lambda header: header.monitor),
+    headers.Keep: lambda central, connection, header: _see(central, connection, header.task),
+    headers.Recalled: None,
+    headers.Bye: None,
+    headers.GetVariable: _get_variable,
+    headers.SetVariable: lambda _, connection, header: _need(connection, SEND, header.variable),
+    headers.WaitUntilHandled: None,
+    headers.Lock: _lock,
+    headers.Unlock: lambda _, connection, __: _need(connection, ADMINISTER, "unlock"),
+    headers.GoOn: lambda _, connection, __: _need(connection, ADMINISTER, "resume"),
+    Noted: _noted,
+    WatchEntrance: None,
+}
+"""One row per message: what it needs; None: nothing."""

@@ -1,0 +1,61 @@
+"""Rights: what one connection may do, as the permissions file has it. Knows nothing of messages but their names."""
+
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+
+from tca_central.events import AccessRule
+from tca_wire.vocabulary import Permission
+
+OWNER = "owner"
+"""What permissions call the user who runs central."""
+
+_REMEMBERED = 4096  # names
+
+
+class Rights:
+    """The patterns that apply to one connection, and what they have said of names."""
+
+    __slots__ = ("known", "patterns")
+
+    def __init__(self, patterns: dict[Permission, tuple[str, ...]]) -> None:
+        self.patterns = patterns
+        self.known: dict[tuple[Permission, str], bool] = {}
+
+    def allow(self, permission: Permission, name: str) -> bool:
+        """Whether it may do that with what is called so."""
+        asked = permission, name
+        allowed = self.known.get(asked)
+        if allowed is None:
+            allowed = matches(name, self.patterns.get(permission, ()))
+            if len(self.known) >= _REMEMBERED:
+                self.known.clear()
+            self.known[asked] = allowed
+        return allowed
+
+
+class Permissions:
+    """The rules, and what they need to know of the past."""
+
+    __slots__ = ("outcome_owners", "rules")
+
+    def __init__(self) -> None:
+        self.rules: tuple[AccessRule, ...] | None = None  #: None: whoever is let in may do everything
+        self.outcome_owners: dict[int, str] = {}  #: of ended tasks whose outcome is kept: whose they were, under rules
+
+
+def matches(name: str, patterns: Iterable[str]) -> bool:
+    """Whether a name fits one of the patterns."""
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def rights_of(rules: Iterable[AccessRule], principal: str, module: str) -> Rights | None:
+    """The rights of a principal as a module of that name; None if no rule is about it: it is not let in."""
+    who = principal or OWNER
+    found = [rule for rule in rules if matches(who, rule.keys) and matches(module, rule.modules)]
+    if not found:
+        return None
+    patterns: dict[Permission, tuple[str, ...]] = {}
+    for rule in found:
+        for permission, names in rule.allowed:
+            patterns[permission] = (*patterns.get(permission, ()), *names)
+    return Rights(patterns)

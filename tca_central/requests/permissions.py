@@ -1,0 +1,43 @@
+"""The permissions of those who are connected, when they join and when the rules change."""
+
+from tca_central.events import PermissionsChanged
+from tca_central.model.deliveries import Module, Wiretap
+from tca_central.model.rights import Rights, rights_of
+from tca_central.model.task_tree import Task
+from tca_central.requests.joining import disconnect, remove_handlers
+from tca_central.state import State
+from tca_central.watching import taps
+from tca_wire.journal import facts
+from tca_wire.vocabulary import Permission
+
+
+def change_permissions(central: State, event: PermissionsChanged) -> None:
+    """New rules: they hold for those who are there, too. Handlers and wiretaps that they do not allow go; who may not
+    be here at all is cut off.
+    """
+    central.registry.permissions.rules = event.rules
+    central.facts.append(facts.PermissionsChanged(-1 if event.rules is None else len(event.rules), event.source))
+    for module in list(central.registry.modules.values()):
+        rights = None if event.rules is None else rights_of(event.rules, module.principal, module.called)
+        is_out = event.rules is not None and rights is None
+        for connection in list(module.connections.values()):
+            connection.rights = rights
+            if is_out:
+                disconnect(central, connection, "the permissions do not let it in any more", lost=True)
+        if rights is not None:
+            _take_away(central, module, rights)
+
+
+def _take_away(central: State, module: Module, rights: Rights) -> None:
+    handled = [one for one in module.handlers.values() if not rights.allow(Permission.HANDLE, one.message.name)]
+    if handled:
+        remove_handlers(central, handled)
+    for tap in list(central.taps.values()):
+        if module.name in tap.holders and not _may_tap(tap, rights):
+            taps.remove(central, tap, module)
+
+
+def _may_tap(tap: Wiretap, rights: Rights) -> bool:
+    if isinstance(tap.place, Task):
+        return True
+    return rights.allow(Permission.TAP, tap.place.name) and rights.allow(Permission.SEND, tap.listener.name)

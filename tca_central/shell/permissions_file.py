@@ -1,0 +1,137 @@
+"""The permissions file: TOML that says which keys may be which modules, and do what. It is checked as a whole.
+
+[[allow]]
+key = "arm"               # of 'tca keys', "owner" (who runs central), "uid:1001"; or a list of them
+module = "arm*"           # [default: any]
+send = ["log", "pose"]
+handle = ["grip", "move_*"]
+"""
+
+import contextlib
+import logging
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from tca_central.errors import CentralError
+from tca_central.events import AccessRule
+from tca_wire.vocabulary import Permission
+
+log = logging.getLogger("tca.central")
+
+_HEADING = re.compile(r"\s*\[\[\s*allow\s*\]\]")
+_NAMES = ("key", "module", *map(str, Permission))
+_MOST_SHOWN = 20
+
+
+class PermissionsError(CentralError):
+    """A permissions file that can't be used: each thing that is wrong, where, and what to write."""
+
+
+class PermissionsFile:
+    """The rules of a file, as it was when it was last good."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises PermissionsError."""
+        self.path = path
+        self._seen = self._look()
+        self.rules = read_rules(path)
+
+    def _look(self) -> tuple[int, ...]:
+        try:
+            found = self.path.stat()
+        except OSError as error:
+            return (error.errno or 0,)
+        return found.st_mtime_ns, found.st_size, found.st_ino
+
+    def look_again(self) -> None:
+        """Read it if it has changed. One that is wrong is told of, and changes nothing."""
+        if (look := self._look()) == self._seen:
+            return
+        self._seen = look
+        try:
+            self.rules = read_rules(self.path)
+        except PermissionsError as error:
+            log.error("the permissions stay as they were: %s", error)  # noqa: TRY400 - the user's fault, not ours
+
+
+def users_in(rules: tuple[AccessRule, ...]) -> list[int]:
+    """The users of this computer that rules name. A pattern names nobody."""
+    named = [key.removeprefix("uid:") for rule in rules for key in rule.keys if key.startswith("uid:")]
+    return [int(number) for number in named if number.isdecimal()]
+
+
+def read_rules(path: Path) -> tuple[AccessRule, ...]:
+    """The rules of a file. Raises PermissionsError."""
+    try:
+        text, mode = path.read_text(), path.stat().st_mode
+        found = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise PermissionsError(f"{path}: {why}") from None
+    if mode & 0o002:
+        raise PermissionsError(f"{path}: anybody may write it: chmod o-w")
+    wrong = list(_wrong_in(found, text))
+    if wrong:
+        shown = [f"{path}{f', line {line}' if line else ''}: {what}" for line, what in wrong[:_MOST_SHOWN]]
+        raise PermissionsError("\n".join(shown))
+    return tuple(map(_rule, found["allow"]))
+
+
+def _rule(table: dict[str, Any]) -> AccessRule:
+    allowed = [(one, _texts(table[one])) for one in Permission if one in table]
+    return AccessRule(_texts(table["key"]), _texts(table.get("module", "*")), tuple(allowed))
+
+
+def _texts(value: str | list[str]) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _wrong_in(found: dict[str, Any], text: str) -> Iterator[tuple[int, str]]:
+    """Lines and what is wrong there (0: nowhere in particular)."""
+    for name in found.keys() - {"allow"}:
+        yield _line_of(text, -1, name), f"'{name}' has no meaning here: write [[allow]] above what it allows"
+    tables = found.get("allow")
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        yield 0, "there is no [[allow]]: with this file nobody could connect"
+        return
+    for index, table in enumerate(tables):
+        yield from _wrong_in_table(table, index, text)
+
+
+def _wrong_in_table(table: dict[str, Any], index: int, text: str) -> Iterator[tuple[int, str]]:
+    if "key" not in table:
+        yield _line_of(text, index, ""), 'whom this allows is not said: key = "NAME", a list of names, or "owner"'
+    for name, value in table.items():
+        line = _line_of(text, index, name)
+        if name not in _NAMES:
+            yield line, f"'{name}' is nothing that can be allowed: there are {', '.join(_NAMES)}"
+        elif not _is_texts(value):
+            yield line, f'{name} = {value!r:.60} is no text: write {name} = "NAME", or a list of such'
+        elif name == "key":
+            yield from ((line, what) for key in _texts(value) if (what := _wrong_key(key)))
+
+
+def _is_texts(value: Any) -> bool:
+    return isinstance(value, str) or (isinstance(value, list) and all(isinstance(one, str) for one in value))
+
+
+def _wrong_key(key: str) -> str:
+    if key.startswith("uid:") and not key.removeprefix("uid:").isdecimal():
+        return f"'{key}' is no user: write uid: and a number, as 'id -u NAME' says it"
+    return "" if key else "a key has no name"
+
+
+def _line_of(text: str, table: int, name: str) -> int:
+    """The line where the so manieth table says something; 0 if that is not found (TOML has many ways to write it)."""
+    current = -1
+    with contextlib.suppress(re.error):
+        for number, line in enumerate(text.splitlines(), 1):
+            is_heading = bool(_HEADING.match(line))
+            current += is_heading
+            is_it = is_heading if not name else re.match(rf"""\s*["']?{re.escape(name)}["']?\s*[=.]""", line)
+            if current == table and is_it:
+                return number
+    return 0

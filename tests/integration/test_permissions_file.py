@@ -1,0 +1,173 @@
+"""The permissions file, from its text to a running central."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from integration.programs import central
+from module.real_central import SOON, RealCentral, soon
+
+from tca_central.shell.gate import Gate
+from tca_central.shell.permissions_file import PermissionsError, PermissionsFile, read_rules, users_in
+from tca_module import Inform, Module, Query, Refused, connect
+from tca_wire.journal import facts
+from tca_wire.vocabulary import Permission, Refusal
+
+WHERE, SECRET = Query("where", int, reply=int), Inform("secret", int)
+
+GOOD = """
+[[allow]]
+key = ["arm", "arm-*"]
+module = "arm"
+send = "log"
+handle = ["grip", "move_*"]
+
+[[allow]]
+key = "uid:1001"
+"""
+
+ALL = """
+[[allow]]
+key = "owner"
+send = "*"
+handle = "*"
+tap = "*"
+lock = "*"
+kill = "*"
+administer = "*"
+"""
+
+LITTLE = """
+[[allow]]
+key = "owner"
+module = "map"
+handle = "where"
+
+[[allow]]
+key = "owner"
+module = "user"
+send = "where"
+"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "robot.toml"
+
+
+def test_what_a_file_says(path: Path) -> None:
+    path.write_text(GOOD)
+    arm, user = read_rules(path)
+    assert (arm.keys, arm.modules) == (("arm", "arm-*"), ("arm",))
+    assert dict(arm.allowed) == {Permission.SEND: ("log",), Permission.HANDLE: ("grip", "move_*")}
+    assert (user.keys, user.modules, user.allowed) == (("uid:1001",), ("*",), ())
+    assert users_in((arm, user)) == [1001]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("[[allow]\n", 1, "Expected"),
+        ("", 0, r"there is no \[\[allow\]\]"),
+        ("allow = 3", 0, r"there is no \[\[allow\]\]"),
+        ("[[allow]]\nsend = 'x'\n", 1, "whom this allows is not said"),
+        ("[[allow]]\nkey = 'x'\n\n[[allow]]\nkey = 'y'\nsned = 'z'\n", 6, "'sned' is nothing that can be allowed: there are .*send"),
+        ("[[allow]]\nkey = 'x'\nsend = 7\n", 3, "send = 7 is no text"),
+        ("[[allow]]\nkey = 'x'\nkill = ['a', 1]\n", 3, 'write kill = "NAME", or a list'),
+        ("[[allow]]\nkey = 'uid:root'\n", 2, "'uid:root' is no user: write uid: and a number"),
+        ("[[allow]]\nkey = ''\n", 2, "a key has no name"),
+        ("deny = 'x'\n[[allow]]\nkey = 'x'\n", 1, "'deny' has no meaning here"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_with_its_line(path: Path, text: str, line: int, words: str) -> None:
+    path.write_text(text)
+    where = rf", line {line}: " if line > 1 or "[[allow]]" in text else ""
+    with pytest.raises(PermissionsError, match=rf"robot.toml{where}.*{words}"):
+        read_rules(path)
+
+
+def test_all_that_is_wrong_is_told_at_once(path: Path) -> None:
+    path.write_text("[[allow]]\nsned = 'x'\n[[allow]]\nkey = 3\n")
+    with pytest.raises(PermissionsError) as caught:
+        read_rules(path)
+    assert str(caught.value).count("robot.toml, line") == 3
+
+
+def test_a_file_that_anybody_may_write_or_nobody_can_read_is_refused(path: Path) -> None:
+    with pytest.raises(PermissionsError, match="No such file"):
+        read_rules(path)
+    path.write_text(ALL)
+    path.chmod(0o666)
+    with pytest.raises(PermissionsError, match="anybody may write it"):
+        read_rules(path)
+
+
+def test_central_does_not_start_with_a_wrong_file(tmp_path: Path, path: Path) -> None:
+    path.write_text("[[allow]]\nkye = 'x'\n")
+    with central(tmp_path / "run", "--permissions", str(path)) as daemon:
+        assert daemon.process.wait(SOON) == 1
+        assert "robot.toml, line 1" in daemon.first_line
+
+
+@pytest.fixture
+def running(path: Path, tmp_path: Path) -> Iterator[RealCentral]:
+    path.write_text(LITTLE)
+    file = tmp_path / "central.sock"
+    with RealCentral(f"ipc://{file}", gate=Gate(PermissionsFile(path), file)) as running:
+        yield running
+
+
+def changed(running: RealCentral, count: int) -> None:
+    running.server.look_again()
+    with soon("the permissions have changed") as may_go_on:
+        while len(running.facts(facts.PermissionsChanged)) < count:
+            may_go_on()
+
+
+def test_permissions_are_read_again_while_all_goes_on(
+    running: RealCentral, path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    a_map = Module("map", running.address)
+    a_map.handles(WHERE)(lambda _, number: number + 1)
+    with a_map.running(), connect("user", running.address) as user:
+        assert user.query(WHERE, 1, timeout=SOON) == 2
+        with pytest.raises(Refused, match="module 'user' may not declare 'secret': see the permissions file") as caught:
+            user.inform(SECRET, 1)
+        assert caught.value.refusal is Refusal.FORBIDDEN
+        with pytest.raises(Refused, match="'owner' may not be module 'other'"):
+            connect("other", running.address)
+        path.write_text(ALL)
+        changed(running, 2)
+        user.inform(SECRET, 1)
+        connect("other", running.address).close()
+        path.write_text("nonsense")
+        running.server.look_again()
+        with soon("the log tells of it") as may_go_on:
+            while "the permissions stay as they were" not in caplog.text:
+                may_go_on()
+        user.inform(SECRET, 2)
+        path.write_text(LITTLE)
+        changed(running, 3)
+        with pytest.raises(Refused):
+            user.status()
+    refused = [fact for fact in running.facts(facts.RequestRefused) if fact.refusal is Refusal.FORBIDDEN]
+    assert len(refused) >= 3
+
+
+def test_a_signal_makes_central_look_at_once(tmp_path: Path, path: Path) -> None:
+    path.write_text(LITTLE)
+    with central(tmp_path / "run", "--permissions", str(path)) as daemon:
+        with pytest.raises(Refused):
+            connect("other", daemon.address)
+        path.write_text(ALL)
+        os.kill(daemon.process.pid, signal.SIGHUP)
+        with soon("the permissions have changed") as may_go_on:
+            while may_go_on():
+                try:
+                    connect("other", daemon.address).close()
+                except Refused:
+                    continue
+                break
+        assert "robot.toml say who may do what" in daemon.stop()
