@@ -1,6 +1,6 @@
-"""The facts that a run's journal has, beside those that its inputs give."""
+"""The facts that a run's journal has, beside those that its inputs lead to."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from tca_central.errors import CentralError
@@ -9,83 +9,87 @@ from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Entry, Opened
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 
+_ADVICE = """A tca of another version may have written it, or a power cut taken the last inputs. --resume facts goes \
+on with what the inputs lead to and puts aside what the journal has from there on; --fresh begins anew"""
+
+
+class Difference(CentralError):
+    """The journal has something else than what the inputs lead to."""
+
+    def __init__(self, path: Path, offset: int, written: Entry, given: Entry | None) -> None:
+        if given is None or written.number < given.number:
+            what = f"it has entry {written.number}, to which the inputs do not lead"
+        elif written.number > given.number:
+            what = f"it lacks entry {given.number}"
+        else:
+            what = f"entry {given.number} is another one now"
+        super().__init__(f"{path}, byte {offset}: the journal differs from what the inputs lead to: {what}. {_ADVICE}")
+        self.path, self.offset = path, offset
+        self.written, self.given = written, given  #: the entries at the first difference
+
 
 class WrittenFacts:
     """The entries of one run's journal after one of them, in their order."""
 
-    def __init__(self, folder: Path, epoch: str, after: int, *, accept: bool) -> None:
-        """*accept*: where the inputs give something else, the journal is cut."""
+    def __init__(self, folder: Path, epoch: str, after: int) -> None:
         self.opened: Opened | None = None  #: its newest segment's
         self.last = Entry(0, 0.0, [])  #: its last entry
-        self._accept = accept
+        self.compared = 0  #: number of entries that are the same
         self._folder, self._after = folder, after
         self._paths = self._of_run(epoch, after)
-        self._place = (self._paths[0], 0) if self._paths else None  #: of ``_next``
+        self._place = (folder, 0)  #: of ``_next``
         self._has_holes = False
+        self._end = 0  #: the place behind the last entry
         self._entries = self._read()
         self._next = next(self._entries, None)
 
-    def missing(self, given: Iterable[Entry]) -> Iterator[Entry]:
-        """Those of the entries that the inputs give that the journal lacks. Raises CentralError at a difference."""
+    def compare(self, given: Iterator[Entry], missing: list[Entry]) -> Difference | None:
+        """The first difference to what the inputs lead to; None if there is none. Entries that the journal lacks at its
+        end are *missing*; so is the one at a difference.
+        """
         for entry in given:
             if self._next is None:
+                missing.append(entry)
                 self.last = entry
-                yield entry
-            elif self._next.number == entry.number:
-                if not self._is_same(entry):
-                    self._differ(f"entry {entry.number} is another one now")
-                    self.last = entry
-                    yield entry
-            elif self._next.number < entry.number:
-                self._differ(f"it has entry {self._next.number}, to which the inputs do not lead")
-                self.last = entry
-                yield entry
-            elif not self._has_holes:
-                self._differ(f"it lacks entry {entry.number}")
-                self.last = entry
-                yield entry
+                continue
+            place, written = self._place, self._next
+            if written.number == entry.number:
+                whole = self._whole()
+                if whole == entry:
+                    self.compared += 1
+                    continue
+                written = whole
+            elif written.number > entry.number and self._has_holes:
+                continue
+            missing.append(entry)
+            return Difference(*place, written, entry)
+        return Difference(*self._place, self._next, None) if self._next is not None else None
 
-    def end(self) -> None:
-        """The inputs give no more. Raises CentralError if the journal has more."""
-        if self._next is not None:
-            self._differ(f"it goes on with entry {self._next.number}, to which the inputs do not lead")
-        elif self._paths:
-            self._cut_tail()
-
-    def _is_same(self, entry: Entry) -> bool:
-        """Whether the next entry is this one. One that was too big for a record has several."""
-        facts, number, time, cause = [], entry.number, entry.time, entry.cause
-        is_same, place = True, self._place
-        while self._next is not None and self._next.number == number:
-            is_same = is_same and (self._next.time, self._next.cause) == (time, cause)
-            facts += self._next.facts
+    def _whole(self) -> Entry:
+        """The next entry; one that was too big for a record has several."""
+        assert self._next is not None
+        whole = Entry(self._next.number, self._next.time, [], self._next.cause)
+        while self._next is not None and self._next.number == whole.number:
+            whole.facts.extend(self._next.facts)
             self.last, self._next = self._next, next(self._entries, None)
-        if is_same and facts == entry.facts:
-            return True
-        self._place = place
-        return False
+        return whole
 
-    def _differ(self, what: str) -> None:
-        assert self._place is not None
-        path, offset = self._place
-        if not self._accept:
-            msg = f"{path}, byte {offset}: the journal differs from what the inputs lead to: {what}. A tca of another \
-version may have written it, or a power cut taken the last inputs. --resume facts goes on with what the inputs lead to \
-and puts aside what the journal has from there on; --fresh begins anew"
-            raise CentralError(msg)
+    def put_aside(self, difference: Difference) -> None:
+        """Go on with what the inputs lead to; what the journal has from there on is kept in files beside it."""
+        path, offset = difference.path, difference.offset
         for later in self._paths[self._paths.index(path) + 1 :]:
             later.rename(later.with_suffix(".aside"))
         with path.open("r+b") as stream:
             stream.seek(offset)
             path.with_suffix(".aside").write_bytes(stream.read())
             stream.truncate(offset)
-        self._next = None
+        self.last = difference.given or self.last
+        self._next, self._paths = None, []
 
-    def _cut_tail(self) -> None:
+    def cut_tail(self) -> None:
         """Take away what was being written: another segment follows."""
-        path = self._paths[-1]
-        if self._end < path.stat().st_size:
-            with path.open("r+b") as stream:
+        if self._paths and self._end < self._paths[-1].stat().st_size:
+            with self._paths[-1].open("r+b") as stream:
                 stream.truncate(self._end)
 
     # --- reading ---------------------------------------------------------------------------------------------------
@@ -99,8 +103,7 @@ and puts aside what the journal has from there on; --fresh begins anew"
             if opened is None:
                 if found:
                     break
-                path.unlink()  # central ended while it began it
-                continue
+                continue  # central ended while it began it
             if opened.epoch != epoch:
                 break
             self.opened = self.opened or opened
@@ -110,7 +113,6 @@ and puts aside what the journal has from there on; --fresh begins anew"
         return found[::-1]
 
     def _read(self) -> Iterator[Entry]:
-        self._end = 0
         for path in self._paths:
             with path.open("rb") as stream:
                 reader = JournalReader(stream, str(path))

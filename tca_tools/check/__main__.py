@@ -28,13 +28,19 @@ from tca_wire.user_file import CannotRun, names_of
 @click.option("--property", "texts", metavar="TEXT", multiple=True,
               help="A further property, such as 'at most 1 planned ahead of take steps' (repeatable).")  # fmt: skip
 @click.option("--all", "everything", is_flag=True, help="Show all that is broken, not only what was broken first.")
+@click.option("--rerun", is_flag=True, help="Handle the inputs of the run again, and compare with its journal.")
 @click.pass_context
-def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...], everything: bool) -> None:
+def check(
+    context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...], *, everything: bool, rerun: bool
+) -> None:
     """Check that a run kept the rules of task-level control.
 
     LOG is a journal directory or one of its segments; without it, the newest run is checked. Properties of your own are
     texts, or come from Python files. Exit code 0: all is well; 1: something is broken, or the journal is damaged (one
     that is not closed is not: central still runs, or was killed).
+
+    With --rerun the inputs that central has kept go through this version's core once more: exit code 1 if that comes to
+    anything else than what the journal has.
 
     \b
     never P, always P, eventually P, P before P, at most N P [in all], never stuck
@@ -44,6 +50,12 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
              achieved, killed, failed, recovering, suspended, fired, retried
     """  # noqa: D301 - click wants the character itself
     journal, files = _sorted(paths)
+    if rerun:
+        from tca_tools.check.rerun import rerun as handle_again  # noqa: PLC0415 - only this needs central's core
+
+        lines, is_same = handle_again(journal)
+        click.echo("\n".join(lines))
+        context.exit(not is_same)
     wanted = [*_from_texts(texts), *(one for file in files for one in _properties_in(file))]
     run = _Run(wanted, with_history=bool(files))
     for entry in journal:

@@ -1,5 +1,6 @@
 """Central is killed and comes back: nothing that it had taken is lost, and nothing is done twice."""
 
+import re
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,9 @@ from integration.programs import Central, central, program, tca
 from tca_central.errors import CentralError
 from tca_central.shell.recovery import recover, unfinished
 from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, connect
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts
+from tca_wire.journal.records import record
 
 STEP, WHERE, SPEED = Command("step", int, result=int), Query("where", reply=int), Variable("speed", int)
 
@@ -234,3 +238,20 @@ def test_a_damaged_input_is_not_passed_over(broken_run: Path) -> None:
     inputs.write_bytes(whole)
     with pytest.raises(CentralError, match=r"00000001.tcai, byte \d+: an input is damaged, and others follow it"):
         recover(broken_run, unfinished(broken_run))
+
+
+def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown(broken_run: Path) -> None:
+    same = tca("check", "--rerun", str(broken_run))
+    assert same.returncode == 0, same.stderr
+    assert re.fullmatch(
+        r"[\d,]+ inputs since the run began lead to the same [\d,]+ entries in this version\n", same.stdout
+    )
+    journal = broken_run / "00000001.tcaj"
+    entries = list(open_log(broken_run))
+    changed = next(entry for entry in entries if any(isinstance(fact, facts.Returned) for fact in entry.facts))
+    changed.facts.append(facts.Ignored("user", "what never happened"))
+    journal.write_bytes(b"".join(map(record, entries)))
+    other = tca("check", "--rerun", str(broken_run))
+    assert other.returncode == 1
+    assert f"FIRST DIFFERENCE at {changed.time:.3f} s, entry {changed.number}" in other.stdout
+    assert "user: what never happened\n  this version's core gives\n    nothing more" in other.stdout

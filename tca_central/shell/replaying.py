@@ -1,0 +1,131 @@
+"""A run's inputs, handled again: the segments of the newest run in a folder, a state to begin with, what follows."""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+from tca_central.core import Central
+from tca_central.errors import CentralError, ImageError
+from tca_central.events import Input, Record, Spared
+from tca_central.image.decoder import decode
+from tca_central.inputs import events_of
+from tca_central.shell.input_log import IMAGE_SUFFIX, INPUT_SUFFIX, INPUT_VERSION, Ended, InputSegment
+from tca_central.shell.log_writer import numbers
+from tca_wire.journal.facts import Entry
+from tca_wire.journal.frames import has_record
+
+log = logging.getLogger("tca.central")
+
+
+def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
+    """The segments of inputs of the newest run in a folder, or of that *epoch*, oldest first."""
+    found: list[InputSegment] = []
+    for number in reversed(numbers(folder, INPUT_SUFFIX)):
+        segment = InputSegment(folder / f"{number:08d}{INPUT_SUFFIX}")
+        if segment.head is None:
+            if found:
+                break
+            continue  # central ended while it began it
+        if segment.head.epoch != (epoch := epoch or segment.head.epoch):
+            if found:
+                break
+            continue
+        found.append(segment)
+        if segment.head.is_first:
+            break
+    return found[::-1]
+
+
+def has_ended(segments: list[InputSegment]) -> bool:
+    """Whether a run has ended of its own will."""
+    last = None
+    for last in segments[-1]:  # noqa: B007 - the last one is wanted
+        pass
+    return isinstance(last, Ended)
+
+
+class NoReplay(CentralError):
+    """Inputs are missing, or lead nowhere."""
+
+
+class InputReplay:
+    """Central, and the inputs that it has yet to handle again."""
+
+    def __init__(self, folder: Path, segments: list[InputSegment], *, cuts: bool, from_first: bool = False) -> None:
+        """With *cuts* what follows a damaged input is left out, as what was being written always is; *from_first*:
+        begin with the oldest state that there is. Raises CentralError.
+        """
+        head = segments[0].head
+        assert head is not None
+        self.folder = folder
+        self.head = head
+        self.inputs = 0  #: number of those handled again
+        self._cuts = cuts
+        if head.version != INPUT_VERSION:
+            raise self._hopeless(f"its inputs are of format {head.version}, this tca reads {INPUT_VERSION}")
+        self.central, self._segments = self._begin(segments, from_first=from_first)
+        following = range(self._segments[0].number, segments[-1].number)
+        if missing := set(following).difference(one.number for one in segments):
+            raise self._hopeless(f"its inputs number {min(missing)} are missing")
+
+    def entries(self) -> Iterator[Entry]:
+        """What the inputs lead to. Raises CentralError."""
+        for event, spared in _with_spared(self._inputs()):
+            self.inputs += 1
+            for one in events_of(event, spared):
+                try:
+                    effects = self.central.handle(one)
+                except Exception as error:
+                    what = f"input {self.inputs} leads to an error of central's own ({type(error).__name__}: {error})"
+                    raise self._hopeless(what) from error
+                yield from (effect.entry for effect in effects if isinstance(effect, Record))
+
+    def _begin(self, segments: list[InputSegment], *, from_first: bool) -> tuple[Central, list[InputSegment]]:
+        """The newest state that can be had whole, and the segments that follow it."""
+        first, why = segments[0], ""
+        images = [one for one in numbers(self.folder, IMAGE_SUFFIX) if first.number <= one <= segments[-1].number]
+        if not (from_first and self.head.is_first):
+            for number in images if from_first else images[::-1]:
+                try:
+                    central = decode((self.folder / f"{number:08d}{IMAGE_SUFFIX}").read_bytes())
+                except (ImageError, OSError) as error:
+                    why = f"image {number}: {error}"
+                    log.warning("%s: another one is used", why)
+                    continue
+                return central, [segment for segment in segments if segment.number >= number]
+        if not self.head.is_first:
+            raise self._hopeless(why or "its first inputs are gone, and there is no image of the state after them")
+        return Central(self.head.epoch), segments
+
+    def _inputs(self) -> Iterator[Input]:
+        for segment in self._segments:
+            for event in segment:
+                if not isinstance(event, Ended):
+                    yield event
+            if segment.end < segment.size and not self._cuts:
+                _check_tail(segment, is_last=segment is self._segments[-1])
+
+    def _hopeless(self, why: str) -> "NoReplay":
+        return NoReplay(f"the inputs in {self.folder} can't be handled again: {why}")
+
+
+def _check_tail(segment: InputSegment, *, is_last: bool) -> None:
+    """Bytes behind the last sound input: what was being written. Raises CentralError if it is damage."""
+    with segment.path.open("rb") as stream:
+        stream.seek(segment.end)
+        rest = stream.read()
+    if not is_last or has_record(rest):
+        msg = f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; --resume facts goes on \
+with what is before it, --fresh begins anew"
+        raise CentralError(msg)
+
+
+def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
+    """Each input with the index of the request in it that is to be spared (-1: none)."""
+    before: Input | None = None
+    for event in inputs:
+        if before is not None and not isinstance(before, Spared):
+            yield before, event.index if isinstance(event, Spared) else -1
+        before = event
+    if before is not None and not isinstance(before, Spared):
+        yield before, -1
