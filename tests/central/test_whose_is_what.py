@@ -1,0 +1,99 @@
+"""Nobody answers, completes, ends or gives up what is not his: others go on as if he had said nothing."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from central.player import Player, point
+
+from tca_central.events import ConnectionId
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted, Answer, Refused
+from tca_wire.packets.parts import EndedRun
+from tca_wire.points import Moment, TaskId
+
+NUMBERS = range(1, 40)
+"""Deliveries, tasks and requests of the others have such numbers."""
+
+
+class Town(Player):
+    """A robot at work, and a thief among its modules."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.prefetch = 4
+        self.module("legs", "command move", "inform note")
+        self.module("planner", "goal walk", "query where")
+        self.prefetch = 0
+        self.module("user")
+        self.module("thief", "query what")
+        self.lose("thief/1")
+        self.hello("thief/1", "thief", "thief")
+        walk = self.task("user", "walk", keep=True)
+        self.task("planner/1", "move", under=walk)
+        for message in ("note", "note", "where"):
+            self.send("user", message)
+        self.receive("user", headers.AwaitPoint(self.number("user"), point(walk, Moment.END_ACHIEVING)))
+        self.receive("user", headers.Lock(self.number("user"), "legs", "legs"))
+        self.receive("user", headers.Lock(self.number("user"), "planner", "planner"))
+
+    def end(self) -> None:
+        """The others end what they do, and have all their answers."""
+        for _ in range(20):
+            for line in ("legs/1", "planner/1"):
+                if self.delivered(line):
+                    self.reply(line)
+            for _, number in [key for key, claim in self.central.claims.items() if claim.is_granted]:
+                self.receive("user", headers.Release(self.number("user"), number))
+
+    def heard_by_others(self) -> dict[str, Any]:
+        return {line: said for line, said in self.inbox.items() if not line.startswith("thief")}
+
+
+def thefts() -> Iterator[Any]:
+    """What a thief may say of things of others."""
+    for number in NUMBERS:
+        yield headers.Reply(number)
+        yield headers.Fail(number, "slipped")
+        yield headers.Fail(number, "", reissue=True)
+        yield headers.Replies([EndedRun(number, 0.1, 0.1)])
+        yield headers.Recalled([number])
+        yield headers.Recalled([number], is_answer=False)
+        yield headers.GiveUp(number)
+        yield headers.Await(number)
+        yield headers.AwaitAny(number, [1, 2, 3])
+    yield headers.Recalled(list(NUMBERS))
+    yield headers.AwaitAny(0, list(NUMBERS))
+
+
+def thefts_with_answers(player: Player, line: str) -> Iterator[Any]:
+    for number in NUMBERS:
+        yield headers.GiveUp(number, player.number(line))
+        yield headers.Release(player.number(line), number)
+        yield headers.Keep(player.number(line), TaskId(number), release=True)
+    for number in (-1, -2, -3, -4, -5):
+        yield headers.Kill(player.number(line), TaskId(number))
+    yield headers.Unregister(player.number(line), ["walk", "note", "where"])
+
+
+@pytest.mark.parametrize("line", ["thief", "thief/1"])
+def test_others_go_on_as_if_he_had_said_nothing(line: str) -> None:
+    honest, robbed = Town(), Town()
+    for header in (*thefts(), *thefts_with_answers(robbed, line)):
+        robbed.time -= 1.0
+        answers = robbed.receive(line, header)
+        assert all(isinstance(one, Refused | Accepted | Answer) for one in answers), (header, answers)
+    for town in (honest, robbed):
+        town.end()
+    assert robbed.heard_by_others() == honest.heard_by_others()
+    user = honest.central.registry.connections[ConnectionId(b"user")]
+    assert not user.outstanding
+    assert not honest.central.tree.tasks
+
+
+def test_an_answer_for_another_is_refused_with_the_name_of_him_who_gives_it() -> None:
+    town = Town()
+    (delivery,) = town.delivered("planner/1")
+    (answer,) = town.receive("thief/1", headers.Reply(delivery))
+    assert answer.text == f"module 'thief' answers delivery {delivery}, which it was not given or has answered"
+    assert town.delivered("planner/1") == [delivery]

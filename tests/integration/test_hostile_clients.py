@@ -1,0 +1,235 @@
+"""Raw bytes at a real central: whatever comes, it answers others, and its log and the commands stay calm."""
+
+import json
+import socket
+import struct
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgpack
+import msgspec
+import pytest
+import zmq
+from integration.commanded import tca as ask
+from integration.programs import Central, central, tca
+
+from tca_live.questions import attached, messages, modules, status, variables
+from tca_module import Client, Inform, MisuseError, connect
+from tca_module.errors import BadData
+from tca_wire.packets.codec import pack_item, unpack_to_module
+from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Hello, Kill, Refused, Register, Send, Unknown, Welcome
+from tca_wire.packets.parts import MessageFormat
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Limit, MessageClass, Refusal
+
+pytestmark = pytest.mark.slow
+
+SOON = 20_000  # milliseconds
+ESCAPES = "\x1b]0;mine\x07\x1b[2J\ncentral: all is well\r\u202e"
+_ZMTP = b"\xff\0\0\0\0\0\0\0\x01\x7f\x03\0NULL" + bytes(48)
+_READY = b"\x04\x29\x05READY\x0bSocket-Type\0\0\0\x06DEALER\x08Identity\0\0\0\0"
+
+
+@pytest.fixture(scope="module")
+def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Central]:
+    """One for all: each attack must leave it as it was."""
+    with central(tmp_path_factory.mktemp("attacked"), bind="tcp://127.0.0.1:*") as running:
+        running.address = running.first_line.rpartition(" ")[2]
+        yield running
+        assert running.process.poll() is None
+        said = running.stop()
+    for line in said.splitlines():
+        assert line.isprintable()
+        assert line.startswith("central: ")
+        assert len(line) <= 2000
+    assert "internal error" not in said
+
+
+@pytest.fixture
+def friend(daemon: Central) -> Iterator[Client]:
+    """Somebody who means well, before and after."""
+    with connect("friend", daemon.address) as client:
+        client.status()
+        yield client
+        client.status()
+    assert daemon.process.poll() is None
+
+
+class Line:
+    """A line of somebody who speaks ZeroMQ, and perhaps nothing else."""
+
+    def __init__(self, address: str) -> None:
+        self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.connect(address)
+
+    def ask(self, *frames: bytes) -> list[Any]:
+        """What is answered."""
+        self.socket.send_multipart(frames)
+        assert self.socket.poll(SOON), "no answer"
+        return [header for header, _ in unpack_to_module(self.socket.recv())]
+
+    def hello(self) -> Any:
+        (welcome,) = self.ask(pack_item(hello()))
+        return welcome
+
+
+def hello(**fields: Any) -> Hello:
+    options: dict[str, Any] = {"version": PROTOCOL_VERSION, "module": "rogue", "incarnation": "run of rogue", **fields}
+    return Hello(1, **options)
+
+
+@pytest.fixture
+def rogue(daemon: Central, friend: Client) -> Iterator[Line]:
+    line = Line(daemon.address)
+    yield line
+    line.socket.close()
+
+
+@contextmanager
+def raw(daemon: Central) -> Iterator[socket.socket]:
+    """A line of somebody who speaks TCP."""
+    with socket.create_connection(("127.0.0.1", int(daemon.address.rpartition(":")[2])), 20) as line:
+        yield line
+
+
+def item(header: bytes, body: bytes = b"") -> bytes:
+    return struct.pack(">II", len(header), len(body)) + header + body
+
+
+SEND = bytes([4])
+BAD = {
+    "nothing but lengths": struct.pack(">II", 0, 0),
+    "lengths beyond": struct.pack(">II", 0xFFFFFFFF, 0xFFFFFFFF),
+    "half a length": b"\0\0\0",
+    "text": b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n",
+    "nesting": item(b"\x91" * 100_000),
+    "nesting in a field": item(b"\x93\x04\x01" + b"\x91" * 5000 + b"\xc0"),
+    "a map": item(msgpack.packb({"kind": 4})),
+    "an unknown kind": item(msgpack.packb([250, 1])),
+    "no integer": item(msgpack.packb([4, "one", "move"])),
+    "NaN where a number is": item(msgpack.packb([4, float("nan"), "move"])),
+    "an integer of 65 bits": item(b"\x93\x04\xcf" + b"\xff" * 8 + b"\xa4move\x00"),
+    "a lone surrogate": item(b"\x93\x04\x01\xa3\xed\xa0\x80"),
+    "bad UTF-8": item(b"\x93\x04\x01\xa2\xff\xfe"),
+    "more fields": item(msgpack.packb([12, 1, 2, 3])),
+    "too few": item(msgpack.packb([4])),
+    "a length that is none": item(b"\xdd\xff\xff\xff\xff"),
+    "an extension": item(b"\xc7\xff\x01" + bytes(255)),
+    "two items of which one is bad": pack_item(Ask(1, "status")) + b"\0\0\0\x01\0\0\0\0\xc1",
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bytes_that_are_no_message_are_refused(rogue: Line, what: str) -> None:
+    (answer,) = rogue.ask(BAD[what])
+    assert isinstance(answer, Refused | Unknown)
+    if isinstance(answer, Refused):
+        assert (answer.number, answer.refusal) == (0, Refusal.PROTOCOL)
+        assert answer.text.isprintable()
+
+
+@pytest.mark.parametrize("frames", [2, 100, 50_000])
+def test_a_message_of_many_frames_is_refused(rogue: Line, frames: int) -> None:
+    (answer,) = rogue.ask(pack_item(hello()), *[b""] * (frames - 1))
+    assert answer.text == f"{frames:,} frames; a packet is one"
+    assert isinstance(rogue.hello(), Welcome)
+
+
+@pytest.mark.parametrize("version", [0, 4, PROTOCOL_VERSION + 1, (1 << 63) - 1, -1])
+def test_another_version_is_refused_and_both_are_named(rogue: Line, version: int) -> None:
+    (answer,) = rogue.ask(pack_item(hello(version=version)))
+    assert f"speaks protocol {version}, central {PROTOCOL_VERSION}" in answer.text
+
+
+def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> None:
+    for name in (ESCAPES, "../../../etc/passwd\n", "x" * 100_000):
+        (answer,) = rogue.ask(pack_item(hello(module=name)))
+        assert isinstance(answer, Refused)
+    rogue.hello()
+    formats = [MessageFormat("walk", MessageClass.GOAL, ESCAPES), MessageFormat("../walk", MessageClass.GOAL, "{}")]
+    rogue.ask(pack_item(Register(2, formats)))
+    sent = rogue.ask(pack_item(Send(3, "walk"), b"\xc1\xff" + ESCAPES.encode()))
+    rogue.ask(pack_item(Send(4, ESCAPES * 1000)))
+    for command in (status, modules, messages, variables, attached):
+        code, said, errors = ask(command, "--central", daemon.address)
+        assert code == 0, errors
+        assert all(line.isprintable() for line in (said + errors).splitlines())
+    rogue.ask(pack_item(Kill(5, TaskId(sent[-1].id), ESCAPES * 1000)))
+
+
+def test_bodies_and_headers_that_are_too_long_are_said_before_they_are_sent(friend: Client) -> None:
+    note = Inform("note", bytes)
+    with pytest.raises(BadData, match=f"bytes; a message holds at most {Limit.BODY:d}"):
+        friend.inform(note, bytes(Limit.BODY))
+    with pytest.raises(MisuseError, match="at most 1,048,576 are allowed"):
+        friend.inform(Inform("told", Annotated[int, msgspec.Meta(description="x" * (1 << 20))]), 1)
+
+
+def test_a_body_that_is_too_long_is_refused_with_both_sizes(rogue: Line) -> None:
+    rogue.hello()
+    (answer,) = rogue.ask(pack_item(Send(99, "note"), bytes(Limit.BODY + 1)))
+    assert (answer.number, answer.refusal) == (99, Refusal.PROTOCOL)
+    assert "8,388,609" in answer.text
+    assert "8,388,608" in answer.text
+
+
+# --- below ZeroMQ ----------------------------------------------------------------------------------------------------
+
+STRANGERS = {
+    "HTTP": b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n",
+    "TLS": b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + bytes(500),
+    "SSH": b"SSH-2.0-OpenSSH_9.2\r\n",
+    "another greeting": b"\xff" * 64,
+    "ZMTP 1.0": b"\x01\x00\x05\x00hell",
+    "a mechanism that is none": _ZMTP[:12] + b"ROT13" + bytes(47),
+    "a frame of 2^62 bytes": _ZMTP + _READY + b"\x02\x40" + bytes(7),
+    "a command of 2^62 bytes": _ZMTP + b"\x06\x40" + bytes(7),
+    "a frame of 17 MiB": _ZMTP + _READY + b"\x02" + struct.pack(">Q", 17 << 20) + bytes(1000),
+    "an endless READY": _ZMTP + b"\x06" + struct.pack(">Q", 1 << 20) + b"\x05READY" + bytes(1000),
+}
+
+
+@pytest.mark.parametrize("what", STRANGERS)
+def test_strangers_are_hung_up_on_or_left_alone(daemon: Central, friend: Client, what: str) -> None:
+    with raw(daemon) as line:
+        line.sendall(STRANGERS[what])
+        line.settimeout(0.1)
+        with suppress(ConnectionError, TimeoutError):  # ZeroMQ may wait for more of what it takes for its first version
+            while line.recv(4096):
+                pass
+        friend.status()
+
+
+def test_a_message_that_never_ends_costs_others_nothing(daemon: Central, friend: Client) -> None:
+    with raw(daemon) as line:
+        line.sendall(_ZMTP + _READY)
+        for _ in range(16):
+            line.sendall(b"\x03" + struct.pack(">Q", 1 << 20) + bytes(1 << 20))  # more is to follow
+        friend.status()
+
+
+def test_half_open_connections_are_closed_in_time(daemon: Central, friend: Client) -> None:
+    files = Path(f"/proc/{daemon.process.pid}/fd")
+    before = len(list(files.iterdir()))
+    with ExitStack() as lines:
+        for _ in range(200):
+            lines.enter_context(raw(daemon))
+        friend.status()
+        assert len(list(files.iterdir())) > before + 100
+        end = time.monotonic() + 20
+        while len(list(files.iterdir())) > before + 20 and time.monotonic() < end:
+            time.sleep(0.05)
+        assert len(list(files.iterdir())) <= before + 20
+
+
+def test_what_was_done_is_in_the_journal(daemon: Central, friend: Client) -> None:
+    """It can be read, and so can what it shows."""
+    said = tca("log", "show", str(daemon.journal), "--json")
+    assert all(json.loads(line) for line in said.stdout.splitlines())
+    shown = tca("log", "show", str(daemon.journal))
+    assert shown.returncode == 0
+    assert all(line.isprintable() for line in (shown.stdout + shown.stderr).splitlines())
