@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 from simulation.clockwork import Broken, Clockwork
-from simulation.threads import Failing, Process, Work
+from simulation.threads import Failing, Process, Thread, Work
 
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
@@ -64,6 +64,7 @@ class Claim(NamedTuple):
     module: str
     resource: str
     is_reserved: bool
+    sender: str
     origin: int
 
 
@@ -94,7 +95,7 @@ class Outside:
         self.dropped = 0
         self.wanted: dict[int, Claim] = {}
         self.granted: dict[int, Claim] = {}
-        self.entries = 0
+        self.lock_ended: dict[Claim, float] = {}
         self.newest = 0
         self.counts: defaultdict[str, int] = defaultdict(int)
 
@@ -118,6 +119,11 @@ class Outside:
             self.informs.setdefault(sender, []).append(token)
             self.sender_of[token] = sender
         return token
+
+    def orders(self, one: int, other: int) -> None:
+        """Central has accepted that one task comes before another."""
+        sent = self.sent[other]
+        self.sent[other] = sent._replace(after=(*sent.after, one))
 
     def acknowledged(self, token: int, task: int) -> None:
         """Central has said what task it became."""
@@ -237,6 +243,24 @@ class Outside:
         for one in self.under[token]:
             yield from self._going_on(one)
 
+    def holds(self, thread: Thread, resource: str, origin: int, patience: float) -> None:
+        """A program believes that it has a lock: unless its line has broken just now, it has."""
+        sender = thread.session.module
+        mine = [claim for claim in self.granted.values() if (claim.sender, claim.origin) == (sender, origin)]
+        ended = [
+            at
+            for claim, at in self.lock_ended.items()
+            if (claim.sender, claim.origin, claim.resource) == (sender, origin, resource)
+        ]
+        if (
+            not mine
+            and thread.welcomed_at > max(ended, default=0.0)
+            and self.clockwork.now > thread.welcomed_at + patience
+        ):
+            raise Broken(
+                f"{thread.name} believes that it has locked '{resource}', and was not told that it has lost it"
+            )
+
     def _check_claims(self, run: Run, *, is_nested: bool) -> None:
         for claim in self.granted.values():
             is_it = claim.resource == run.resource and claim.module == run.module
@@ -268,14 +292,15 @@ class Outside:
         if fact.failure in LOSSES and not fact.is_beside:
             self.counts["lost by module"] += 1
             self.lost_tasks.add(fact.id)
-            for run in self.of_task.get(fact.id, ()):
+            told = self.deliveries.get(fact.id)
+            for run in [*self.of_task.get(fact.id, ()), *([told] if told is not None else [])]:
                 run.is_lost = run.is_lost or run.ended < 0
 
     def _dropped(self, fact: facts.Dropped) -> None:
         self.dropped += 1
 
     def _claimed(self, fact: facts.Claimed) -> None:
-        self.wanted[fact.id] = Claim(fact.module, fact.resource, fact.is_reserved, fact.origin)
+        self.wanted[fact.id] = Claim(fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin)
 
     def _granted(self, fact: facts.Granted) -> None:
         claim = self.granted[fact.id] = self.wanted[fact.id]
@@ -292,7 +317,7 @@ class Outside:
                 raise Broken(f"{claim} is granted while {run} goes on")
 
     def _claim_ended(self, fact: facts.ClaimEnded) -> None:
-        self.wanted.pop(fact.id)
+        self.lock_ended[self.wanted.pop(fact.id)] = self.clockwork.now
         self.granted.pop(fact.id, None)
 
 

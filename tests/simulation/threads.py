@@ -36,6 +36,13 @@ class Nap(NamedTuple):
     seconds: float
 
 
+class Wait(NamedTuple):
+    """Time in which a thread waits for an answer, and for no longer."""
+
+    request: Request
+    seconds: float
+
+
 class Failing(Exception):
     """A handler fails."""
 
@@ -57,7 +64,7 @@ class Lost(Exception):
         self.request = request
 
 
-Steps = Generator[Busy | Nap | Request, None, Any]
+Steps = Generator[Busy | Nap | Wait | Request, None, Any]
 
 
 class Work:
@@ -95,6 +102,7 @@ class Thread:
         self.is_over = False
         self._wake_at = FOR_EVER
         self._stuck_since = FOR_EVER  #: since when nothing leaves
+        self.welcomed_at = 0.0  #: when central last greeted it
         self._since = self.clockwork.now
         self._lingers_until = FOR_EVER
         self.socket = process.network.open(self)
@@ -148,6 +156,8 @@ class Thread:
         for header, body in codec.unpack_to_module(packet):
             if self.clockwork.is_told and not isinstance(header, headers.Beat):
                 self.clockwork.say(self.name, f"hears {shown(header)}")
+            if isinstance(header, headers.Welcome):
+                self.welcomed_at = self.now
             self.session.receive(header, body, self.now)
         self.session.routing.clear()
         while self.session.complaints:
@@ -285,10 +295,13 @@ class Thread:
         else:
             self._do(work, step)
 
-    def _do(self, work: Work, step: Busy | Nap | Request) -> None:
+    def _do(self, work: Work, step: Busy | Nap | Wait | Request) -> None:
         work.since = self.now
+        wait = step if isinstance(step, Wait) else None
+        step = wait.request if wait is not None else step
         if isinstance(step, Request):
             work.request, work.waits = step, True
+            work.until = self.now + wait.seconds if wait is not None else FOR_EVER
             if step.is_unannounced:
                 step.is_announced = self.session.post(headers.Await(step.header.number, True, step.header.origin))
         else:

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from simulation.options import Options
 from simulation.outside import Outside
-from simulation.threads import Busy, Failing, Lost, Nap, Process, Program, Steps, Thread, Woken, Work
+from simulation.threads import Busy, Failing, Lost, Nap, Process, Program, Steps, Thread, Wait, Woken, Work
 
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId
@@ -47,7 +47,7 @@ USED = {
     "planner": ("move", "lift", "where", "note", "watch", "replan"),
     "legs": ("where",),
     "expert": ("move", "walk", "lift", "note"),
-    "user": ("walk", "step", "move", "lift", "stance", "where", "health", "note", "pose", "mode", "replan"),
+    "user": ("halt", "walk", "step", "move", "lift", "stance", "where", "health", "note", "pose", "mode", "replan"),
 }
 """What each sends, or attaches to."""
 FAILURES = ("slipped", "stumbled")
@@ -152,7 +152,7 @@ class Hands:
         self.session.post(headers.Send(0, message, origin=self.origin, flags=Flags.NONE), encode(token))
         self.thread.flush()
 
-    def do(self, header: Any, body: bytes = b"\x07", *, wants_answer: bool = False) -> Request:
+    def do(self, header: Any, body: bytes = b"\x00", *, wants_answer: bool = False) -> Request:
         """Make a request."""
         return self.session.request(header, body, wants_answer=wants_answer)
 
@@ -302,7 +302,9 @@ def _locks(hands: Hands) -> Steps:
     except Lost:
         return None
     if request.answers[-1][0].outcome is Outcome.DONE:
-        yield Nap(hands.options.slow)
+        yield Nap(hands.dice.choice((hands.options.slow, 5.0)))
+        if not request.taken:
+            hands.outside.holds(hands.thread, "eye", hands.origin, 1.0 + 3 * hands.options.delay)
         yield hands.do(headers.Release(0, request.header.number, hands.origin))
     return None
 
@@ -403,6 +405,36 @@ class User(TownProgram):
     def _query(self, hands: Hands) -> Steps:
         yield from hands.answer(*hands.ask(hands.dice.choice(("where", "stance"))))
 
+    def _gives_up(self, hands: Hands) -> Steps:
+        """Ask, and wait for a moment only."""
+        _, request = hands.ask("where")
+        yield Wait(request, hands.dice.random() * 0.2)
+
+    def _steers(self, hands: Hands) -> Steps:
+        """Put constraints on what is there, wait for some moment, plan a kill."""
+        known = [sent for sent in self.open if sent.request.accepted is not None]
+        if len(known) < 2:
+            return
+        one, other = hands.dice.sample(known, 2)
+        first, second = (TaskId(int(sent.request.accepted or 0)) for sent in (one, other))
+        what = hands.dice.choice(("constrain", "moment", "deadline", "kill after", "when killed"))
+        if what == "constrain":
+            yield hands.do(
+                headers.Constrain(
+                    0, [Constraint(Point(first, Moment.END_ACHIEVING), Point(second, Moment.START_ACHIEVING))]
+                )
+            )
+            hands.outside.orders(one.token, other.token)
+        elif what == "moment":
+            moment = Point(first, hands.dice.choice(list(Moment)))
+            yield hands.do(headers.AwaitPoint(0, moment, blocking=True), wants_answer=True)
+        elif what == "deadline":
+            yield hands.do(headers.Deadline(0, Point(first, Moment.END_ACHIEVING), 2.0))
+        elif what == "kill after":
+            yield hands.do(headers.Kill(0, first, "planned", after=Point(second, Moment.END_ACHIEVING), delay=0.1))
+        else:
+            yield hands.do(headers.Send(0, "halt", first, flags=Flags.NONE, when_killed=True))
+
     def _queries(self, hands: Hands) -> Steps:
         asked = [hands.ask("where", blocking=False) for _ in range(3)]
         yield Nap(0.05)
@@ -422,7 +454,7 @@ class User(TownProgram):
         yield Nap(0.0)
 
     def _lock(self, hands: Hands) -> Steps:
-        if hands.has("lock"):
+        if "lock" in hands.options.features:
             yield from _locks(hands)
 
     def _kill(self, hands: Hands) -> Steps:
@@ -467,6 +499,8 @@ _ACTIONS: dict[str, Callable[[User, Hands], Steps]] = {
     "command": User._command,
     "goal": User._goal,
     "query": User._query,
+    "gives up": User._gives_up,
+    "steers": User._steers,
     "queries": User._queries,
     "multi-query": User._multi_query,
     "informs": User._informs,
