@@ -8,23 +8,36 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from simulation.clockwork import Broken, Clockwork, shown
-from simulation.disk import Input, SimulatedFile, framed, inputs_in
+from simulation.disk import SimulatedFile, as_record, inputs_in
 from simulation.likeness import difference
 from simulation.network import PROBE, Network, Wire
 from simulation.options import Options
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, ConnectionLost, Effect, Event, Record, RequestReceived, TellAll, Tick
+from tca_central.events import (
+    AWAY,
+    Arrived,
+    ConnectionId,
+    ConnectionLost,
+    Event,
+    Input,
+    Record,
+    RequestReceived,
+    Restarted,
+    TellAll,
+    Tick,
+)
 from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
+from tca_central.inputs import events_of
 from tca_central.invariants import check_invariants
+from tca_central.shell.log_writer import Sync
+from tca_central.shell.recovery import GRACE, SKIPPED
 from tca_wire.journal.facts import Entry
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Beat, ToModule, Unknown
 
 BEAT_PERIOD, SWEEP_PERIOD = 2.0, 30.0
-GRACE = 10.0
-"""Seconds that modules have to come back to a central that was restarted."""
 
 
 class Crash(Exception):
@@ -54,7 +67,7 @@ class Daemon:
         self._unwritten = bytearray()
         self._began = 0.0  #: when the core's clock stood at 0, if it had never stood still
         self._wake_at = float("inf")
-        self._awaited: dict[ConnectionId, None] = {}
+        self.is_gone: Callable[[str], bool] = lambda _: False  #: whether the process of an incarnation has ended
         self._next_beat, self._next_sweep = BEAT_PERIOD, SWEEP_PERIOD
         network.central = self
 
@@ -62,16 +75,30 @@ class Daemon:
 
     def start(self) -> None:
         """The process begins: with what the disk has."""
-        core, self.core = self.core, self._recovered()
-        assert self.core is not None
-        now = self.core.clock.now
+        is_new = self.core is None
+        core = self.core = self._recovered()
+        now = core.clock.now
         self._began = self._clockwork.now - now
         self._next_beat, self._next_sweep = now + BEAT_PERIOD, now + SWEEP_PERIOD
-        self._awaited = dict.fromkeys(self.core.registry.connections)
+        self._clockwork.say("central", "starts" if is_new else f"starts, with {self.replayed} inputs")
+        try:
+            if not is_new:
+                self._come_back(core)
+            self._flush()
+        except Crash:
+            self.crash()
+            return
         self._network.is_listening = True
-        self._clockwork.after(GRACE, self._miss, self._life)
-        self._clockwork.say("central", f"starts, with {self.replayed} inputs" if core else "starts")
         self._wake(0.0)
+
+    def _come_back(self, core: Central) -> None:
+        """Every connection has broken; some will not come back, as their processes are gone."""
+        options = self._options
+        skipped = SKIPPED if options.power_cuts and options.sync is Sync.BATCH else 0
+        self._take(Restarted(self.now, 1.0, GRACE, options.hold, skipped))
+        if options.sees_processes:
+            for connection in [one for one in core.awaited if self.is_gone(one.module.incarnation)]:
+                self._take(ConnectionLost(self.now, connection.id, "its process had ended when central came back"))
 
     def _recovered(self) -> Central:
         """The newest image of the state, and the inputs since: what comes out is what the journal has, and goes on."""
@@ -83,8 +110,8 @@ class Daemon:
             core, since, before = decode(self.image[0]), self.image[1], self.image[2]
         again: list[Entry] = []
         for given in inputs[since:]:
-            for _, effects in _let_happen(core, given):
-                again += [effect.entry for effect in effects if isinstance(effect, Record)]
+            for event in events_of(given):
+                again += [effect.entry for effect in core.handle(event) if isinstance(effect, Record)]
         self.replayed = len(inputs) - since
         known = len(self.journal) - before
         if again[:known] != self.journal[before:]:
@@ -182,26 +209,24 @@ class Daemon:
         """What happens in this turn."""
         core = self.core
         assert core is not None
+        known = core.registry.connections
         for _ in range(self._clockwork.dice.choice((1, 4, 64))):
             if not self._arrived:
                 break
-            yield from self._packet(*self._arrived.popleft())
+            wire, packet = self._arrived.popleft()
+            if packet != PROBE:
+                yield Arrived(self.now, wire.id, packet)
+            elif wire.id not in known:
+                self._put(wire.id, Unknown(), b"")
         if self._closed and not self._arrived:
             closed = self._closed.popleft()
-            if closed in core.registry.connections:
-                yield Input("lost", self.now, closed)
+            if closed in known:
+                yield ConnectionLost(self.now, closed)
         due = core.clock.next
         if due is not None and due <= self.now:
-            yield Input("tick", self.now)
+            yield Tick(self.now)
         if self.now >= self._next_beat:
             yield from self._beat(core)
-
-    def _packet(self, wire: Wire, packet: bytes) -> Iterator[Input]:
-        assert self.core is not None
-        if packet != PROBE:
-            yield Input("packet", self.now, wire.id, packet)
-        elif wire.id not in self.core.registry.connections:
-            self._put(wire.id, Unknown(), b"")
 
     def _beat(self, core: Central) -> Iterator[Input]:
         """Beat to those who wait, and now and then to all; who is gone is found so."""
@@ -210,18 +235,10 @@ class Daemon:
             self._next_sweep = self.now + SWEEP_PERIOD
         self._next_beat = self.now + BEAT_PERIOD
         if core.untold:
-            yield Input("told", self.now)
-        for connection in [one.id for one in core.registry.connections.values() if is_sweep or one.outstanding]:
-            if not self._network.carry_down(connection, _BEAT) and connection not in self._awaited:
-                self._closed.append(connection)
-
-    def _miss(self, life: int) -> None:
-        """Who has not come back to a central that was restarted is lost."""
-        if life == self._life and self.core is not None:
-            known = self.core.registry.connections
-            self._closed += [one for one in self._awaited if one in known and one not in self._network.wires]
-            self._awaited = {}
-            self._wake(0.0)
+            yield TellAll(self.now)
+        for connection in [one for one in core.registry.connections.values() if is_sweep or one.outstanding]:
+            if connection not in core.awaited and not self._network.carry_down(connection.id, _BEAT):
+                self._closed.append(connection.id)
 
     # --- what follows ------------------------------------------------------------------------------------------------
 
@@ -231,20 +248,20 @@ class Daemon:
         assert core is not None
         self._fault()
         self._is_half = True
-        self._unwritten += framed(given)
+        self._unwritten += as_record(given)
         if clockwork.chance(0.3):
             self._write()
-        for event, effects in _let_happen(core, given):
-            if clockwork.is_told and event is not None:
+        for event in events_of(given):
+            if clockwork.is_told:
                 clockwork.say("central", f"has {_shown(event)}")
-            for effect in effects:
+            for effect in core.handle(event):
                 if isinstance(effect, Record):
                     self._entries.append(effect.entry)
                 else:
                     self._put(effect.connection, effect.header, effect.body)
-            self._is_half = False
             if core.events % self._options.checks_each == 0:
                 check_invariants(core)
+        self._is_half = False
 
     def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         self._outgoing.setdefault(connection, []).append((header, body))
@@ -275,29 +292,12 @@ class Daemon:
             self._fault()
             for _, packet in codec.packets(items):
                 self._clockwork.note(packet)
-                if not self._network.carry_down(connection, packet) and connection not in self._awaited:
+                if not connection.startswith(AWAY) and not self._network.carry_down(connection, packet):
                     self._closed.append(connection)
         self._fault()
 
 
 _BEAT = codec.pack_item(Beat())
-
-
-def _let_happen(core: Central, given: Input) -> Iterator[tuple[Event | None, list[Effect]]]:
-    """Let the core have an input: the one way in, for what comes and for what is replayed."""
-    connection = ConnectionId(given.connection)
-    if given.kind == "packet":
-        for header, body in codec.unpack_to_central(given.packet):
-            event = RequestReceived(given.time, connection, header, body)
-            yield event, core.handle(event)
-    elif given.kind == "told":
-        yield None, core.handle(TellAll(given.time))
-    elif given.kind == "lost":
-        lost = ConnectionLost(given.time, connection)
-        yield lost, core.handle(lost)
-    else:
-        tick = Tick(given.time)
-        yield tick, core.handle(tick)
 
 
 def _shown(event: Event) -> str:

@@ -1,12 +1,12 @@
 """A file as a crash leaves it: what was written survives a kill, what was synced survives a power cut."""
 
 import random
-import struct
-import zlib
+from io import BytesIO
 
 import msgspec
 
-_HEAD = struct.Struct(">II")
+from tca_central.events import Input
+from tca_wire.journal.frames import framed, payloads
 
 
 class SimulatedFile:
@@ -32,32 +32,16 @@ class SimulatedFile:
         self.sync()
 
 
-class Input(msgspec.Struct, array_like=True):
-    """What central was given: what *kind*, when, by which connection, and the bytes."""
-
-    kind: str
-    time: float
-    connection: bytes = b""
-    packet: bytes = b""
-
-
-_decode = msgspec.msgpack.Decoder(Input).decode
-
-
-def framed(given: Input) -> bytes:
+def as_record(given: Input) -> bytes:
     """An input as the log has it."""
-    payload = msgspec.msgpack.encode(given)
-    return _HEAD.pack(len(payload), zlib.crc32(payload)) + payload
+    return framed(_encode(given))
 
 
 def inputs_in(content: bytes | bytearray) -> tuple[list[Input], int]:
     """The inputs that are there whole, and how many bytes they take."""
-    found, at = [], 0
-    while at + _HEAD.size <= len(content):
-        size, checksum = _HEAD.unpack_from(content, at)
-        payload = bytes(content[at + _HEAD.size : at + _HEAD.size + size])
-        if not size or len(payload) < size or zlib.crc32(payload) != checksum:
-            break
-        found.append(_decode(payload))
-        at += _HEAD.size + size
-    return found, at
+    records = list(payloads(BytesIO(content)))
+    return [_decode(payload) for _, payload in records], records[-1][0] if records else 0
+
+
+_encode = msgspec.msgpack.Encoder().encode
+_decode = msgspec.msgpack.Decoder(Input).decode

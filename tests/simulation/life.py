@@ -34,6 +34,7 @@ class Life:
         self.network = Network(self.clockwork, self.options)
         self.daemon = Daemon(self.clockwork, self.network, self.options, self.outside.publish)
         self.processes: dict[str, Process] = {}
+        self.daemon.is_gone = self._is_gone
         self.started: dict[str, int] = {}
         self.is_healing = False
         self.crashes = 0
@@ -123,6 +124,9 @@ class Life:
         self.options.crash_at = 0
         self.programs["janitor"] = Janitor(self.options, self.outside, self._suspended)
         self._start("janitor")
+
+    def _is_gone(self, incarnation: str) -> bool:
+        return all(one.incarnation != incarnation or not one.is_alive for one in self.processes.values())
 
     def _suspended(self) -> list[TaskId]:
         assert self.daemon.core is not None

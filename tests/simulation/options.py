@@ -4,6 +4,8 @@ import random
 
 import msgspec
 
+from tca_central.shell.log_writer import Sync
+
 
 class Options(msgspec.Struct):
     """Faults, and what is in the town. Rates are per second; chances per occasion."""
@@ -25,6 +27,11 @@ class Options(msgspec.Struct):
     """Crash at just this step of central's turns (0: by chance)."""
     power_cuts: bool = False
     """Central's crashes lose what was not synced."""
+    sync: Sync = Sync.ALWAYS
+    hold: bool = False
+    """After a restart of central no task starts before somebody says so."""
+    sees_processes: bool = False
+    """A central that starts again knows which processes are gone."""
     snapshots: float = 0.0
     ids_again: bool = False
     """A new central counts routing ids from the beginning."""
@@ -72,7 +79,9 @@ def drawn(dice: random.Random) -> Options:
         central_crashes=dice.choice((0.0, 0.0, 0.003, 0.01, 0.02)),
         power_cuts=some() < 0.5,
         snapshots=dice.choice((0.0, 0.005, 0.02)),
-        ids_again=False,
+        ids_again=some() < 0.3,
+        hold=some() < 0.1,
+        sees_processes=some() < 0.5,
         away=dice.choice((0.5, 2.0, 6.0)),
         trusts_all=some() < 0.5,
         slow=dice.choice((0.0, 0.01, 0.3, 2.0)),

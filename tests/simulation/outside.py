@@ -14,12 +14,12 @@ from simulation.threads import Failing, Process, Thread, Work
 
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
-from tca_wire.messages.failures import MODULE_LOST
+from tca_wire.messages.failures import MODULE_LOST, UNCERTAIN
 from tca_wire.packets import headers
 from tca_wire.vocabulary import Outcome
 
 decode, encode = msgspec.msgpack.decode, msgspec.msgpack.encode
-LOSSES = frozenset((MODULE_LOST, "uncertain"))
+LOSSES = frozenset((MODULE_LOST, UNCERTAIN))
 
 
 class Run:
@@ -95,6 +95,8 @@ class Outside:
         self.dropped = 0
         self.wanted: dict[int, Claim] = {}
         self.granted: dict[int, Claim] = {}
+        self.tasks: set[int] = set()
+        self.is_holding = False
         self.lock_ended: dict[Claim, float] = {}
         self.newest = 0
         self.counts: defaultdict[str, int] = defaultdict(int)
@@ -283,6 +285,8 @@ class Outside:
         if fact.id in self.known:
             raise Broken(f"message {fact.id} is born twice")
         self.known.add(fact.id)
+        if fact.message_class.is_task:
+            self.tasks.add(fact.id)
 
     def _reached(self, fact: facts.Reached) -> None:
         if fact.moments & 32:
@@ -295,6 +299,16 @@ class Outside:
             told = self.deliveries.get(fact.id)
             for run in [*self.of_task.get(fact.id, ()), *([told] if told is not None else [])]:
                 run.is_lost = run.is_lost or run.ended < 0
+
+    def _delivered(self, fact: facts.Delivered) -> None:
+        if self.is_holding and fact.message_id in self.tasks:
+            raise Broken(f"task {fact.message_id} starts, and not all are back")
+
+    def _restarted(self, _: facts.CentralRestarted) -> None:
+        self.is_holding = True
+
+    def _went_on(self, _: facts.WentOn) -> None:
+        self.is_holding = False
 
     def _dropped(self, fact: facts.Dropped) -> None:
         self.dropped += 1
@@ -326,6 +340,9 @@ SHARED = frozenset(("health", "pose", "mode"))
 
 _TAKE: dict[type, Any] = {
     facts.Received: Outside._received,
+    facts.Delivered: Outside._delivered,
+    facts.CentralRestarted: Outside._restarted,
+    facts.WentOn: Outside._went_on,
     facts.Reached: Outside._reached,
     facts.Killed: lambda self, fact: self.killed.add(int(fact.task)),
     facts.Failed: Outside._failed,

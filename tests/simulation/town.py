@@ -490,6 +490,8 @@ class Janitor(TownProgram):
     def begin(self, process: Process, work: Work) -> Steps:
         hands = Hands(self, work)
         yield hands.do(headers.Register(0, []))
+        if self.options.hold:
+            yield hands.do(headers.GoOn(0))
         for task in self.suspended():
             yield hands.do(headers.Suspend(0, task, resume=True))
         return None
