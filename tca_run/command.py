@@ -26,7 +26,9 @@ class _BadFile(click.ClickException):
 @click.option("--check", is_flag=True, help="Check the file, show what it would start, and end.")
 @click.pass_context
 def run(context: click.Context, file: Path, only: str | None, *, check: bool) -> None:
-    """Run central and the programs of a robot, as FILE says [default: robot.toml].
+    """Run central and a robot's programs, and keep them running.
+
+    FILE names the programs [default: robot.toml].
 
     What crashes is started again, later and later; what crashes too often ends all. Ctrl-C or SIGTERM ends the modules,
     then central; a second one kills what is slow.

@@ -95,7 +95,7 @@ def main() -> None:
         lines.append(line)
         if line.startswith(b"-"):
             lines = [started(group, is_central=central) for group, central in groups_left(lines).items()]
-    left = groups_left(lines)
+    left = {group: is_central for group, is_central in groups_left(lines).items() if is_alive(group)}
     if left:
         print(f"tca: 'tca run' was killed; its {len(left)} programs are ended", file=sys.stderr, flush=True)
     end_all([group for group, is_central in left.items() if not is_central], float(sys.argv[1]))

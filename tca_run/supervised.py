@@ -48,16 +48,16 @@ class Supervised:
                 if code is not None:
                     self._tell(f"{self.program.name} {how_it_ended(code)}")
                 return
-            lived = f"after {time.monotonic() - began:.1f} s"
             how = "hung and was killed" if self._is_hung else "can't be started" if code is None else how_it_ended(code)
+            lived = f" after {time.monotonic() - began:.1f} s" if code is not None else ""
             if self.program.restart == "never" or (self.program.restart == "on-failure" and code == 0):
                 self.code = code
-                self._tell(f"{self.program.name} {how} {lived}")
+                self._tell(f"{self.program.name} {how}{lived}")
                 return
             delay = self._delay(how)
             limits = self.program.limits
             count = f"restart {self._restarts.count} of at most {limits.restarts} within {limits.within:g} s"
-            self._tell(f"{self.program.name} {how} {lived}, starts again in {delay:g} s ({count})")
+            self._tell(f"{self.program.name} {how}{lived}, starts again in {delay:g} s ({count})")
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), delay)
 
@@ -82,6 +82,7 @@ class Supervised:
         transport, lines = await loop.connect_read_pipe(
             lambda: Lines(lambda line: self._output.put(program.name, line)), os.fdopen(read, "rb", 0)
         )
+        transport.pause_reading()  # so that what it says comes after the line that it has started
         try:
             process = await self._start(write)
         except OSError as error:
@@ -93,6 +94,7 @@ class Supervised:
             os.close(write)
         self.group = process.pid
         self._tell(f"{program.name} started (process {process.pid})")
+        transport.resume_reading()
         await self._watch(process, stop, hurry)
         guard.send(self.group, signal.SIGKILL)  # what it has left behind
         os.write(self._guarded, guard.gone(self.group))

@@ -122,6 +122,17 @@ def test_nothing_is_left_when_it_is_killed_itself_even_after_its_guard_was(tmp_p
         running.leaves_nothing()
 
 
+def test_what_can_not_be_started_has_crashed(tmp_path: Path) -> None:
+    """Its guard does not take it for something that is left."""
+    (tmp_path / "gone.sh").write_text("#!/bin/sh\nrm $0; exit 1\n")
+    (tmp_path / "gone.sh").chmod(0o755)
+    with robot(tmp_path, HASTY + NO_CENTRAL + "[modules.gone]\ncommand = './gone.sh'\nrestarts = 1\n") as running:
+        code, errors = running.end()
+    assert (code, "was killed" in errors) == (1, False)
+    assert running.said.count("gone can't be started") == 1
+    assert running.said.endswith("gone | ./gone.sh: No such file or directory\n")
+
+
 def test_it_ends_when_nobody_reads(tmp_path: Path) -> None:
     text = NO_CENTRAL + sh("talks", "while true; do echo tick; sleep 0.05; done")
     (tmp_path / "robot.toml").write_text(text)
