@@ -25,6 +25,12 @@ _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 _LONGEST_SHOWN = 60
 _DAY = 86400.0
 
+_NOT_AS_OPTIONS = {
+    "--bind": "write address = ...",
+    "--journal": "write journal = ...",
+    "--fresh": "a central that has crashed would forget its run",
+}
+
 
 class BadRobotFile(Exception):
     """A robot's file can't be used: which key, and what to do."""
@@ -130,6 +136,9 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     address = central.address or default_endpoint()
     if address.endswith(":*"):
         raise BadRobotFile(f"central.address is {address}: name a port, so that modules find it")
+    for option in central.options:
+        if instead := _NOT_AS_OPTIONS.get(option.partition("=")[0]):
+            raise BadRobotFile(f"central.options: leave {option} out: {instead}")
     programs = [_central(central, address, folder)] if central.start else []
     for name, table in tables.get("modules", {}).items():
         programs += _copies(name, table, common, address, folder)

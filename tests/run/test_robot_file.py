@@ -45,6 +45,8 @@ def loaded(folder: Path, text: str) -> RobotFile:
         ("[run]\nrestart = 5", "run.restart is unknown|'restarts'"),
         ("[central]\naddress = 'tcp://127.0.0.1:*'", "central.address|port"),
         ("[central]\noptions = '--sync always'", "central.options|list"),
+        ("[central]\noptions = ['--bind=tcp://127.0.0.1:1']", "central.options|address"),
+        ("[central]\noptions = ['--sync', 'always', '--fresh']", "central.options|--fresh"),
     ],
 )  # fmt: skip
 def test_a_wrong_file_says_which_key_and_what_to_do(tmp_path: Path, text: str, said: str) -> None:
