@@ -58,7 +58,7 @@ _OPTIONS = (
     (zmq.RCVHWM, 10),
     (zmq.LINGER, 0),
     (zmq.RECONNECT_IVL, 100),
-    (zmq.RECONNECT_IVL_MAX, 5000),
+    (zmq.RECONNECT_IVL_MAX, 500),
     (zmq.CONNECT_TIMEOUT, 5000),  # else the kernel tries for minutes to reach a computer that is away
     *KEEPALIVE,  # it only answers: by itself it would never notice that there is nobody any more
 )

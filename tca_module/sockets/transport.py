@@ -26,7 +26,7 @@ _OPTIONS = (
     (zmq.SNDHWM, 1000),
     (zmq.LINGER, 1000),
     (zmq.RECONNECT_IVL, 100),
-    (zmq.RECONNECT_IVL_MAX, 5000),
+    (zmq.RECONNECT_IVL_MAX, 500),  # a restarted central has everybody back within a second
     # No HEARTBEAT_IVL: one that is due while a socket lingers whose far end has closed ends the process (libzmq 4.3.5:
     # "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line by itself.
     *KEEPALIVE,
