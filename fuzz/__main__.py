@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-OURS = ["tca_wire", "tca_central", "tca_module"]
+OURS = ["tca_wire", "tca_central", "tca_module", "tca_run"]
 UNGUIDED = ["tca_central.invariants"]
 
 

@@ -43,13 +43,17 @@ class Grammar:
             return self.make(choices.one_of(get_args(kind)), name)
         if origin is Literal:
             return choices.one_of(get_args(kind))
-        if origin is list:
-            return [self.make(get_args(kind)[0], name) for _ in range(choices.below(MOST_ITEMS))]
-        if origin is tuple:
-            return tuple(self.make(one, name) for one in get_args(kind))
+        if origin in (list, tuple):
+            return self._several(kind, name)
         if issubclass(kind, msgspec.Struct):
             return self.header(kind)
         return self._leaf(kind, name)
+
+    def _several(self, kind: Any, name: str) -> Any:
+        make, parts = get_origin(kind), get_args(kind)
+        if make is list or parts[-1] is Ellipsis:
+            return make(self.make(parts[0], name) for _ in range(self._choices.below(MOST_ITEMS)))
+        return tuple(self.make(one, name) for one in parts)
 
     def header(self, kind: type[msgspec.Struct]) -> Any:
         """A struct. The fields at its end are often left as they are by default."""

@@ -12,10 +12,24 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+import msgspec
+
 from fuzz.choices import Choices
 from fuzz.grammar import Grammar, damaged
 from tca_central.core import Central
-from tca_central.events import Arrived, ConnectionId, ConnectionLost, Event, Record, TellAll, Tick, Transmit
+from tca_central.events import (
+    Arrived,
+    ConnectionId,
+    ConnectionLost,
+    Event,
+    KeysChanged,
+    PermissionsChanged,
+    Record,
+    Restarted,
+    TellAll,
+    Tick,
+    Transmit,
+)
 from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.inputs import events_of
@@ -49,6 +63,7 @@ _DECLARED = (
 )
 _NAMES = tuple(one.name for one in _DECLARED)
 _RESOURCES = ("legs", "planner", "user", "eyes")
+_KEYS = ("", "arm", "uid:1001", "*", "owner")
 _FAILURES = ("", "slipped", "timeout", "module lost", "handler error")
 LINES = (b"user", b"legs", b"legs/1", b"legs/2", b"planner", b"planner/1", b"new", b"newer")
 
@@ -98,9 +113,9 @@ class Attacked:
         self._journal = io.BytesIO()
         self._journal.write(record(Entry(0, 0.0, [Opened(JOURNAL_VERSION, "test", 0, 0.0, "fuzz")])))
 
-    def arrive(self, time: float, line: bytes, packet: bytes) -> None:
+    def arrive(self, time: float, line: bytes, packet: bytes, principal: str = "") -> None:
         """A packet arrives."""
-        for event in events_of(Arrived(time, ConnectionId(line), packet)):
+        for event in events_of(Arrived(time, ConnectionId(line), packet, principal)):
             self.happen(event)
 
     def happen(self, event: Event) -> None:
@@ -114,11 +129,7 @@ class Attacked:
         due = self.central.clock.next
         assert due is None or math.isfinite(due), f"a timer is due at {due}"
 
-    def tell_all(self) -> None:
-        """Tell of tasks that were sent quietly, as with a beat."""
-        self.happen(TellAll(self.central.clock.now))
-
-    def restart(self) -> None:
+    def become_another(self) -> None:
         """Go on as another central that knows no more than an image of this one holds."""
         if may_be_taken(self.central):
             self.central = decode(encode(self.central))
@@ -156,6 +167,8 @@ class Attack:
             "resource": lambda: _RESOURCES, "module": lambda: _RESOURCES, "failure": lambda: _FAILURES,
             "kinds": lambda: _FAILURES, "incarnation": lambda: [f"run of {name}" for name in _RESOURCES],
             "version": lambda: (PROTOCOL_VERSION,), "connection": lambda: (0, 1, 2), "prefetch": lambda: (0, 8),
+            "keys": lambda: _KEYS, "modules": lambda: ("*", "legs", "us*"), "allowed": lambda: _KEYS,
+            "revoked": lambda: _KEYS,
             "endpoint": lambda: ("ipc:///legs/2", "tcp://127.0.0.1:5"), "moment": lambda: (1, 2, 4, 8, 16, 32),
         })  # fmt: skip
         self._last = b""
@@ -192,13 +205,22 @@ class Attack:
         elif kind == 3:
             self._all(line, self._last)
         elif kind == 4 and choices.is_one_in(2):
-            self._attacked[1].restart()
+            self._attacked[1].become_another()
         elif kind == 4:
-            for attacked in self._attacked:
-                attacked.tell_all()
+            self._event(self._of_all())
         else:
             packet = packed(*self._items(line, 1 + choices.is_one_in(4)))
             self._all(line, damaged(packet, choices) if kind == 5 else packet)
+
+    def _of_all(self) -> Event:
+        """What is no client's doing."""
+        kind = self._choices.one_of((TellAll, TellAll, KeysChanged, PermissionsChanged, Restarted))
+        if kind is Restarted:
+            away, grace, hold = (self._choices.below(20) for _ in range(3))
+            return Restarted(self._time, away, grace, hold % 2 == 1, self._choices.below(3) * 1000)
+        made: Any = kind
+        event: Event = msgspec.structs.replace(self._grammar.header(made), time=self._time)
+        return event
 
     def _items(self, line: bytes, number: int) -> Iterable[tuple[Any, bytes]]:
         choices, grammar = self._choices, self._grammar
@@ -213,8 +235,9 @@ class Attack:
 
     def _all(self, line: bytes, packet: bytes) -> None:
         self._last = packet
+        principal = self._choices.one_of(_KEYS) if self._choices.is_one_in(16) else ""
         for attacked in self._attacked:
-            attacked.arrive(self._time, line, packet)
+            attacked.arrive(self._time, line, packet, principal)
 
     def _event(self, event: Event) -> None:
         for attacked in self._attacked:

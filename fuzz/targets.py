@@ -4,7 +4,7 @@ from collections.abc import Callable
 from random import Random
 from typing import NamedTuple
 
-from fuzz import hostile_central, hostile_files, hostile_image, hostile_peers
+from fuzz import hostile_central, hostile_files, hostile_image, hostile_peers, hostile_toml
 
 
 class Target(NamedTuple):
@@ -32,5 +32,6 @@ TARGETS = {
     "journal": Target(hostile_files.attack_journal, _random(400), 800),
     "journal-bytes": Target(hostile_files.attack_journal_with_bytes, hostile_files.seeds_of_journals, 4000),
     "data": Target(hostile_files.attack_data, hostile_files.seeds_of_data, 400),
+    "toml": Target(hostile_toml.attack, _random(300), 600),
     "formats": Target(hostile_files.attack_formats, _random(300), 600),
 }

@@ -113,7 +113,7 @@ def load(path: Path) -> RobotFile:
         tables: dict[str, Any] = tomllib.loads(text)
     except OSError as error:
         raise BadRobotFile(f"{path} can't be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise BadRobotFile(f"{path}: {error}") from None
     try:
         return _robot(tables, path.resolve().parent)

@@ -74,7 +74,7 @@ def read_secret(path: Path, *names: str) -> dict[str, str]:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode
             found = tomllib.load(file)
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         why = error.strerror if isinstance(error, OSError) else str(error)
         msg = f"can't read the key {path}: {why}"
         raise KeyRefused(msg) from None

@@ -11,7 +11,16 @@ import pytest
 from fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[1]
-INPUTS = {"central": 40, "packets": 15, "session": 80, "entrance": 80, "path": 80, "journal": 60}
+INPUTS = {
+    "central": 40,
+    "packets": 15,
+    "session": 80,
+    "entrance": 80,
+    "path": 80,
+    "journal": 60,
+    "image": 40,
+    "toml": 40,
+}
 """Random inputs, where 200 would take too long."""
 SECONDS = {"central": 300, "packets": 120, "session": 120}
 """Of a target that has more to it than others, which take a minute each."""

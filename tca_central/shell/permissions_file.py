@@ -68,7 +68,7 @@ def read_rules(path: Path) -> tuple[AccessRule, ...]:
     try:
         text, mode = path.read_text(), path.stat().st_mode
         found = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         why = error.strerror if isinstance(error, OSError) else error
         raise PermissionsError(f"{path}: {why}") from None
     if mode & 0o002:

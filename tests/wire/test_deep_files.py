@@ -1,0 +1,23 @@
+"""A file that is nested too deeply is said to be wrong, like any other."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tca_central.shell.permissions_file import PermissionsError, read_rules
+from tca_run.robot_file import BadRobotFile, load
+from tca_wire.errors import KeyRefused
+from tca_wire.keys import read_client_key
+
+
+@pytest.mark.parametrize(
+    ("read", "error"), [(read_rules, PermissionsError), (load, BadRobotFile), (read_client_key, KeyRefused)]
+)
+def test_a_file_that_is_nested_too_deeply(tmp_path: Path, read: Callable[[Path], Any], error: type[Exception]) -> None:
+    path = tmp_path / "file.toml"
+    path.touch(0o600)
+    path.write_text(f"key = {'[' * 5000}")
+    with pytest.raises(error, match="recursion"):
+        read(path)
