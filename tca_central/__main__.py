@@ -16,6 +16,7 @@ from tca_central.errors import CentralError
 from tca_central.loading import is_compiled
 from tca_central.shell.door import make_room
 from tca_central.shell.gate import OpenGate, gate_for
+from tca_central.shell.log_limit import LineLimit
 from tca_central.shell.log_lines import LineFormatter
 from tca_central.shell.log_writer import Sync, is_written
 from tca_central.shell.recovery import unfinished
@@ -96,6 +97,7 @@ def _link(link: Path, there: Path) -> None:
 def _log_lines(*, quiet: bool) -> None:
     lines = logging.StreamHandler()
     lines.setFormatter(LineFormatter("central: %(message)s"))
+    lines.addFilter(LineLimit())
     logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, handlers=[lines])
 
 

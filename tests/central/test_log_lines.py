@@ -6,6 +6,7 @@ import pytest
 from central.player import Player
 
 from tca_central.events import Record
+from tca_central.shell.log_limit import LineLimit
 from tca_central.shell.log_lines import LONGEST_LINE, LineFormatter, LogLines
 from tca_wire.journal.facts import Entry, Fact, Failed, Ignored, ModuleJoined, ModuleLeft, RequestRefused
 from tca_wire.vocabulary import Refusal
@@ -58,3 +59,17 @@ def test_a_traceback_has_lines_of_its_own(log: logging.Logger, lines: list[str])
     assert first == "central: broken"
     assert len(rest) > 2
     assert all(line.isprintable() and len(line) <= LONGEST_LINE for line in rest)
+
+
+def test_a_flood_of_lines_is_cut_and_told_and_errors_pass(log: logging.Logger, lines: list[str]) -> None:
+    now = [5.0]
+    limit = LineLimit(lambda: now[0])
+    log.handlers[0].addFilter(limit)
+    for number in range(limit.most + 1000):
+        log.warning("refused %d", number)
+    log.error("broken")
+    assert len(lines) == limit.most + 1
+    assert lines[-1] == "central: (1,000 lines left out: see the journal) broken"
+    now[0] = 6.0
+    log.warning("100%")
+    assert lines[-1] == "central: 100%"
