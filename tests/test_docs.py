@@ -20,6 +20,7 @@ EXAMPLES = {path.stem: path.read_text() for path in sorted((ROOT / "examples").g
 
 OTHER_WORDS = (
     "tca ",
+    "central: ",
     "robot$ ",
     "pip install ",
     "$ ",
