@@ -115,8 +115,11 @@ def _constrain(central: State, connection: Connection, header: headers.Send | he
 
 
 def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
-    _control(central, connection, header.task, "kill")
-    task = central.tree.tasks.get(header.task)
+    number = connection.tasks.get(-header.task) if header.task < 0 else header.task  # by the request that sent it
+    if number is None:
+        return  # there is nothing to kill
+    _control(central, connection, number, "kill")
+    task = central.tree.tasks.get(number)
     if header.scope is Scope.SIBLINGS and task is not None and task.parent is not None:
         _control(central, connection, TaskId(task.parent.id), "kill what is under")
 

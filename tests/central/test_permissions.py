@@ -10,6 +10,7 @@ from central.player import Player, before, point
 from tca_central.access.requests import NEEDS
 from tca_central.core import HANDLERS
 from tca_central.events import AccessRule, PermissionsChanged
+from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Refused
@@ -170,6 +171,14 @@ def test_what_is_ones_own_needs_nothing_more() -> None:
         if needed in (STEER, SEE):
             player, _ = robot([AccessRule(("rogue",), ("rogue",), ((SEND, ("move",)),))])
             assert not is_forbidden(player, ask(player.task("rogue", "move"))), name
+
+
+def test_a_task_of_ones_own_that_goes_by_its_request_is_no_way_to_its_siblings() -> None:
+    player, task = robot([AccessRule(("rogue",), ("rogue",), ((SEND, ("move",)),))])
+    player.send("rogue", "move", flags=Flags.NONE, number=ROGUE - 1)
+    assert is_forbidden(player, headers.Kill(ROGUE, TaskId(1 - ROGUE), scope=Scope.SIBLINGS))
+    assert not is_forbidden(player, headers.Kill(ROGUE + 1, TaskId(1 - ROGUE)))
+    assert player.delivered("boss/1") == [task]
 
 
 @pytest.mark.parametrize("header", FREE, ids=lambda header: type(header).__name__)
