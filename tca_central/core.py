@@ -142,6 +142,7 @@ class Central(State):
             permissions.change_permissions(self, event)
         else:
             self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
+            direct_routes.bar_owners(self, event.revoked)
         self._settle()
         self._report(effects, event.time, causes.Keeper())
 

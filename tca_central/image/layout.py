@@ -86,7 +86,7 @@ OBJECTS: dict[type, str] = {
     Claim: "admits_owner arrival holder id number owner priority resource since slot ticket timer",
     Clock: "_asked _cancelled _queue now",
     Connection: (
-        "answers begins entrance handling id known_until last_number late lost_claims module number orphans "
+        "answers begins entrance handling id known_until last_number late licence lost_claims module number orphans "
         "outstanding pauses prefetch principal pulse repeats_until resource rights routes session tasks untold waits "
         "watchers watches"
     ),
@@ -103,7 +103,7 @@ OBJECTS: dict[type, str] = {
     ModuleResource: f"{_RESOURCE} busy delivered limits quick_runs",
     PendingLimit: "most waiting",
     Queue: "_heap waiting",
-    Permissions: "outcome_owners rules",
+    Permissions: "barred licences newest_licence outcome_owners rules",
     Rights: "known patterns",
     Rare: (
         "attached attempts ended_followers farewells fired guests invocations is_guest is_tapped is_void kept kept_by "

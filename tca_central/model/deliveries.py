@@ -58,7 +58,7 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "begins", "entrance", "handling", "id", "known_until", "last_number", "late",
+    __slots__ = ("answers", "begins", "entrance", "handling", "id", "known_until", "last_number", "late", "licence",
                  "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch", "principal",
                  "pulse", "repeats_until", "resource", "rights", "routes", "session", "tasks", "untold", "waits",
                  "watchers", "watches")  # fmt: skip
@@ -88,6 +88,7 @@ class Connection:
         self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
         self.lost_claims: dict[int, LostClaim] = {}  #: taken from it, and it does not know yet, by the Lock's number
         self.entrance: Entrance | None = None  #: where this slot takes messages directly
+        self.licence = 0  #: to send directly (0: it has none)
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
         self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
         self.watchers: dict[Connection, None] = {}  #: the connections told of this slot's end

@@ -9,6 +9,10 @@ from tca_wire.vocabulary import Permission
 OWNER = "owner"
 """What permissions call the user who runs central."""
 
+MOST_LICENCES = 10_000
+"""Licences that are valid: one for each sender of direct messages, whether it is connected or not."""
+MOST_BARRED = 10_000
+
 _REMEMBERED = 4096  # names
 
 
@@ -34,13 +38,28 @@ class Rights:
 
 
 class Permissions:
-    """The rules, and what they need to know of the past."""
+    """The rules, what they need to know of the past, and the licences to send directly."""
 
-    __slots__ = ("outcome_owners", "rules")
+    __slots__ = ("barred", "licences", "newest_licence", "outcome_owners", "rules")
 
     def __init__(self) -> None:
         self.rules: tuple[AccessRule, ...] | None = None  #: None: whoever is let in may do everything
         self.outcome_owners: dict[int, str] = {}  #: of ended tasks whose outcome is kept: whose they were, under rules
+        self.licences: dict[int, str] = {}  #: those that are valid, and whose they are; oldest first
+        self.newest_licence = 0
+        self.barred: list[int] = []  #: the newest that are not valid any more
+
+    def new_licence(self, principal: str) -> int:
+        """A licence to send directly."""
+        self.newest_licence += 1
+        self.licences[self.newest_licence] = principal
+        return self.newest_licence
+
+    def bar(self, numbers: list[int]) -> None:
+        """These licences are not valid any more."""
+        for number in numbers:
+            self.licences.pop(number, None)
+        self.barred = (self.barred + numbers)[-MOST_BARRED:]
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:

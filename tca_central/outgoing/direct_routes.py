@@ -12,18 +12,30 @@ from collections.abc import Iterable
 from tca_central.errors import RequestError, check_name
 from tca_central.model.deliveries import Connection, Delivery, MessageType, ModuleResource
 from tca_central.model.resources import Resource
+from tca_central.model.rights import MOST_LICENCES
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.packets.headers import Hello
+from tca_wire.packets.licences import licence
 from tca_wire.packets.parts import HandlerFormat
-from tca_wire.packets.routes import MOST_LOST, MOST_NOTES, Entrance, EntranceGone, Note, Noted, Route, WatchEntrance
-from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Refusal
+from tca_wire.packets.routes import (
+    MOST_LOST,
+    MOST_NOTES,
+    Barred,
+    Entrance,
+    EntranceGone,
+    Note,
+    Noted,
+    Route,
+    WatchEntrance,
+)
+from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Permission, Refusal
 
 
 def check_entrance(entrance: Entrance) -> None:
     """Raises RequestError if modules can't be sent there."""
     is_address = entrance.endpoint.startswith(("ipc://", "tcp://")) and entrance.endpoint.isprintable()
-    if not is_address or max(len(entrance.endpoint), len(entrance.key)) > 2 * Limit.NAME:
+    if not is_address or max(map(len, (entrance.endpoint, entrance.key, entrance.curve))) > 2 * Limit.NAME:
         text = f"{entrance.endpoint!r:.60} is not an entrance: give an ipc:// or tcp:// address"
         raise RequestError(Refusal.PROTOCOL, text)
 
@@ -97,9 +109,11 @@ def _say_route(central: State, connection: Connection, message: MessageType) -> 
     route = message.route
     if connection.resource is not None and any(slot.resource is connection.resource for slot in route):
         route = ()  # a resource handles its own query inside its wait: that needs central
+    if not all(_may_reach(connection, slot) for slot in route):
+        route = ()
     for slot in route:
         _watch(connection, slot)
-    entrances = [slot.entrance for slot in route if slot.entrance is not None]
+    entrances = [_licensed(central, connection, slot.entrance) for slot in route if slot.entrance is not None]
     central.tell(connection, Route(message.name, entrances))
 
 
@@ -116,6 +130,71 @@ def forget_sender(connection: Connection) -> None:
         slot.watchers.pop(connection, None)
     connection.routes.clear()
     connection.watches.clear()
+
+
+# --- licences --------------------------------------------------------------------------------------------------------
+
+
+def _may_reach(connection: Connection, slot: Connection) -> bool:
+    """Whether it may send all that a slot takes directly: the slot does not ask which of that."""
+    rights, handlers = connection.rights, slot.module.handlers.values()
+    taken = [one.message.name for one in handlers if one.direct and one.resource is slot.resource]
+    return rights is None or all(rights.allow(Permission.SEND, name) for name in taken)
+
+
+def _licensed(central: State, connection: Connection, entrance: Entrance) -> Entrance:
+    """An entrance as a sender gets it."""
+    permissions = central.registry.permissions
+    if not connection.licence:
+        connection.licence = permissions.new_licence(connection.principal)
+        if len(permissions.licences) > MOST_LICENCES:
+            bar(central, [next(iter(permissions.licences))], anew=False)
+    key = licence(entrance.key, _number(central, connection.licence))
+    return Entrance(entrance.endpoint, key, entrance.curve)
+
+
+def _number(central: State, number: int) -> str:
+    return f"{central.epoch}.{number}"
+
+
+def bar(central: State, numbers: list[int], *, anew: bool = True) -> None:
+    """These licences are not valid any more. Who is connected, and may still send directly, gets another one *anew*."""
+    if not numbers:
+        return
+    central.registry.permissions.bar(numbers)
+    barred = dict.fromkeys(numbers)
+    connections = list(central.registry.connections.values())
+    for slot in connections:
+        if slot.entrance is not None:
+            central.tell(slot, Barred([_number(central, number) for number in numbers]))
+    for sender in connections:
+        if sender.licence in barred:
+            sender.licence = 0
+            for message in list(sender.routes) if anew else ():
+                _say_route(central, sender, message)
+
+
+def tell_barred(central: State, slot: Connection) -> None:
+    """A slot may not have heard which licences are not valid any more."""
+    if slot.entrance is not None and (barred := central.registry.permissions.barred):
+        central.tell(slot, Barred([_number(central, number) for number in barred]))
+
+
+def bar_owners(central: State, principals: Iterable[str]) -> None:
+    """The keys of these are revoked; their connections end next, and get nothing more."""
+    gone = dict.fromkeys(principals)
+    numbers = [number for number, owner in central.registry.permissions.licences.items() if owner in gone]
+    bar(central, numbers, anew=False)
+
+
+def review_licences(central: State) -> None:
+    """Permissions have changed: only those keep their licences who are here, and may still send all they reach."""
+    kept = {
+        one.licence: None
+        for one in central.registry.connections.values()
+        if one.licence and all(_may_reach(one, slot) for slot in one.watches)
+    }
+    bar(central, [number for number in central.registry.permissions.licences if number not in kept])
 
 
 # --- entrances -------------------------------------------------------------------------------------------------------

@@ -138,6 +138,7 @@ def on_hello_again(central: State, connection: Connection, header: headers.Hello
     direct_routes.forget_sender(connection)
     welcome = headers.Welcome(header.number, PROTOCOL_VERSION, connection.module.name, central.epoch)
     central.tell(connection, welcome)
+    direct_routes.tell_barred(central, connection)
 
 
 def on_bye(central: State, connection: Connection, _header: headers.Bye, _: bytes) -> None:

@@ -4,6 +4,7 @@ from tca_central.events import PermissionsChanged
 from tca_central.model.deliveries import Module, Wiretap
 from tca_central.model.rights import Rights, rights_of
 from tca_central.model.task_tree import Task
+from tca_central.outgoing import direct_routes
 from tca_central.requests.joining import disconnect, remove_handlers
 from tca_central.state import State
 from tca_central.watching import taps
@@ -26,6 +27,7 @@ def change_permissions(central: State, event: PermissionsChanged) -> None:
                 disconnect(central, connection, "the permissions do not let it in any more", lost=True)
         if rights is not None:
             _take_away(central, module, rights)
+    direct_routes.review_licences(central)
 
 
 def _take_away(central: State, module: Module, rights: Rights) -> None:

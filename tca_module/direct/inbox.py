@@ -1,14 +1,13 @@
 """A slot's entrance for direct messages.
 
-Senders greet with the key that central gave them, and number their messages: none is handled twice, and an answer is
-kept for a while in case it is lost with a line. The slot takes a message when it handles nothing else. When this is
+Senders greet with the licence that central gave them, and number their messages: none is handled twice, and an answer
+is kept for a while in case it is lost with a line. The slot takes a message when it handles nothing else. When this is
 full, the rest waits in the socket and with the senders. Bad bytes, unknown messages and strangers are refused.
 """
 
-import hmac
 import logging
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 from tca_module.direct.note_batch import NoteBatch
@@ -17,6 +16,7 @@ from tca_wire.packets import direct, headers
 from tca_wire.packets.codec import pack, pack_item
 from tca_wire.packets.direct import Begun, Direct, Greet, Greeting
 from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Deliver, Fail, GiveUp, Refused, Reply
+from tca_wire.packets.licences import number_of
 from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal, is_name
 
@@ -25,6 +25,7 @@ MOST_SENDERS = 256
 ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # for each sender
 BEGUN_EVERY, BEGUN_BYTES = 64, 1 << 20  # informs, or bytes, begun with before their sender is told
 PACKETS = 256  # read at a time
+_MOST_BARRED = 20_000
 _MOST_MISSING = 2000  # numbers; senders have fewer on their way
 
 
@@ -58,6 +59,7 @@ class _RemoteSender:
         self.untold = 0  #: informs begun with, of which it was not told
         self.untold_bytes = 0
         self.is_behind = False  #: an answer could not be sent
+        self.licence = ""  #: its number
 
     def remember(self, answer: Answer | Refused, body: bytes) -> None:
         self.answers[answer.number] = answer, body
@@ -89,6 +91,7 @@ class Inbox:
         self._notes = notes
         self._clock = clock
         self._log = log
+        self._barred: dict[str, None] = {}  #: licences that are not valid any more, oldest first
         self._senders: dict[bytes, _RemoteSender] = {}  #: by address
         self._sessions: dict[str, _RemoteSender] = {}  #: the one that greeted longest ago first
         self._waiting: deque[_Waiting] = deque()
@@ -138,8 +141,9 @@ class Inbox:
             self._on_direct(sender, header, body)
 
     def _on_greet(self, address: bytes, header: Greet) -> None:
-        if header.version != PROTOCOL_VERSION or not hmac.compare_digest(header.key.encode(), self._key.encode()):
-            self._refuse(address, f"version {header.version} or the key is not the one that central gives")
+        number = number_of(header.key, self._key)
+        if header.version != PROTOCOL_VERSION or number is None or number in self._barred:
+            self._refuse(address, f"version {header.version}, or no licence of central to send to this slot")
             return
         if not (is_name(header.session) and is_name(header.module) and 0 <= header.newest < 1 << 62):
             self._refuse(address, f"{header.session!r:.40} of {header.module!r:.40} is no sender")
@@ -149,11 +153,11 @@ class Inbox:
             sender = _RemoteSender(address, header)
             if len(self._sessions) >= MOST_SENDERS:
                 session = next((name for name, one in self._sessions.items() if not one.open), None)
-                del self._senders[self._sessions.pop(session or next(iter(self._sessions))).address]
+                self._senders.pop(self._sessions.pop(session or next(iter(self._sessions))).address, None)
         self._sessions[header.session] = sender
         repeated = [*sender.answers.values()] if sender.is_behind or sender.address != address else []
         self._senders.pop(sender.address, None)
-        sender.address, sender.is_behind = address, False
+        sender.address, sender.is_behind, sender.licence = address, False, number
         self._senders[address] = sender
         first = max(sender.newest + 1, header.newest + 1 - _MOST_MISSING)
         sender.missing.update(range(first, header.newest + 1))
@@ -161,6 +165,16 @@ class Inbox:
         greeting = Greeting(header.newest, sorted(sender.missing), sorted(sender.open))
         self._socket.send(address, pack([*repeated, (greeting, b""), (Begun(sender.begun), b"")]))
         sender.missing = {number for number in sender.missing if number > header.newest - _MOST_MISSING}
+
+    def bar(self, licences: Iterable[str]) -> None:
+        """Take nothing more from those who have these licences. Who has a new one goes on where he was."""
+        if not (barred := dict.fromkeys(licences)):
+            return
+        self._barred.update(barred)
+        while len(self._barred) > _MOST_BARRED:
+            del self._barred[next(iter(self._barred))]
+        for address in [address for address, sender in self._senders.items() if sender.licence in self._barred]:
+            del self._senders[address]
 
     def _on_direct(self, sender: _RemoteSender, header: Direct, body: bytes) -> None:
         number, message = header.number, header.message

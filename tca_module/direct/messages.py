@@ -15,7 +15,7 @@ from tca_module.sockets.direct import EntranceSocket, PathSocket
 from tca_module.sockets.transport import DealerTransport
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver, Send, ToCentral
-from tca_wire.packets.routes import Entrance, Noted
+from tca_wire.packets.routes import Barred, Entrance, Noted
 
 RESTLESS = 0.2  # seconds between two looks at a way on which an answer or a greeting is due
 
@@ -26,7 +26,7 @@ class OpenedEntrance:
     def __init__(self, central: str, messages: Iterable[Message[Any, Any]]) -> None:
         """Open it. Raises OSError where that can't be."""
         self.socket = EntranceSocket(central)
-        self.entrance = Entrance(self.socket.endpoint, token_hex(16))
+        self.entrance = Entrance(self.socket.endpoint, token_hex(16), self.socket.public_key)
         self.queries = {message.name: message.message_class.has_reply for message in messages}
 
 
@@ -59,6 +59,10 @@ class DirectMessages:
     def listen(self) -> None:
         """Take in arrived packets; none is handled yet."""
         if self._routes.paths or self._session.routing:
+            if self._inbox is not None:
+                self._inbox.bar(
+                    one for header in self._session.routing if isinstance(header, Barred) for one in header.numbers
+                )
             self._routes.listen(self._clock)
         if self._inbox is not None:
             self._inbox.listen()

@@ -15,10 +15,10 @@ from tca_module.session.request import Request
 from tca_module.session.session import Session
 from tca_module.sockets.transport import DealerTransport
 from tca_wire.packets.headers import Send, Welcome
-from tca_wire.packets.routes import Entrance, Route, WatchEntrance
+from tca_wire.packets.routes import Barred, Entrance, Route, WatchEntrance
 
-OpenSocket = Callable[[str], LineSocket]
-"""Opens the way to an endpoint. Raises OSError if it is none."""
+OpenSocket = Callable[[Entrance], LineSocket]
+"""Opens the way to an entrance. Raises OSError if there can be none."""
 
 
 class DirectRoutes:
@@ -91,6 +91,8 @@ class DirectRoutes:
                 self._routes[header.message] = deque(paths)
             elif isinstance(header, Welcome):
                 self._on_welcome(header)
+            elif isinstance(header, Barred):
+                pass  # it is for the slot
             elif (gone := self.paths.get(header.endpoint)) is not None:
                 gone.gone(header.text, now, lost=header.lost)
         for path in self.paths.values():
@@ -108,9 +110,10 @@ class DirectRoutes:
             return None
         known = self.paths.get(entrance.endpoint)
         if known is not None and not known.is_over:
+            known.entrance = entrance  # the licence may be another one
             return known
         try:
-            socket = self._open_socket(entrance.endpoint)
+            socket = self._open_socket(entrance)
         except OSError as error:
             self._log.warning("can't send directly to %s: %s", entrance.endpoint, error)
             return None

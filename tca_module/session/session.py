@@ -32,7 +32,7 @@ from tca_module.session.request import (
 from tca_module.session.sent_tasks import TaskSends
 from tca_wire.packets import headers
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
-from tca_wire.packets.routes import EntranceGone, Route
+from tca_wire.packets.routes import Barred, EntranceGone, Route
 from tca_wire.points import TaskId
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
@@ -80,7 +80,7 @@ class Session:
         self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: to be handled now, within a wait as well
         self.ahead: deque[tuple[headers.Deliver, bytes]] = deque()  #: to be handled when all before them have been
         self.news: deque[Callable[[], None]] = deque()  #: to be called by the thread that owns the connection, soon
-        self.routing: deque[headers.Welcome | Route | EntranceGone] = deque()  #: headers about direct messages
+        self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = deque()  #: headers about direct messages
         self.complaints: list[str] = []  #: central's complaints that answer no request; for the log
         self.dropped = self.doubtful = 0  #: informs and broadcasts that never left, or were on their way in a break
         self._posted = self._arrived = 0  #: statements sent on this connection; those of which central has had word
@@ -535,5 +535,6 @@ class Session:
         headers.Closing: _on_closing,
         Route: lambda self, header, _: self.routing.append(header),
         EntranceGone: lambda self, header, _: self.routing.append(header),
+        Barred: lambda self, header, _: self.routing.append(header),
     }
     """One row per message from central."""

@@ -22,15 +22,37 @@ def show_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
     except KeyRefused as error:
         raise MisuseError(str(error)) from None
     if key is not None:
-        put_key(socket, key, key.central)
+        put_key(socket, key)
     return key
 
 
-def put_key(socket: "zmq.Socket[bytes]", key: ClientKey, server: str) -> None:
-    """Have a socket speak only to whoever has the secret half of the key *server*."""
-    socket.setsockopt(zmq.CURVE_SERVERKEY, server.encode())
+def put_key(socket: "zmq.Socket[bytes]", key: ClientKey) -> None:
+    """Have a socket show a key, and speak only to its central."""
+    socket.setsockopt(zmq.CURVE_SERVERKEY, key.central.encode())
     socket.setsockopt(zmq.CURVE_PUBLICKEY, key.public.encode())
     socket.setsockopt(zmq.CURVE_SECRETKEY, key.secret.encode())
+
+
+def shows_key(address: str) -> bool:
+    """Whether this program shows a key to the central at *address*."""
+    try:
+        return client_key(address) is not None
+    except KeyRefused as error:
+        raise MisuseError(str(error)) from None
+
+
+def make_server(socket: "zmq.Socket[bytes]") -> str:
+    """Have a socket speak only to those who know its public key, which is new; before it is bound. Returns the key."""
+    public, secret = zmq.curve_keypair()
+    socket.setsockopt(zmq.CURVE_SERVER, 1)
+    socket.setsockopt(zmq.CURVE_SECRETKEY, secret)
+    return public.decode()
+
+
+def speak_only_to(socket: "zmq.Socket[bytes]", server: str) -> None:
+    """Have a socket speak to whoever has the secret half of a key, and show a pair that nobody knows."""
+    public, secret = zmq.curve_keypair()
+    put_key(socket, ClientKey("", public.decode(), secret.decode(), server))
 
 
 def why_not_let_in(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:

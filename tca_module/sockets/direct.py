@@ -1,7 +1,8 @@
 """The sockets of direct messages: a slot's entrance, and a sender's way to one.
 
 An entrance can be reached by those who reach central: it lies in the folder of central's socket, or listens on the
-interface of this computer from which central is reached.
+interface of this computer from which central is reached. Where central asks for keys it has one of its own, that
+central gives to those who may send to it.
 """
 
 import contextlib
@@ -12,8 +13,10 @@ from secrets import token_hex
 
 import zmq
 
+from tca_module.sockets.curve import make_server, shows_key, speak_only_to
 from tca_module.sockets.pulse import KEEPALIVE
 from tca_module.sockets.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
+from tca_wire.packets.routes import Entrance
 from tca_wire.vocabulary import Limit
 
 MOST_UNDER_WAY = 1000  # messages that one sender may have on its way to one entrance
@@ -64,6 +67,7 @@ class EntranceSocket(_DirectSocket):
     def __init__(self, central: str) -> None:
         super().__init__(zmq.ROUTER)
         self.is_paused = False  #: packets stay in the socket
+        self.public_key = make_server(self._socket) if shows_key(central) else ""  #: whoever connects needs it
         self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         try:
             self.endpoint = _bind(self._socket, central)
@@ -101,13 +105,15 @@ class EntranceSocket(_DirectSocket):
 class PathSocket(_DirectSocket):
     """A sender's way to one entrance. Raises OSError if the endpoint is no address."""
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, entrance: Entrance) -> None:
         super().__init__(zmq.DEALER)
         # Not IMMEDIATE: with that, libzmq 4.3.5 throws away what has arrived and was not read when the far end closes,
         # and that would be the last answers of a slot. What waits for a slot that is gone is bounded by the count.
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5000)
         try:
-            self._socket.connect(endpoint)
+            if entrance.curve:
+                speak_only_to(self._socket, entrance.curve)
+            self._socket.connect(entrance.endpoint)
         except OSError:
             self._socket.close(linger=0)
             raise

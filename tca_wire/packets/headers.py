@@ -23,7 +23,7 @@ from tca_wire.packets.parts import (
     Watching,
     WatchOptions,
 )
-from tca_wire.packets.routes import Entrance, EntranceGone, Noted, Route, WatchEntrance
+from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Noted, Route, WatchEntrance
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
@@ -539,5 +539,5 @@ class Recall(_Header, frozen=True, tag=44):
 
 ToModule = (
     Welcome | Accepted | TasksMade | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
-    | Taken | Route | EntranceGone | Recall
+    | Taken | Route | EntranceGone | Recall | Barred
 )  # fmt: skip

@@ -23,11 +23,14 @@ class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_field
 class Entrance(_Header, frozen=True):
     """A slot's entrance for direct messages: the ZeroMQ address of a ROUTER socket, and its key.
 
-    Central gives the key to those who send such messages, and to nobody else; no journal has it.
+    In a slot's Hello the key is a secret of the slot's. Central gives those who send such messages licences that it
+    makes of it (licences.py), and nothing to anybody else; no journal has them.
     """
 
     endpoint: str
     key: str
+    curve: str = ""
+    """The public key of the socket, if it asks for CURVE: whoever connects needs it, and shows a pair of its own."""
 
 
 class Note(_Header, frozen=True):
@@ -73,6 +76,12 @@ class Route(_Header, frozen=True, tag=82):
 
     message: str
     entrances: list[Entrance] = []
+
+
+class Barred(_Header, frozen=True, tag=46):
+    """These licences of senders are not valid any more, at any entrance."""
+
+    numbers: list[str]
 
 
 class EntranceGone(_Header, frozen=True, tag=83):

@@ -4,13 +4,16 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from central.player import Player
+from central.player import IN_PYTHON, Player
 
+from tca_central.events import AccessRule, KeysChanged, PermissionsChanged
+from tca_central.outgoing import direct_routes
 from tca_wire.journal.facts import HandledDirectly, LostDirectly
 from tca_wire.packets import headers
+from tca_wire.packets.licences import number_of
 from tca_wire.packets.parts import HandlerFormat
-from tca_wire.packets.routes import Entrance, EntranceGone, Loss, Note, Noted, Route, WatchEntrance
-from tca_wire.vocabulary import Condition, Outcome, Refusal
+from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Loss, Note, Noted, Route, WatchEntrance
+from tca_wire.vocabulary import Condition, Outcome, Permission, Refusal
 
 
 @pytest.fixture
@@ -213,3 +216,82 @@ def test_while_a_resource_is_locked_or_wanted_everything_goes_through_central(pl
     assert told(player) == ["height to []"]
     player.receive("user", headers.GiveUp(number))
     assert told(player) == ["height to ['map/1']"]
+
+
+# --- licences --------------------------------------------------------------------------------------------------------
+
+
+def robot() -> Player:
+    """Two senders that know the way to a map, with keys of their own."""
+    player = Player()
+    player.principals |= {"a": "a", "b": "b"}
+    player.module("map", "query height", direct=True)
+    for name in ("a", "b"):
+        player.module(name)
+        player.send(name, "height")
+    return player
+
+
+def licences(player: Player, name: str) -> list[list[str]]:
+    """By what a sender may send, of each route that it was told of."""
+    routes = [header for header, _ in player.inbox[name] if isinstance(header, Route)]
+    return [[number_of(one.key, "key of map/1") or "forged" for one in route.entrances] for route in routes]
+
+
+def barred(player: Player) -> list[str]:
+    return [one for header, _ in player.inbox["map/1"] if isinstance(header, Barred) for one in header.numbers]
+
+
+def test_each_sender_has_a_licence_of_its_own_and_nobody_the_key() -> None:
+    player = robot()
+    assert (licences(player, "a"), licences(player, "b")) == ([["test.1"]], [["test.2"]])
+    assert "key of map/1" not in str(player.inbox["a"])
+
+
+def test_a_revoked_key_ends_its_licences_also_of_those_who_are_away() -> None:
+    player = robot()
+    player.lose("a")
+    player.event(KeysChanged(60.0, [], ["a"]))
+    assert barred(player) == ["test.1"]
+    player.hello("map/1", "map", "map", direct=True)  # a slot that comes back may not have heard it
+    assert licences(player, "b") == [["test.2"]]
+    assert barred(player) == ["test.1"] * 2
+
+
+def test_a_revoked_key_gets_no_new_licence_while_its_line_is_there() -> None:
+    player = robot()
+    player.event(KeysChanged(60.0, [], ["a"]))
+    assert licences(player, "a") == [["test.1"]]
+
+
+def test_who_may_not_send_all_that_a_slot_takes_sends_through_central() -> None:
+    rule = AccessRule(("a",), allowed=((Permission.SEND, ("height",)),))
+    everything = AccessRule(("owner", "b"), allowed=tuple((one, ("*",)) for one in Permission))
+    player = robot()
+    player.event(PermissionsChanged(60.0, (rule, everything)))
+    assert barred(player) == []
+    player.event(PermissionsChanged(61.0, (AccessRule(("a",)), everything)))
+    assert barred(player) == ["test.1"]
+    assert licences(player, "a") == [["test.1"], []]
+    player.event(PermissionsChanged(62.0, None))
+    player.hello("a")
+    player.send("a", "height")
+    assert licences(player, "a")[-1] == ["test.3"], "a licence that was withdrawn is never given again"
+
+
+def test_a_slot_that_takes_more_than_one_may_send_is_closed_to_him() -> None:
+    player = Player()
+    rule = AccessRule(("a",), allowed=((Permission.SEND, ("height",)),))
+    owner = AccessRule(("owner",), allowed=tuple((one, ("*",)) for one in Permission))
+    player.event(PermissionsChanged(0.0, (rule, owner)))
+    player.principals |= {"a": "a"}
+    player.module("map", "query height", "inform erase", direct=True)
+    player.module("a")
+    player.send("a", "height")
+    assert licences(player, "a") == [[]]
+
+
+@IN_PYTHON
+def test_licences_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(direct_routes, "MOST_LICENCES", 1)
+    assert barred(robot())[:1] == ["test.1"]

@@ -5,9 +5,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import zmq
 from click.testing import CliRunner
 from integration.programs import central, tca
 from module.real_central import SOON, RealCentral, soon
@@ -15,9 +17,11 @@ from module.real_central import SOON, RealCentral, soon
 from tca_central.shell.authenticator import Authenticator, new_pair
 from tca_central.shell.gate import KeyGate
 from tca_central.shell.keys_command import keys as keys_command
-from tca_module import CentralLost, MisuseError, Module, Query, connect
+from tca_module import CentralLost, MisuseError, Module, Query, Timeout, connect
 from tca_wire.journal import facts
 from tca_wire.keys import read_client_key
+from tca_wire.packets import codec, headers
+from tca_wire.packets.direct import Greet
 
 SQUARE = Query("square", int, reply=int)
 TCP = "tcp://127.0.0.1:*"
@@ -167,6 +171,47 @@ def test_two_machines_in_five_commands(tmp_path: Path, monkeypatch: pytest.Monke
         assert "'laptop'" in said("use", str(copied))
         monkeypatch.setenv("TCA_CENTRAL", f"tcp://127.0.0.1:{port}")
         assert "0 modules" in (status := tca("status")).stdout, status
+
+
+# --- direct messages -------------------------------------------------------------------------------------------------
+
+
+def test_direct_messages_are_encrypted_and_end_with_the_key(
+    keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
+) -> None:
+    as_key("arm")
+    squares = Module("squares", keyed.address)
+    squares.handles(SQUARE, direct=True)(lambda _, number: number * number)
+    with squares.running():
+        as_key("user")
+        user = connect("user", keyed.address, patience=0.5)
+        link = user._connection()
+        with soon("queries go directly") as may_go_on:
+            while not any(path.is_usable for path in link.direct._routes.paths.values()):
+                assert user.query(SQUARE, 3, timeout=SOON) == 9
+                may_go_on()
+        assert user.query(SQUARE, 4, timeout=SOON) == 16
+        (path,) = link.direct._routes.paths.values()
+        assert path.entrance.curve
+        with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:  # who knows all but the public key
+            stranger.linger = 0
+            stranger.connect(path.entrance.endpoint)
+            greet = Greet(headers.PROTOCOL_VERSION, path.entrance.key, "a way", "x")
+            stranger.send(codec.pack_item(greet))
+            assert not stranger.poll(300)
+        said("revoke", "user")
+        keyed.server.look_again()
+        with soon("the slot hears no more of it") as may_go_on:
+            while path.is_usable:
+                with suppress(CentralLost, Timeout):
+                    user.query(SQUARE, 5, timeout=0.1)
+                may_go_on()
+        delivered = len(keyed.facts(facts.HandledDirectly))
+        with pytest.raises((CentralLost, Timeout)):
+            user.query(SQUARE, 6, timeout=0.5)
+        assert len(keyed.facts(facts.HandledDirectly)) == delivered
+        with suppress(CentralLost):
+            user.close()
 
 
 # --- the files -------------------------------------------------------------------------------------------------------

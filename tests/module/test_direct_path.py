@@ -20,10 +20,12 @@ from tca_module.session.session import Session
 from tca_wire.packets.codec import pack_item
 from tca_wire.packets.direct import Direct, Greet, unpack_from_entrance
 from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Hello, Refused, Reply, Send, Unknown, Welcome
+from tca_wire.packets.licences import licence
 from tca_wire.packets.routes import Entrance, Loss, Noted
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
 KEY = "key"
+LICENCE = licence(KEY, "test.1")
 
 
 class Line:
@@ -107,7 +109,7 @@ class Pair:
         self.lost: list[str] = []
         self.handled: list[bytes] = []
         self.path = DirectPath(
-            Entrance("ipc:///there", KEY), Near(self.line), "run/0/1", "user",
+            Entrance("ipc:///there", LICENCE), Near(self.line), "run/0/1", "user",
             end=self.end, hand_over=self.handed_over.append, lose=lambda what, number, _: self.lost.extend([what] * number),
         )  # fmt: skip
 
@@ -217,7 +219,7 @@ def test_a_sender_that_was_forgotten_asks_nothing_twice(pair: Pair) -> None:
     pair.handle()
     pair.path.socket.receive()  # the answer is lost
     for number in range(MOST_SENDERS):
-        greet = Greet(PROTOCOL_VERSION, KEY, f"other {number}", "other")
+        greet = Greet(PROTOCOL_VERSION, LICENCE, f"other {number}", "other")
         pair.line.there.append((b"other %d" % number, [pack_item(greet)]))
         pair.inbox.listen()
     pair.settle()
@@ -365,11 +367,13 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
         ((b"",), "a packet of 0 bytes"),
         ((b"a", b"b"), "2 frames"),
         ((pack_item(Reply(1)),), "no message to a slot"),
-        ((pack_item(Greet(PROTOCOL_VERSION, "guess", "s", "m")),), "the key is not the one"),
-        ((pack_item(Greet(PROTOCOL_VERSION + 1, KEY, "s", "m")),), f"version {PROTOCOL_VERSION + 1}"),
-        ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s" * 200, "m")),), "is no sender"),
-        ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "m", -1)),), "is no sender"),
-        ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "\x1b[2J")),), "is no sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, "guess", "s", "m")),), "no licence of central"),
+        ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "m")),), "no licence of central"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE.replace("1", "2", 1), "s", "m")),), "no licence of central"),
+        ((pack_item(Greet(PROTOCOL_VERSION + 1, LICENCE, "s", "m")),), f"version {PROTOCOL_VERSION + 1}"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s" * 200, "m")),), "is no sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m", -1)),), "is no sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is no sender"),
     ],
 )
 def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:
@@ -386,15 +390,15 @@ def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pa
     for number in (5, 1 << 61, -1):
         answers = said(pair, pack_item(Direct(number, "move leg")))
         assert [answer.refusal for answer in answers] == [Refusal.UNKNOWN] * (number > 0)
-    greet = Greet(PROTOCOL_VERSION, KEY, "far ahead", "m", 1 << 61, is_first=False)
+    greet = Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", 1 << 61, is_first=False)
     greeting, _ = said(pair, pack_item(greet))
     assert greeting.missing == []
-    greeting, _ = said(pair, pack_item(Greet(PROTOCOL_VERSION, KEY, "far ahead", "m", (1 << 61) + 10_000)))
+    greeting, _ = said(pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", (1 << 61) + 10_000)))
     assert len(greeting.missing) == 2000
 
 
 def test_data_that_are_too_long_are_refused_with_both_sizes(pair: Pair) -> None:
-    said(pair, pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "m")))
+    said(pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m")))
     (answer,) = said(pair, pack_item(Direct(1, "height"), bytes(Limit.BODY + 1)))
     assert answer.text == "a body of 8,388,609 bytes; at most 8,388,608 are allowed"
     assert not pair.inbox.has_message
@@ -484,3 +488,31 @@ def test_slots_take_turns_past_those_that_cannot_be_used(usable: tuple[bool, boo
     chosen = [routes._path("height") for _ in range(4)]
     assert {id(one) for one in chosen if one is not None} == {id(one) for one in paths if one.is_usable}
     assert routes._path("unknown") is None
+
+
+def test_a_sender_whose_licence_is_withdrawn_is_heard_no_more() -> None:
+    pair = Pair()
+    pair.greet()
+    pair.handle()
+    asked, told = pair.ask(b"before"), pair.path.tell(Send(0, "pose"), b"")
+    assert told
+    pair.inbox.bar(["test.1"])
+    pair.settle()
+    assert pair.handled == []
+    assert pair.path.is_over
+    assert pair.over == [asked]
+    assert "no licence" in asked.lost
+    assert pair.lost == ["pose"]
+
+
+def test_a_sender_with_a_new_licence_goes_on_where_it_was() -> None:
+    pair = Pair()
+    pair.greet()
+    first = pair.ask(b"1")
+    pair.inbox.listen()
+    pair.inbox.bar(["test.1"])
+    pair.path.entrance = Entrance("ipc:///there", licence(KEY, "test.2"))
+    second = pair.ask(b"2")
+    pair.settle()
+    assert pair.over == [first, second]
+    assert pair.handled == [b"1", b"2"]
