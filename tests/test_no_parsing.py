@@ -25,7 +25,7 @@ WITH_PATTERNS = {
     "tca_explorer/scenario/script.py", "tca_live/messages.py", "tca_properties/field_values.py",
     "tca_properties/language.py", "tca_tools/command_line.py", "tca_tools/drawing/page.py", "tca_tools/drawing/pictures.py",
     "tca_tools/export/mcap_file.py", "tca_wire/journal/records.py", "tca_wire/packets/codec.py",
-    "tca_wire/text/plain_data.py", "tca_tools/options.py", "tca_wire/keys.py",
+    "tca_wire/text/plain_data.py", "tca_tools/options.py", "tca_central/shell/permissions_file.py", "tca_wire/keys.py",
 }  # fmt: skip
 """Files that read what is no text of ours: names of files, what users type, foreign messages, pictures of libraries."""
 ROOMS = (*(room for room in PACKAGES if room not in ("tca_wire", "tca_module")), "tca_wire/text")
@@ -33,7 +33,7 @@ TAKEN_APART = {
     "tca_bench/processes.py": 1,
     "tca_central/__main__.py": 6, "tca_central/failing/failures.py": 4, "tca_central/model/registry.py": 1,
     "tca_central/needs/texts.py": 1, "tca_central/outgoing/direct_routes.py": 1, "tca_central/requests/joining.py": 1,
-    "tca_central/requests/replying.py": 1, "tca_central/requests/waiting.py": 1, "tca_central/shell/gate.py": 2, "tca_central/shell/log_lines.py": 1,
+    "tca_central/requests/replying.py": 1, "tca_central/requests/waiting.py": 1, "tca_central/shell/gate.py": 3, "tca_central/shell/permissions_file.py": 4, "tca_central/shell/log_lines.py": 1,
     "tca_central/shell/recovery.py": 2, "tca_central/shell/server.py": 3, "tca_central/image/container.py": 3,
     "tca_central/image/layout.py": 1,
     "tca_explorer/scenario/requests.py": 1, "tca_explorer/scenario/scenario.py": 1,

@@ -5,6 +5,7 @@ anything that they justify is sent; under ``batch`` another thread asks the disk
 """
 
 import contextlib
+import errno
 import fcntl
 import os
 import threading
@@ -79,6 +80,7 @@ class LogWriter:
         self._lock = threading.Lock()
         self._stopped = threading.Event()
         self._unsynced = False
+        self._full: list[int] = []  #: files of earlier segments that are yet to be synced and closed
         self._error: OSError | None = None  #: of the thread that syncs
         self._thread = threading.Thread(target=self._sync_each_second, name=f"sync {suffix}", daemon=True)
         try:
@@ -90,6 +92,12 @@ class LogWriter:
             raise CentralError(msg) from None
         if sync is Sync.BATCH:
             self._thread.start()
+
+    def check(self) -> None:
+        """Raises CentralError if what is written would be lost: somebody has removed the file."""
+        if self._error is None and not os.fstat(self._file).st_nlink:
+            self._error = FileNotFoundError(errno.ENOENT, "it was removed")
+            raise self._broken(self._error)
 
     @property
     def is_broken(self) -> bool:
@@ -145,6 +153,7 @@ class LogWriter:
         except OSError as error:
             raise self._broken(error) from None
         finally:
+            self._close_full()
             os.close(self._file)
 
     def write(self) -> None:
@@ -162,14 +171,15 @@ class LogWriter:
         """Begin another segment file. Raises OSError."""
         with self._lock:
             if self._file >= 0:
-                os.fsync(self._file)
-                os.close(self._file)
+                self._full.append(self._file)
             self.newest += 1
             self.size = 0
             path = self.folder / f"{self.newest:08d}{self._suffix}"
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600)
             with contextlib.suppress(OSError):  # readers see by it that central lives; some file systems have no locks
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if self.sync is not Sync.BATCH:
+            self._close_full()
         self._pending.insert(0, self.head())
         self.write()
 
@@ -188,5 +198,20 @@ class LogWriter:
         return CentralError(msg)
 
     def _fsync(self) -> None:
+        self._close_full()
         with self._lock:
-            os.fdatasync(self._file) if hasattr(os, "fdatasync") else os.fsync(self._file)
+            _sync_data(self._file)
+
+    def _close_full(self) -> None:
+        while self._full:
+            with self._lock:
+                file = self._full.pop(0)
+            try:
+                if self.sync is not Sync.NONE:
+                    _sync_data(file)
+            finally:
+                os.close(file)
+
+
+def _sync_data(file: int) -> None:
+    os.fdatasync(file) if hasattr(os, "fdatasync") else os.fsync(file)
