@@ -76,10 +76,14 @@ make keys with 'tca keys new NAME'"
         raise click.UsageError(msg)
 
 
-def _tell_where(address: str, journal: Path | None) -> None:
-    """Let tools that look at the central of an address find its journal; or none, where it keeps none."""
+def _tell_where(address: str, journal: Path | None, *, is_named: bool) -> None:
+    """Let tools that look at the central of an address find its journal, or none, where it keeps none; and those that
+    are to show the newest run one that was *named*.
+    """
     link = journal_link(address)
     with contextlib.suppress(OSError):
+        if journal is not None and is_named:
+            _link(_new_journal_folder(), journal.resolve())
         link.unlink(missing_ok=True)
         if journal is not None:
             _link(link, journal.resolve())
@@ -119,6 +123,9 @@ def _obey_signals(server: Server) -> None:
               help="When the journal is safe: 'always' on the disk before anything leaves, 'batch' with the kernel \
 before and on the disk within a second, 'none' when convenient.")  # fmt: skip
 @click.option("--no-inputs", is_flag=True, help="Keep no inputs: after a crash everything begins anew.")
+@click.option("--if-journal-fails", "if_fails", type=click.Choice(["stop", "go-on"]), default="stop",
+              show_default=True,
+              help="When the journal can't be written: 'go-on' does without one from then on.")  # fmt: skip
 @click.option("--fresh", is_flag=True, help="Begin a new run, also where the last one ended without a goodbye.")
 @click.option("--resume", type=click.Choice(["hold", "facts"]), multiple=True,
               help="How a run goes on that ended without a goodbye: 'hold' starts no task until 'tca resume' says so, \
@@ -140,7 +147,7 @@ never.")  # fmt: skip
 )
 def central(  # noqa: PLR0913 - one for each option
     bind: str | None, journal: Path | None, sync: str, resume: tuple[str, ...], permissions: Path | None, *,
-    lost_after: int, no_journal: bool, no_inputs: bool, fresh: bool, insecure: bool, quiet: bool,
+    if_fails: str, lost_after: int, no_journal: bool, no_inputs: bool, fresh: bool, insecure: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Run the daemon that routes messages and keeps the task tree."""
     _log_lines(quiet=quiet)
@@ -156,12 +163,10 @@ def central(  # noqa: PLR0913 - one for each option
         gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Server(known, endpoint, lost_after=lost_after, gate=gate)
+        server.goes_on_unrecorded = if_fails == "go-on"
         if run is not None:
             run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)
-            if journal is not None:
-                with contextlib.suppress(OSError):  # tools that are to show the newest run find this one
-                    _link(_new_journal_folder(), journal.resolve())
-        _tell_where(server.endpoint, None if run is None else run.path)
+        _tell_where(server.endpoint, None if run is None else run.path, is_named=journal is not None)
         _obey_signals(server)
         log.info("listening on %s", server.endpoint)
         if isinstance(gate, OpenGate):

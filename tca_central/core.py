@@ -27,6 +27,7 @@ from tca_central.events import (
     BadBytes,
     ConnectionId,
     ConnectionLost,
+    DiskSpace,
     Effect,
     Event,
     OfAll,
@@ -140,6 +141,9 @@ class Central(State):
             restarting.on_restarted(self, event)
         elif isinstance(event, PermissionsChanged):
             permissions.change_permissions(self, event)
+        elif isinstance(event, DiskSpace):
+            self.is_disk_low = event.is_low
+            self.facts.append(facts.DiskSpace(event.is_low))
         else:
             self.facts.append(facts.KeysChanged(event.allowed, event.revoked))
             direct_routes.bar_owners(self, event.revoked)

@@ -91,6 +91,13 @@ class PermissionsChanged(msgspec.Struct, frozen=True, array_like=True, tag="c"):
     """Where they come from, for people."""
 
 
+class DiskSpace(msgspec.Struct, frozen=True, array_like=True, tag="d"):
+    """The disk of the journal has become nearly full (*is low*), or has room again."""
+
+    time: float
+    is_low: bool
+
+
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     """Central was away, and is back with all that it knew; every connection has broken meanwhile."""
 
@@ -111,7 +118,7 @@ class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     index: int
 
 
-OfAll = TellAll | KeysChanged | PermissionsChanged | Restarted
+OfAll = TellAll | KeysChanged | PermissionsChanged | DiskSpace | Restarted
 Event = RequestReceived | BadBytes | ConnectionLost | Tick | OfAll
 Input = Arrived | BadBytes | ConnectionLost | Tick | OfAll | Spared
 

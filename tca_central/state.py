@@ -92,6 +92,17 @@ class PresenceWait:
             del message.awaited_by[self]
 
 
+class Hold:
+    """What keeps tasks from starting: central was away."""
+
+    __slots__ = ("awaited", "grace", "until_told")
+
+    def __init__(self) -> None:
+        self.awaited: dict[Connection, None] = {}  #: connections that may come back
+        self.grace: Timer | None = None  #: until they must be
+        self.until_told = False  #: no task starts before somebody says so
+
+
 class RaisedFailure(NamedTuple):
     """A failure as it was raised on a task."""
 
@@ -204,9 +215,8 @@ class State:
         self.keep_count = 0  #: number of tasks, living or ended, that each module keeps, added up
         self.events = 0  #: number of events handled, and of timers
         self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
-        self.awaited: dict[Connection, None] = {}  #: connections that may come back: central was away
-        self.grace: Timer | None = None  #: until they must be back
-        self.holds_until_told = False  #: no task starts before somebody says so
+        self.hold = Hold()
+        self.is_disk_low = False  #: no new tasks are taken
         self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
         self.messages: list[Effect] = []
 

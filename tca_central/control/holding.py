@@ -8,14 +8,14 @@ from tca_wire.packets import headers
 
 def go_on_if_complete(central: State) -> None:
     """Let tasks start again when nobody is awaited any more, and nobody is to be asked."""
-    if central.dispatcher.is_holding and not central.awaited and not central.holds_until_told:
+    if central.dispatcher.is_holding and not central.hold.awaited and not central.hold.until_told:
         _go_on(central, "")
 
 
 def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: bytes) -> None:
     """Somebody says that tasks may start again, whoever is not back yet."""
     if central.dispatcher.is_holding:
-        central.holds_until_told = False
+        central.hold.until_told = False
         _go_on(central, connection.module.name)
         central.accept(connection, header.number, 1)
     else:
@@ -23,8 +23,8 @@ def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: by
 
 
 def _go_on(central: State, by: str) -> None:
-    if not central.awaited:
-        central.clock.cancel(central.grace)
-        central.grace = None
+    if not central.hold.awaited:
+        central.clock.cancel(central.hold.grace)
+        central.hold.grace = None
     central.dispatcher.go_on(central.registry.modules.values())
     central.facts.append(facts.WentOn(by))

@@ -52,7 +52,7 @@ from tca_central.order.agenda import Agenda
 from tca_central.order.ahead import MessagesAhead
 from tca_central.order.dispatcher import Dispatcher
 from tca_central.order.holds import Holds, PendingDelay
-from tca_central.state import Collector, FailureContext, PresenceWait, RaisedFailure, TaskWait
+from tca_central.state import Collector, FailureContext, Hold, PresenceWait, RaisedFailure, TaskWait
 from tca_central.watching.taps import Listening
 from tca_central.watching.watches import Watch
 from tca_wire.constraints import Constraint, Flags
@@ -76,10 +76,10 @@ _RESOURCE = (
 
 OBJECTS: dict[type, str] = {
     Central: (
-        "agenda attached awaited blocked claimed_for claims clock collectors dispatcher epoch events facts failed "
-        "forgotten grace holds_until_told keep_count kept kept_bytes look_after may_have_closed messages next_look "
-        "origin outcome_bytes outcomes registry scan suspects taps tree untold variables "
-        "watch_of_condition watches"
+        "agenda attached blocked claimed_for claims clock collectors dispatcher epoch events facts failed "
+        "forgotten hold is_disk_low keep_count kept kept_bytes look_after may_have_closed messages next_look "
+        "origin outcome_bytes outcomes registry scan suspects taps tree untold variables watch_of_condition "
+        "watches"
     ),
     # model
     AttachedHandler: "by failure handler holders id maximum place",
@@ -132,6 +132,7 @@ OBJECTS: dict[type, str] = {
     PendingDelay: "constraint moment task",
     # what is waited for, or about to happen
     Collector: "answered connection end failures id message module_of number origin pending wanted",
+    Hold: "awaited grace until_told",
     FailureContext: "at attached failing failure passed",
     Listening: "tap tapped",
     PendingDeadline: "moment seconds task",

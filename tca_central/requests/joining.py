@@ -50,7 +50,7 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello, pr
         connection.id = connection_id
         registry.connections[connection_id] = connection
         connection.repeats_until = central.tree.newest
-        central.awaited.pop(connection, None)
+        central.hold.awaited.pop(connection, None)
     else:
         connection = Connection(connection_id, session, module, header.connection)
         connection.entrance = direct_routes.own_entrance(central, header) if header.resource else None
@@ -150,8 +150,8 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     """A connection is gone. Its unfinished messages have failed (*lost*) or go to another handler."""
     module = connection.module
     central.untold.pop(connection, None)
-    is_uncertain = connection in central.awaited
-    central.awaited.pop(connection, None)
+    is_uncertain = connection in central.hold.awaited
+    central.hold.awaited.pop(connection, None)
     central.registry.forget_connection(connection)
     direct_routes.forget_sender(connection)
     for number in list(connection.outstanding):

@@ -23,18 +23,18 @@ def on_restarted(central: State, event: Restarted) -> None:
         connection.id = ConnectionId(AWAY + str(number).encode())
         connection.pulse = b""
         registry.connections[connection.id] = connection
-    central.awaited = dict.fromkeys(known)
-    central.holds_until_told = event.hold
+    central.hold.awaited = dict.fromkeys(known)
+    central.hold.until_told = event.hold
     central.dispatcher.is_holding = True
-    central.clock.cancel(central.grace)
-    central.grace = central.clock.after(checked_seconds(event.grace, "a grace"), Due.GRACE, None)
+    central.clock.cancel(central.hold.grace)
+    central.hold.grace = central.clock.after(checked_seconds(event.grace, "a grace"), Due.GRACE, None)
     central.facts.append(facts.CentralRestarted(event.away, len(known), event.hold))
     go_on_if_complete(central)
 
 
 def on_grace_over(central: State, _: None) -> None:
     """Those who are not back by now are lost."""
-    central.grace = None
-    for connection in list(central.awaited):
-        if connection in central.awaited:
+    central.hold.grace = None
+    for connection in list(central.hold.awaited):
+        if connection in central.hold.awaited:
             disconnect(central, connection, "it did not come back when central did", lost=True)

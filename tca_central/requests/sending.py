@@ -36,12 +36,7 @@ def on_send(central: State, connection: Connection, header: Send, body: bytes) -
     if message is None:
         text = f"nobody has declared message '{header.message}': register it before it is sent"
         raise RequestError(Refusal.UNKNOWN, text)
-    if message.message_class.keeps_value:
-        raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a variable: it is set, not sent")
-    if message.is_notice:
-        raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")
-    if not header.number and message.message_class.has_reply:
-        raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
+    _check_message(central, header, message)
     if header.when_killed:
         check_farewell(message, header.parent)
     if header.if_handled and not message.serving:
@@ -51,6 +46,19 @@ def on_send(central: State, connection: Connection, header: Send, body: bytes) -
     if message.route:
         tell_sender(central, connection, message)
     ROUTES[message.message_class](central, connection, header, message, body)
+
+
+def _check_message(central: State, header: Send, message: MessageType) -> None:
+    """Raises RequestError if messages of this type can't be sent, or not now."""
+    if message.message_class.keeps_value:
+        raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a variable: it is set, not sent")
+    if message.is_notice:
+        raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")
+    if not header.number and message.message_class.has_reply:
+        raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
+    if central.is_disk_low and message.message_class.is_task:
+        text = f"the disk of central's journal is nearly full: no {message.message_class} is taken before there is room"
+        raise RequestError(Refusal.OVERLOAD, text)
 
 
 def _received(connection: Connection, header: Send, made: Delivery, constraints: list[Constraint]) -> facts.Received:

@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from tca_central.events import Input
-from tca_central.shell.log_writer import LogWriter, Sync
+from tca_central.shell.log_writer import LogWriter, Sync, numbers
 from tca_wire.journal.frames import framed, payloads
 
 INPUT_SUFFIX = ".tcai"
@@ -84,6 +84,13 @@ class InputLog(LogWriter):
         self._head = msgspec.structs.replace(self._head, clock=clock)
         self.turn_over()
         return self.newest
+
+    def remove(self) -> None:
+        """Remove all that this run has, so that it can't go on. Raises OSError."""
+        for suffix in (IMAGE_SUFFIX, INPUT_SUFFIX):
+            for number in numbers(self.folder, suffix):
+                if number >= self.first:
+                    (self.folder / f"{number:08d}{suffix}").unlink()
 
     def end(self, why: str) -> None:
         """Write the rest, and that it is all."""

@@ -54,7 +54,7 @@ class UnfinishedRun:
     def gone(self) -> Iterator[ConnectionLost]:
         """Those connections whose processes, on this machine, are no more."""
         here, now = f"{socket.gethostname()}:", self.central.clock.now
-        for connection in list(self.central.awaited):
+        for connection in list(self.central.hold.awaited):
             process = connection.module.process
             pid = process.removeprefix(here)
             is_here = process.startswith(here) and pid.isdecimal()

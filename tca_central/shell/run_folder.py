@@ -7,11 +7,12 @@ from pathlib import Path
 from secrets import token_hex
 
 from tca_central.core import Central
-from tca_central.shell.images import INPUTS_BETWEEN, Images
+from tca_central.shell.images import INPUTS_BETWEEN
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
 from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
+from tca_central.shell.run_log import RunLog
 from tca_central.shell.server import Server
 from tca_wire.journal.records import SEGMENT_SUFFIX
 
@@ -39,33 +40,38 @@ class RunFolder:
 
     def open(self, server: Server, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""
-        run, central, release = self.run, self.central, version("tca-central")
+        run, central = self.run, self.central
+        epoch, release = central.epoch, version("tca-central")
+        inputs = None
         if keeps_inputs:
-            clock = None if run is None else central.clock.now
-            server.inputs = InputLog(self.path, epoch=central.epoch, version=release, sync=sync, clock=clock)
-            server.images = Images(server.inputs)
-        own = Sync.BATCH if keeps_inputs and sync is Sync.ALWAYS else sync  # the inputs lead to the same facts again
+            inputs = InputLog(
+                self.path, epoch=epoch, version=release, sync=sync, clock=central.clock.now if run is not None else None
+            )
+            sync = Sync.BATCH if sync is Sync.ALWAYS else sync  # the inputs lead to the same facts again
         if run is None:
-            server.journal = JournalWriter(self.path, epoch=central.epoch, version=release, sync=own)
+            server.log = RunLog(self.path, JournalWriter(self.path, epoch=epoch, version=release, sync=sync), inputs)
             return
-        server.journal = JournalWriter(
-            self.path, epoch=central.epoch, version=release, sync=own, after=run.opened, entry=run.last
-        )
+        journal = JournalWriter(self.path, epoch=epoch, version=release, sync=sync, after=run.opened, entry=run.last)
         for entry in run.missing:
-            server.journal.add(entry)
-        if server.inputs is not None:
-            server.inputs.first = run.first
+            journal.add(entry)
+        server.log = RunLog(self.path, journal, inputs)
+        self._go_on(server, run, hold=hold)
+        if inputs is not None and server.log.images is not None:
+            inputs.first = run.first
+            if run.inputs > INPUTS_BETWEEN // 2:
+                server.log.images.take(central)  # should it be killed again soon
+
+    @staticmethod
+    def _go_on(server: Server, run: UnfinishedRun, *, hold: bool) -> None:
         restarted = run.restarted(hold=hold)
         server.take(restarted)
         log.warning(
             "goes on with the run that ended without a goodbye %.1f s ago: %d inputs handled again, %d connections are \
-awaited%s", restarted.away, run.inputs, len(central.awaited),
+awaited%s", restarted.away, run.inputs, len(run.central.hold.awaited),
             "; no task starts until 'tca resume' says so" if hold else "",
         )  # fmt: skip
         for lost in run.gone():
             server.take(lost)
-        if server.images is not None and run.inputs > INPUTS_BETWEEN // 2:
-            server.images.take(central)  # should it be killed again soon
 
     def close(self) -> None:
         """Free the folder."""

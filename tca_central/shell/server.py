@@ -24,6 +24,7 @@ from tca_central.events import (
     BadBytes,
     ConnectionId,
     ConnectionLost,
+    DiskSpace,
     Effect,
     Event,
     Input,
@@ -36,11 +37,9 @@ from tca_central.events import (
 from tca_central.inputs import events_of
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
-from tca_central.shell.images import Images
-from tca_central.shell.input_log import InputLog
-from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_lines import LogLines
 from tca_central.shell.pulses import Pulses
+from tca_central.shell.run_log import RunLog
 from tca_wire.endpoint import default_folder
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Beat, Bye, Closing, Refused, ToModule, Unknown
@@ -114,9 +113,8 @@ class Server:
         everybody may come over TCP.
         """
         self.central = central
-        self.journal: JournalWriter | None = None
-        self.inputs: InputLog | None = None
-        self.images: Images | None = None
+        self.log: RunLog | None = None
+        self.goes_on_unrecorded = False  #: when the log can't be written any more
         self.stopping = ""  #: why the loop shall end
         self._is_told_to_end = False  #: so that it does not go on when central starts again
         self._began = time.monotonic() - central.clock.now
@@ -183,8 +181,8 @@ class Server:
 
     def take(self, event: Input) -> None:
         """Let central handle an input, and take over what is to be done about it."""
-        if self.inputs is not None:
-            self.inputs.add(event)
+        if self.log is not None:
+            self.log.take(event)
         handle = self.central.handle
         for index, one in enumerate(events_of(event)):
             if isinstance(one, RequestReceived) and isinstance(one.header, Bye):
@@ -197,8 +195,8 @@ class Server:
 
     def _own_error(self, event: Event, error: Exception, index: int) -> CentralError:
         """An error of central's own ends it (decision 52). What brought it about is left out when it comes back."""
-        if self.inputs is not None:
-            self.inputs.add(Spared(index))
+        if self.log is not None:
+            self.log.take(Spared(index))
         what, who = type(event).__name__, ""
         if isinstance(event, RequestReceived):
             what = type(event.header).__name__
@@ -213,8 +211,8 @@ class Server:
             if isinstance(effect, Transmit):
                 self._put(effect.connection, effect.header, effect.body)
                 continue
-            if self.journal is not None:
-                self.journal.add(effect.entry)
+            if self.log is not None:
+                self.log.add(effect.entry)
             self._lines.write(effect)
 
     def _do_what_is_due(self) -> None:
@@ -229,21 +227,40 @@ class Server:
             self.take(Tick(self.now()))
 
     def _flush(self) -> None:
-        """End a turn: first what has arrived, then what it came to, then the messages that this justifies."""
-        try:
-            if self.inputs is not None:
-                self.inputs.flush()
-            if self.journal is not None:
-                self.journal.flush()
-        except CentralError:
-            self._outboxes.clear()  # nothing unrecorded may be sent
-            self._dirty.clear()
-            raise
-        if self.images is not None:
-            self.images.tend(self.central)
+        """End a turn: first the log, then the messages that it justifies."""
+        if self.log is not None:
+            try:
+                self.log.flush(self.central)
+            except CentralError as error:
+                self._log_lost(error)
         dirty, self._dirty = self._dirty, {}
         for connection, outbox in dirty.items():
             self._send(connection, outbox)
+
+    def _log_lost(self, error: CentralError) -> None:
+        """What is done is not recorded any more. Raises the error, unless central is to go on all the same."""
+        if self.log is None or not self.goes_on_unrecorded:
+            self._outboxes.clear()  # nothing unrecorded may be sent
+            self._dirty.clear()
+            raise error
+        advice = "" if self.log.abandon() else f"; remove {self.log.folder} before central is started again"
+        log.error("%s; it goes on without a journal, as it was told: if it crashes, all is lost%s", error, advice)
+        self.log = None
+
+    def _look_at_log(self) -> None:
+        """Find what a write would not: that files were removed, or that the disk is nearly full."""
+        if self.log is None:
+            return
+        try:
+            self.log.check()
+            is_low = self.log.is_nearly_full()
+        except CentralError as error:
+            self._log_lost(error)
+        except OSError:  # the next write will tell
+            return
+        else:
+            if is_low != self.central.is_disk_low:
+                self.take(DiskSpace(self.now(), is_low))
 
     def now(self) -> float:
         """Seconds since central began, on a clock that never jumps."""
@@ -343,7 +360,9 @@ class Server:
             self.take(ConnectionLost(now, connection, why))
             self._greet(connection)
         self._too_slow.clear()
-        beats = [one for one in known.values() if (is_sweep or one.outstanding) and one not in self.central.awaited]
+        beats = [
+            one for one in known.values() if (is_sweep or one.outstanding) and one not in self.central.hold.awaited
+        ]
         gone = [one.id for one in beats if not self._beat(one.id)]
         if gone:
             self._hear_last_words()
@@ -363,6 +382,7 @@ class Server:
     def _find_silent(self) -> None:
         """Beat to every process; those that stand still do not send it back, whatever the kernel says of them."""
         self._next_pulse = self.now() + PULSE_PERIOD
+        self._look_at_log()
         self._ask_gate()
         self._lines.losses.tell(self.now())
         known, pulses = self.central.registry.connections, self._pulses
@@ -398,7 +418,7 @@ class Server:
     # --- sending ---------------------------------------------------------------------------------------------------
 
     def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
-        if self.central.awaited and connection.startswith(AWAY):
+        if self.central.hold.awaited and connection.startswith(AWAY):
             return  # whoever comes back is told anew
         outbox = self._outboxes.get(connection)
         if outbox is None:
@@ -460,14 +480,8 @@ class Server:
             self._put(connection, Closing(self.stopping), b"")
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
             self._flush()
-            if self.images is not None:
-                self.images.close()
-            if self.inputs is not None:
-                self.inputs.end(self.stopping) if self._is_told_to_end else self.inputs.close()
-            if self.journal is not None and self._is_told_to_end:
-                self.journal.end(self.central.events + 1, self.now(), self.stopping)
-            elif self.journal is not None:
-                self.journal.break_off(self.central.events + 1, self.now(), self.stopping)
+            if self.log is not None:
+                self.log.end(self.central, self.stopping, is_over=self._is_told_to_end)
         self._door.close()
         self._gate.close()
         self.socket.close()

@@ -27,7 +27,10 @@ def overview(central: State) -> dict[str, Any]:
     registry = central.registry
     held: dict[str, Any] = {}
     if central.dispatcher.is_holding:
-        held = {"awaited": sorted({one.module.name for one in central.awaited}), "to be told": central.holds_until_told}
+        held = {
+            "awaited": sorted({one.module.name for one in central.hold.awaited}),
+            "to be told": central.hold.until_told,
+        }
     return held | {
         "epoch": central.epoch,
         "events": central.events,

@@ -69,6 +69,12 @@ class WentOn(_Fact, frozen=True, tag="went on"):
     by: str = ""
 
 
+class DiskSpace(_Fact, frozen=True, tag="disk"):
+    """The disk of the journal is nearly full (*is low*): no new tasks are taken; or it has room again."""
+
+    is_low: bool
+
+
 # --- modules ----------------------------------------------------------------------------------------------------------
 
 
@@ -538,7 +544,7 @@ class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
 
 
 Fact = (
-    Opened | Closed | CentralFailed | CentralRestarted | WentOn
+    Opened | Closed | CentralFailed | CentralRestarted | WentOn | DiskSpace
     | ModuleJoined | ModuleLeft | ResourceChanged | Recalling | FormatDefined | HandlerAdded | HandlerRemoved
     | KeysChanged | PermissionsChanged | RequestRefused | Ignored
     | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly

@@ -1,5 +1,6 @@
 """The journal on real files: turns, segments, and disks that say no."""
 
+import errno
 import os
 import resource
 import shutil
@@ -8,10 +9,15 @@ from pathlib import Path
 import pytest
 from integration.programs import Central, central
 
+from tca_central.core import Central as Core
 from tca_central.errors import CentralError
-from tca_central.shell import log_writer
+from tca_central.events import Tick
+from tca_central.shell import log_writer, run_log
+from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder
+from tca_central.shell.recovery import unfinished
+from tca_central.shell.run_log import RunLog
 from tca_module import Client, Inform, TcaError, connect
 from tca_tools.errors import UnusableLog
 from tca_tools.run.journals import newest_journal, open_log
@@ -109,3 +115,54 @@ def test_tools_look_at_the_run_of_the_central_that_is_meant(tmp_path: Path, monk
         newest_journal()
     monkeypatch.delenv("TCA_CENTRAL")
     assert newest_journal().resolve() == other.journal.resolve()
+
+
+def test_a_failing_disk_is_named_and_the_run_stays_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "run").mkdir()
+    inputs = InputLog(tmp_path / "run", epoch="e", version="0", sync=Sync.ALWAYS)
+    log = RunLog(tmp_path / "run", writer(tmp_path / "run"), inputs)
+    core = Core("e")
+
+    def fails(_: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    log.take(Tick(1.0))
+    log.flush(core)
+    monkeypatch.setattr(os, "fdatasync", fails)
+    log.take(Tick(2.0))
+    for _ in range(2):  # a second try would say that all is well
+        with pytest.raises(CentralError, match="Input/output error: central stops"):
+            log.flush(core)
+    monkeypatch.undo()
+    log.end(core, "", is_over=False)
+    assert not any(isinstance(fact, Closed) for entry in open_log(tmp_path / "run") for fact in entry.facts)
+    assert unfinished(tmp_path / "run")
+
+
+def test_a_journal_that_is_removed_is_missed_within_a_second(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, connect("user", daemon.address, patience=3) as user:
+        user.status()
+        shutil.rmtree(daemon.journal)
+        assert daemon.process.wait(timeout=10) == 1
+        assert "it was removed: central stops" in daemon.stop()
+
+
+def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> None:
+    with central(tmp_path, "--if-journal-fails", "go-on") as daemon, connect("user", daemon.address) as user:
+        user.status()
+        for path in daemon.journal.glob("*.tcaj"):
+            path.unlink()
+        assert daemon.process.stderr
+        while "goes on without a journal" not in daemon.process.stderr.readline():
+            pass
+        user.status()
+    assert not list(daemon.journal.glob("*.tcai"))  # nobody goes on from what was long ago
+
+
+def test_a_disk_that_is_nearly_full_takes_no_more_tasks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_log, "LEAST_FREE", 1 << 80)
+    monkeypatch.setattr(run_log, "LEAST_SHARE", 0.001)
+    (tmp_path / "run").mkdir()
+    log = RunLog(tmp_path / "run", writer(tmp_path / "run"), None)
+    assert log.is_nearly_full()
+    log.end(Core("e"), "", is_over=True)

@@ -97,7 +97,7 @@ class Daemon:
         skipped = SKIPPED if options.power_cuts and options.sync is Sync.BATCH else 0
         self._take(Restarted(self.now, 1.0, GRACE, options.hold, skipped))
         if options.sees_processes:
-            for connection in [one for one in core.awaited if self.is_gone(one.module.incarnation)]:
+            for connection in [one for one in core.hold.awaited if self.is_gone(one.module.incarnation)]:
                 self._take(ConnectionLost(self.now, connection.id, "its process had ended when central came back"))
 
     def _recovered(self) -> Central:
@@ -237,7 +237,7 @@ class Daemon:
         if core.untold:
             yield TellAll(self.now)
         for connection in [one for one in core.registry.connections.values() if is_sweep or one.outstanding]:
-            if connection not in core.awaited and not self._network.carry_down(connection.id, _BEAT):
+            if connection not in core.hold.awaited and not self._network.carry_down(connection.id, _BEAT):
                 self._closed.append(connection.id)
 
     # --- what follows ------------------------------------------------------------------------------------------------

@@ -1,0 +1,74 @@
+"""What is written of a run: its inputs and images of its state, for central, and the journal of facts, for people."""
+
+import os
+from pathlib import Path
+
+from tca_central.core import Central
+from tca_central.events import Input
+from tca_central.shell.images import Images
+from tca_central.shell.input_log import InputLog
+from tca_central.shell.journal_writer import JournalWriter
+from tca_wire.journal.facts import Entry
+
+LEAST_FREE = 256 << 20
+LEAST_SHARE = 20
+"""A disk is nearly full when less than so many bytes are free, and less than a twentieth of it."""
+
+
+class RunLog:
+    """Files in one folder."""
+
+    def __init__(self, folder: Path, journal: JournalWriter, inputs: InputLog | None) -> None:
+        """Without *inputs* a run can't go on after a crash."""
+        self.folder = folder
+        self.images = Images(inputs) if inputs is not None else None
+        self._journal, self._inputs = journal, inputs
+
+    def take(self, event: Input) -> None:
+        """Take an input that is about to be handled."""
+        if self._inputs is not None:
+            self._inputs.add(event)
+
+    def add(self, entry: Entry) -> None:
+        """Take an entry."""
+        self._journal.add(entry)
+
+    def flush(self, central: Central) -> None:
+        """End a turn: first what has arrived, then what it came to. Raises CentralError."""
+        if self._inputs is not None:
+            self._inputs.flush()
+        self._journal.flush()
+        if self.images is not None:
+            self.images.tend(central)
+
+    def check(self) -> None:
+        """Raises CentralError if what is written would be lost."""
+        if self._inputs is not None:
+            self._inputs.check()
+        self._journal.check()
+
+    def is_nearly_full(self) -> bool:
+        """Whether the disk is."""
+        disk = os.statvfs(self.folder)
+        free = disk.f_bavail * disk.f_frsize
+        return free < LEAST_FREE and disk.f_bavail * LEAST_SHARE < disk.f_blocks
+
+    def end(self, central: Central, why: str, *, is_over: bool) -> None:
+        """Write the rest, and *why* central ends; if it *is over* the run does not go on. Raises CentralError."""
+        if self.images is not None:
+            self.images.close()
+        if self._inputs is not None:
+            self._inputs.end(why) if is_over else self._inputs.close()
+        number, now = central.events + 1, central.clock.now
+        self._journal.end(number, now, why) if is_over else self._journal.break_off(number, now, why)
+
+    def abandon(self) -> bool:
+        """Nothing more can be written, and central goes on: the run must not go on from here later. False if the inputs
+        can't be removed.
+        """
+        try:
+            if self._inputs is not None:
+                self._inputs.remove()
+        except OSError:
+            return False
+        return True
