@@ -92,7 +92,7 @@ class PresenceWait:
             del message.awaited_by[self]
 
 
-class Hold:
+class RestartHold:
     """What keeps tasks from starting: central was away."""
 
     __slots__ = ("awaited", "grace", "until_told")
@@ -215,7 +215,7 @@ class State:
         self.keep_count = 0  #: number of tasks, living or ended, that each module keeps, added up
         self.events = 0  #: number of events handled, and of timers
         self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
-        self.hold = Hold()
+        self.hold = RestartHold()
         self.is_disk_low = False  #: no new tasks are taken
         self.untold: dict[Connection, None] = {}  #: connections that are to be told of quiet tasks
         self.messages: list[Effect] = []

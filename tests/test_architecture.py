@@ -215,7 +215,7 @@ TWINS = (
     ("tca_central tca_module tca_tools", "central's record, the library's object, the record of a run", "Claim"),
     ("tca_central tca_module", "central's record, the library's object", "Connection Handler Module"),
     ("tca_central tca_wire", "the event, and the cause in the journal", "ConnectionLost"),
-    ("tca_central tca_wire", "the event, and the fact", "KeysChanged PermissionsChanged"),
+    ("tca_central tca_wire", "the event, and the fact", "DiskSpace KeysChanged PermissionsChanged"),
     ("tca_central tca_tools", "the ends of waits, now and in a run", "Ends"),
     ("tca_tools tca_wire", "the record of a run, and what was declared", "Failure Message"),
     ("tca_tools tca_wire", "the record of a run, and the fact", "Failed"),

@@ -52,7 +52,7 @@ from tca_central.order.agenda import Agenda
 from tca_central.order.ahead import MessagesAhead
 from tca_central.order.dispatcher import Dispatcher
 from tca_central.order.holds import Holds, PendingDelay
-from tca_central.state import Collector, FailureContext, Hold, PresenceWait, RaisedFailure, TaskWait
+from tca_central.state import Collector, FailureContext, PresenceWait, RaisedFailure, RestartHold, TaskWait
 from tca_central.watching.taps import Listening
 from tca_central.watching.watches import Watch
 from tca_wire.constraints import Constraint, Flags
@@ -132,7 +132,7 @@ OBJECTS: dict[type, str] = {
     PendingDelay: "constraint moment task",
     # what is waited for, or about to happen
     Collector: "answered connection end failures id message module_of number origin pending wanted",
-    Hold: "awaited grace until_told",
+    RestartHold: "awaited grace until_told",
     FailureContext: "at attached failing failure passed",
     Listening: "tap tapped",
     PendingDeadline: "moment seconds task",

@@ -40,7 +40,12 @@ def told_of_everything() -> Story:
     story.say(facts.Constrained([]), facts.WaitBegan("legs", goal, TaskId(goal), Moment.END_PLANNING))
     story.at(61.5).say(facts.WaitEnded("legs", goal, TaskId(goal)), facts.WaitBegan("script", 0, TaskId(goal), 32))
     story.queued(goal, "legs").say(facts.Unqueued(goal))
-    story.say(facts.CentralFailed("internal error"), facts.CentralRestarted(2.5, 3), facts.WentOn("user"))
+    story.say(
+        facts.CentralFailed("internal error"),
+        facts.CentralRestarted(2.5, 3),
+        facts.WentOn("user"),
+        facts.DiskSpace(is_low=True),
+    )
     story.failed(goal, "slip", "").say(facts.Killed(TaskId(goal), "slipped", "panel"))
     story.say(facts.Dropped(77, "any", "nobody listens"), facts.Awaited(pose), facts.Answered(pose))
     story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))
