@@ -114,7 +114,7 @@ class Holds:
         return added
 
     def _delay(self, constraint: Constraint, task: Task, moment: int) -> Constraint:
-        """RestartHold a moment for some time from now on; the constraint as the journal has it."""
+        """Hold a moment for some time from now on; the constraint as the journal has it."""
         recorded = Constraint(_NOW, constraint.after, self._clock.now + constraint.delay)
         task.held += 1 << _SHIFT[moment]
         self._release_later(task, moment, recorded, constraint.delay)
@@ -260,7 +260,7 @@ class Holds:
     def hand_on(
         self, killed: Task, at: int, follower: Task, held: int, group: "_KilledTogether | None" = None
     ) -> list[Constraint]:
-        """RestartHold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or before; by what."""
+        """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or before; by what."""
         if follower.reached & held:
             return []
         holding = self._what_holds(killed, at, group or _KilledTogether(set(), {}))

@@ -28,7 +28,10 @@ class RunFolder:
         """
         self.path = path
         self._lock = lock_folder(path)
-        segments = [] if is_fresh else unfinished(path)
+        segments = unfinished(path)
+        if segments and is_fresh:
+            log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
+            segments = []
         try:
             self.run: UnfinishedRun | None = recover(path, segments, accept=accept) if segments else None
         except BaseException:
