@@ -4,6 +4,7 @@ import contextlib
 import socket
 import webbrowser
 from pathlib import Path
+from secrets import token_urlsafe
 from types import FrameType
 
 import click
@@ -33,12 +34,13 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown, and when central is started
     anew, that run. A run that goes on is followed, and whoever opens the address that is printed can kill, suspend,
-    resume and retry its tasks. With --host the page only looks. It is served until interrupted.
+    resume and retry its tasks. With --host the page only looks, for those who have the address. It is served until
+    interrupted.
     """
     try:
         import uvicorn  # noqa: PLC0415 - the viewer is an extra
 
-        from tca_tools.view.app import application  # noqa: PLC0415
+        from tca_tools.view.app import TOKEN, application  # noqa: PLC0415
         from tca_tools.view.runs import Runs  # noqa: PLC0415
         from tca_tools.view.steering import Steering  # noqa: PLC0415
     except ImportError as error:
@@ -49,7 +51,9 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
     runs = Runs(log, follows=log_path is None)
     with _listening(host, port) as door:
         steering = Steering(central) if host == _LOCAL and not read_only else None
-        address = f"http://{_in_address(host)}:{door.getsockname()[1]}/" + (f"?key={steering.key}" if steering else "")
+        token = "" if host == _LOCAL else token_urlsafe(16)
+        asked = f"?key={steering.key}" if steering else f"?{TOKEN}={token}" if token else ""
+        address = f"http://{_in_address(host)}:{door.getsockname()[1]}/{asked}"
         hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == _LOCAL else ["*"]
 
         class Server(uvicorn.Server):
@@ -57,7 +61,9 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
                 runs.stop()  # or a page that waits for news would be waited for
                 super().handle_exit(sig, frame)
 
-        config = uvicorn.Config(application(runs, hosts, steering), log_level="warning", timeout_graceful_shutdown=1)
+        config = uvicorn.Config(
+            application(runs, hosts, steering, token), log_level="warning", timeout_graceful_shutdown=1
+        )
         runs.show(None)
         click.echo(f"{runs.first.name}: {address}  (Ctrl-C ends)")
         if log.is_empty:

@@ -2,13 +2,14 @@
 does through steering.py.
 
 The page comes from this machine only, and the server answers only to its own address: a foreign page that a browser
-shows can't read a run through it (DNS rebinding).
+shows can't read a run through it (DNS rebinding). Where other machines reach it, it asks for a token.
 """
 
 import math
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
+from secrets import compare_digest
 from typing import Annotated, Any
 
 import msgspec
@@ -19,7 +20,7 @@ from starlette.middleware.base import BaseHTTPMiddleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
@@ -33,6 +34,8 @@ from tca_tools.view.runs import Runs, Shown
 from tca_tools.view.steering import NotAllowed, Steering, SteeringRequest
 
 PAGE = Path(__file__).parent / "page"
+TOKEN = "access"  # noqa: S105 - the name of it
+"""The parameter of the address, and the cookie, that has the token."""
 _PATIENCE = 10.0
 """Seconds that a page's question for news may stay open."""
 _OF_OTHERS = 2.0
@@ -47,8 +50,10 @@ _LOOKS = {
 }
 
 
-def application(runs: Runs, hosts: list[str], steering: Steering | None = None) -> Starlette:
-    """The server of one page, which answers to these host names; without *steering* the page can only look."""
+def application(runs: Runs, hosts: list[str], steering: Steering | None = None, token: str = "") -> Starlette:
+    """The server of one page, which answers to these host names; without *steering* the page can only look. With a
+    *token* only those get an answer who have opened the address that has it.
+    """
     return Starlette(
         routes=[
             Route("/", lambda _request: FileResponse(PAGE / "index.html")),
@@ -62,6 +67,7 @@ def application(runs: Runs, hosts: list[str], steering: Steering | None = None) 
         middleware=[
             Middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False),
             Middleware(BaseHTTPMiddleware, dispatch=_with_looks),
+            *([Middleware(BaseHTTPMiddleware, dispatch=partial(_with_token, token))] if token else []),
             Middleware(GZipMiddleware, compresslevel=3),
         ],
     )
@@ -71,6 +77,18 @@ async def _with_looks(request: Request, go_on: Callable[[Request], Awaitable[Res
     response = await go_on(request)
     response.headers.update(_LOOKS)
     return response
+
+
+async def _with_token(token: str, request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
+    """Answer those who know the token; a browser keeps it, and it leaves the address."""
+    shown = request.query_params.get(TOKEN, "") if request.url.path == "/" else ""
+    if shown and compare_digest(shown.encode(), token.encode()):
+        response: Response = RedirectResponse("/", 303)
+        response.set_cookie(TOKEN, token, httponly=True, samesite="strict")
+        return response
+    if not compare_digest(request.cookies.get(TOKEN, "").encode(), token.encode()):
+        return PlainTextResponse("open the address that 'tca view' has printed: it has a token\n", 403)
+    return await go_on(request)
 
 
 async def _runs(runs: Runs, _request: Request) -> Response:

@@ -108,6 +108,30 @@ def test_a_foreign_name_is_not_served(address: str) -> None:
     assert b"tca view" in get(address, {"Host": "localhost:1"})
 
 
+def test_beyond_this_machine_the_page_wants_the_token_of_its_address(tmp_path: Path) -> None:
+    journal = str(walking().write(tmp_path / "walk"))
+    command = [sys.executable, "-m", "tca_tools.view", journal, "--no-browser", "--host", "0.0.0.0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout
+        try:
+            found = re.search(r"http://0.0.0.0:(\d+)/\?access=(\S+)", server.stdout.readline())
+            assert found
+            address, token = f"http://127.0.0.1:{found[1]}/", found[2]
+            for what in ("", "api/runs", "page/page.js", f"api/runs?access={token}", "?access=guess", "?access="):
+                with pytest.raises(urllib.error.HTTPError, match="403"):
+                    get(address + what)
+            with pytest.raises(urllib.error.HTTPError, match="403"):
+                get(f"{address}api/runs", {"Cookie": "access=guess"})
+            assert json.loads(get(f"{address}api/runs", {"Cookie": f"access={token}"}))
+            browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+            with browser.open(f"{address}?access={token}", timeout=20) as page:
+                assert (page.url, b"tca view" in page.read()) == (address, True)
+            with browser.open(f"{address}api/runs", timeout=20) as runs:
+                assert json.loads(runs.read())
+        finally:
+            server.terminate()
+
+
 def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path: Path) -> None:
     port = address.rsplit(":", 1)[1].strip("/")
     taken = CliRunner().invoke(view, [str(walking().write(tmp_path / "other")), "--port", port, "--no-browser"])
