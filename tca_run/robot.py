@@ -13,6 +13,7 @@ from tca_run.hung import Silences
 from tca_run.output import Output
 from tca_run.robot_file import RUN, RobotFile
 from tca_run.supervised import Supervised
+from tca_wire.text.printable import printable
 
 _GUARD_AGAIN = 1.0
 _SAME = 0.5
@@ -80,6 +81,9 @@ class Running:
             if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # nohup
                 loop.add_signal_handler(number, self._end, f"{number.name}, which again kills what is slow")
 
+        # whoever prints would stand still, too, as soon as its pipe is full
+        loop.add_signal_handler(signal.SIGTSTP, self._tell, "Ctrl-Z is not heard: programs go on")
+
     def _end(self, why: str) -> None:
         """End all; asked again, what is slow at once."""
         now = time.monotonic()
@@ -93,7 +97,7 @@ class Running:
 
     def _tell(self, text: str) -> None:
         up = sum(kept.group != 0 for kept in self._kept)
-        self._output.put(RUN, f"{text} [{up} of {len(self._kept)} run]".encode(errors="replace"))
+        self._output.put(RUN, f"{printable(text)} [{up} of {len(self._kept)} run]".encode(errors="replace"))
 
     @asynccontextmanager
     async def _guard(self) -> AsyncIterator[None]:
