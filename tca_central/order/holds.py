@@ -71,7 +71,6 @@ class Holds:
         self.tree = tree
         self._facts = facts
         self._clock = clock
-        self.edges = 0  #: number of entries in all lists of followers
         self.ending: set[Task] = set()  #: killed tasks that end as soon as they are looked at
 
     # --- putting in force ------------------------------------------------------------------------------------------
@@ -130,7 +129,6 @@ class Holds:
         if leader.followers is None:
             leader.followers = []
         leader.followers.append((its_moment, task, moment, delay))
-        self.edges += 1
         if leader.parent is not task.parent:
             self.tree.across[leader] = None
         if task.leaders is None:
@@ -189,7 +187,6 @@ class Holds:
             assert before.task.followers is not None
             assert after.task.leaders is not None
             before.task.followers.pop()
-            self.edges -= 1
             after.task.leaders.pop()
             after.task.held -= 1 << _SHIFT[after.moment]
 
@@ -212,12 +209,8 @@ class Holds:
             if not follower.held:
                 follower.leaders = None
             freed.append(follower)
-        self._keep_followers(task, [follower for follower in task.followers if not follower[0] & moments])
+        task.followers = [follower for follower in task.followers if not follower[0] & moments] or None
         return freed
-
-    def _keep_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
-        self.edges -= len(leader.followers or ()) - len(left)
-        leader.followers = left or None
 
     def _has_delay_left(self, task: Task, at: int, follower: Task, its_moment: int, delay: float) -> bool:
         """Whether a follower is held for the delay, too; after a point that never came it is void."""
@@ -248,7 +241,7 @@ class Holds:
             rare = leader.more
             rare.ended_followers += 1
             if rare.ended_followers > len(leader.followers) // 2 + VOID_ENTRIES:
-                self._keep_followers(leader, [one for one in leader.followers if one[1].reached != ALL_MOMENTS])
+                leader.followers = [one for one in leader.followers if one[1].reached != ALL_MOMENTS] or None
                 rare.ended_followers = 0
         task.leaders = None
 

@@ -1,6 +1,6 @@
 """Tasks that a connection names by the requests that sent them, for it has not been told of their ids yet."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, get_type_hints
 
 import msgspec
@@ -23,6 +23,27 @@ def with_ids(connection: Connection, header: Any) -> Any:
         if named and (known := resolve(connection, named)) is not named:
             changes[field] = known
     return msgspec.structs.replace(header, **changes) if changes else header
+
+
+def refuse_lost(lost: list[tuple[int, int]], header: Any) -> None:
+    """Raise RequestError where a header names a task that may have been, and was lost with what the disk lost."""
+    for field, _ in NAMING[type(header)]:
+        for task in _named(getattr(header, field)):
+            if any(first <= task <= last for first, last in lost):
+                text = f"task {task} is lost: power went before it was on the disk; send it again"
+                raise RequestError(Refusal.UNKNOWN, text)
+
+
+def _named(value: Any) -> Iterator[int]:
+    """The tasks that a field names."""
+    if isinstance(value, int):
+        yield value
+    elif isinstance(value, Point):
+        yield value.task
+    elif isinstance(value, WatchOptions):
+        yield from _named(value.until)
+    for constraint in value if isinstance(value, list) else ():
+        yield from (constraint.before.task, constraint.after.task)
 
 
 def _task(connection: Connection, task: TaskId) -> TaskId:

@@ -16,7 +16,9 @@ from tca_wire.vocabulary import Due
 def on_restarted(central: State, event: Restarted) -> None:
     """Every connection has broken, and may come back."""
     registry = central.registry
-    central.tree.newest += event.skipped
+    if event.skipped:
+        first, central.tree.newest = central.tree.newest + 1, central.tree.newest + event.skipped
+        central.lost.append((first, central.tree.newest))
     known = list(registry.connections.values())
     registry.connections.clear()
     for number, connection in enumerate(known):

@@ -132,6 +132,15 @@ class LogWriter:
             self._error = error
             raise self._broken(error) from None
 
+    def make_safe(self) -> None:
+        """Have all on the disk, whatever ``sync`` says. Raises CentralError."""
+        self.flush()
+        try:
+            self._fsync()
+        except OSError as error:
+            self._error = error
+            raise self._broken(error) from None
+
     def turn_over(self) -> None:
         """Begin another segment, whatever waits. Raises CentralError."""
         try:

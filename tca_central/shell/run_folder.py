@@ -58,16 +58,18 @@ class RunFolder:
         for entry in run.missing:
             journal.add(entry)
         server.log = RunLog(self.path, journal, inputs)
-        self._go_on(server, run, hold=hold)
+        self._go_on(server, run, inputs, hold=hold)
         if inputs is not None and server.log.images is not None:
             inputs.first = run.first
             if run.inputs > INPUTS_BETWEEN // 2:
                 server.log.images.take(central)  # should it be killed again soon
 
     @staticmethod
-    def _go_on(server: Server, run: UnfinishedRun, *, hold: bool) -> None:
+    def _go_on(server: Server, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:
         restarted = run.restarted(hold=hold)
         server.take(restarted)
+        if restarted.skipped and inputs is not None:
+            inputs.make_safe()  # should power go again now, the same numbers must not be passed over once more
         log.warning(
             "goes on with the run that ended without a goodbye %.1f s ago: %d inputs handled again, %d connections are \
 awaited%s", restarted.away, run.inputs, len(run.central.hold.awaited),

@@ -495,8 +495,11 @@ class Session:
             self.complaints.append(request.why_unheard)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
-        if header.delivery in self.open_deliveries or header.delivery in self._replies:
+        if header.delivery in self.open_deliveries:
             return  # after a reconnect central repeats deliveries it is not sure of
+        if (reply := self._replies.get(header.delivery)) is not None:
+            self.outgoing.append(reply)  # it may have been lost: with the power of central's computer, after it came
+            return
         # Central knows of so many without an answer; it has got the answers of all before these.
         self._keep_replies(max(0, header.ahead - len(self.open_deliveries)))
         self.open_deliveries.add(header.delivery, is_suspended=header.suspended)

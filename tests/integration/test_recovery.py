@@ -1,5 +1,6 @@
 """Central is killed and comes back: nothing that it had taken is lost, and nothing is done twice."""
 
+import os
 import re
 import shutil
 import signal
@@ -14,11 +15,18 @@ import pytest
 from integration.programs import Central, central, program, tca
 
 from tca_central.errors import CentralError
+from tca_central.events import ConnectionId, RequestReceived, Transmit
+from tca_central.shell.log_writer import Sync
 from tca_central.shell.recovery import recover, unfinished
+from tca_central.shell.run_folder import RunFolder
+from tca_central.shell.server import Server
 from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, connect
 from tca_tools.run.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.journal.records import record
+from tca_wire.packets.headers import PROTOCOL_VERSION, AwaitPoint, Hello, Refused
+from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import Refusal
 
 STEP, WHERE, SPEED = Command("step", int, result=int), Query("where", reply=int), Variable("speed", int)
 
@@ -229,6 +237,35 @@ def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path)
     recover(broken_run, unfinished(broken_run), accept=True)
     aside = journal.with_suffix(".aside").read_bytes()
     assert journal.read_bytes() + aside == before
+
+
+def test_numbers_that_are_passed_over_after_a_power_cut_are_on_the_disk_before_anything_leaves(
+    broken_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tca_central.shell.recovery.this_boot", lambda: "another")
+    on_disk: list[str] = []
+    sync = os.fdatasync
+
+    def note(file: int) -> None:
+        on_disk.append(Path(f"/proc/self/fd/{file}").readlink().suffix)
+        sync(file)
+
+    monkeypatch.setattr(os, "fdatasync", note)
+    folder = RunFolder(broken_run)
+    server = Server(folder.central, f"ipc://{broken_run}/c.sock")
+    try:
+        folder.open(server, Sync.BATCH)
+        assert ".tcai" in on_disk
+        lost = folder.central.tree.newest
+        asked = RequestReceived(server.now(), ConnectionId(b"new"), Hello(1, PROTOCOL_VERSION, "user", "run"))
+        folder.central.handle(asked)
+        point = Point(TaskId(lost), Moment.END_ACHIEVING)
+        asked = RequestReceived(server.now(), ConnectionId(b"new"), AwaitPoint(2, point))
+        told = [one.header for one in folder.central.handle(asked) if isinstance(one, Transmit)]
+        assert [one.refusal for one in told if isinstance(one, Refused)] == [Refusal.UNKNOWN], "it may have been done"
+    finally:
+        server.close()
+        folder.close()
 
 
 def test_a_damaged_input_is_not_passed_over(broken_run: Path) -> None:

@@ -353,8 +353,10 @@ def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
     assert len(session.deliveries) == 1
     session.deliveries.clear()
     session.reply(Reply(7), b"\xc0")
+    said(session)
     hear(session, deliver)
     assert not session.deliveries
+    assert said(session) == [Reply(7)], "central's computer lost power after it had come"
 
 
 def test_a_task_that_is_killed_or_forgotten_is_cancelled_and_suspended_no_longer(session: Session) -> None:

@@ -31,7 +31,7 @@ from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.inputs import events_of
 from tca_central.invariants import check_invariants
-from tca_central.shell.log_writer import Sync
+from tca_central.shell.log_writer import SYNC_PERIOD, Sync
 from tca_central.shell.recovery import GRACE, SKIPPED
 from tca_wire.journal.facts import Entry
 from tca_wire.packets import codec
@@ -59,6 +59,7 @@ class Daemon:
         self._expected: Central | None = None  #: the state that the disk should give
         self.core: Central | None = None
         self.crashes = self.steps = self.replayed = self.images = 0
+        self._synced_at = 0.0  #: when another thread last asked the disk
         self._life = 0  #: which process it is
         self._arrived: deque[tuple[Wire, bytes]] = deque()
         self._closed: deque[ConnectionId] = deque()
@@ -67,6 +68,7 @@ class Daemon:
         self._unwritten = bytearray()
         self._began = 0.0  #: when the core's clock stood at 0, if it had never stood still
         self._wake_at = float("inf")
+        self.take_back: Callable[[list[Entry]], None] = lambda _: None  #: the journal has no more than this
         self.is_gone: Callable[[str], bool] = lambda _: False  #: whether the process of an incarnation has ended
         self._next_beat, self._next_sweep = BEAT_PERIOD, SWEEP_PERIOD
         network.central = self
@@ -94,8 +96,11 @@ class Daemon:
     def _come_back(self, core: Central) -> None:
         """Every connection has broken; some will not come back, as their processes are gone."""
         options = self._options
-        skipped = SKIPPED if options.power_cuts and options.sync is Sync.BATCH else 0
+        skipped = SKIPPED if options.is_lossy else 0
         self._take(Restarted(self.now, 1.0, GRACE, options.hold, skipped))
+        if skipped:
+            self._write()
+            self.log.sync()
         if options.sees_processes:
             for connection in [one for one in core.hold.awaited if self.is_gone(one.module.incarnation)]:
                 self._take(ConnectionLost(self.now, connection.id, "its process had ended when central came back"))
@@ -113,6 +118,9 @@ class Daemon:
             for event in events_of(given):
                 again += [effect.entry for effect in core.handle(event) if isinstance(effect, Record)]
         self.replayed = len(inputs) - since
+        if self._options.is_lossy and len(again) < len(self.journal) - before:
+            del self.journal[before + len(again) :]  # --resume facts: the journal goes back to what the inputs lead to
+            self.take_back(self.journal)
         known = len(self.journal) - before
         if again[:known] != self.journal[before:]:
             raise Broken("what was replayed is not what happened")
@@ -129,6 +137,7 @@ class Daemon:
     def _take_image(self) -> None:
         """Write the state down, when all that led to it is on the disk."""
         if self.core is not None and may_be_taken(self.core):
+            self.log.sync()
             self.image = encode(self.core), len(inputs_in(self.log.content)[0]), len(self.journal)
             self.images += 1
 
@@ -190,6 +199,9 @@ class Daemon:
         if life != self._life or at != self._wake_at:
             return
         self._wake_at = float("inf")
+        if self._clockwork.now >= self._synced_at + SYNC_PERIOD:  # by another thread
+            self._synced_at = self._clockwork.now
+            self.log.sync()
         try:
             for given in self._inputs():
                 self._take(given)
@@ -275,7 +287,7 @@ class Daemon:
     def _flush(self) -> None:
         if self._unwritten:
             self._write()
-        if self._options.power_cuts and self.log.synced < len(self.log.content):
+        if self._options.sync is Sync.ALWAYS and self.log.synced < len(self.log.content):
             self.log.sync()
             self._fault()
         self._record(self._entries)

@@ -30,10 +30,11 @@ class Life:
         self.seed = seed
         self.clockwork = Clockwork(seed, tell=tell)
         self.options = options if options is not None else drawn(Clockwork(seed ^ _CHILD_OF_SEED).dice)
-        self.outside = Outside(self.clockwork)
+        self.outside = Outside(self.clockwork, is_lossy=self.options.is_lossy)
         self.network = Network(self.clockwork, self.options)
         self.daemon = Daemon(self.clockwork, self.network, self.options, self.outside.publish)
         self.processes: dict[str, Process] = {}
+        self.daemon.take_back = self.outside.take_back
         self.daemon.is_gone = self._is_gone
         self.started: dict[str, int] = {}
         self.is_healing = False
@@ -168,7 +169,7 @@ class Life:
         assert core is not None
         check_invariants(core)
         for token, task in outside.task_of.items():
-            if task not in outside.known:
+            if task not in outside.known and not self.options.is_lossy:
                 raise Broken(f"token {token} was acknowledged as task {task}, which central does not know")
             self._judge_task(token, task)
         self._judge_informs()
@@ -179,9 +180,9 @@ class Life:
     def _judge_task(self, token: int, task: int) -> None:
         outside, core = self.outside, self.daemon.core
         assert core is not None
-        if task not in outside.ended:
+        if task not in outside.ended and task in outside.known:
             raise Broken(f"task {task} (token {token}) has no end")
-        outcome = core.outcome_of_ended(task)
+        outcome = core.outcome_of_ended(task) if task in outside.known else None
         runs = outside.of_token[token]
         is_done = outcome is not None and outcome[0] is Outcome.DONE and not outcome[1]
         if is_done and not any(run.ended >= 0 and not run.failure for run in runs):
@@ -198,6 +199,6 @@ class Life:
             token not in heard for sender, tokens in outside.informs.items() if sender in alive for token in tokens
         )
         counted = sum(sender.lost for sender in alive) + outside.dropped + outside.counts["lost by module"]
-        if missing > counted:
+        if missing > counted and not self.options.is_lossy:
             raise Broken(f"{missing} informs did not arrive, and {counted} are known to be lost")
         outside.counts["informs missing"] += missing

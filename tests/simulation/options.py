@@ -49,6 +49,11 @@ class Options(msgspec.Struct):
     checks_each: int = 8
     """Central's invariants are checked after one event in so many."""
 
+    @property
+    def is_lossy(self) -> bool:
+        """Whether central may forget what it has acknowledged."""
+        return self.power_cuts and self.sync is not Sync.ALWAYS
+
 
 FEATURES = (
     "kill",
@@ -80,6 +85,7 @@ def drawn(dice: random.Random) -> Options:
         power_cuts=some() < 0.5,
         snapshots=dice.choice((0.0, 0.005, 0.02)),
         ids_again=some() < 0.3,
+        sync=Sync.ALWAYS if some() < 0.8 else Sync.BATCH,
         hold=some() < 0.1,
         sees_processes=some() < 0.5,
         away=dice.choice((0.5, 2.0, 6.0)),

@@ -71,8 +71,9 @@ class Claim(NamedTuple):
 class Outside:
     """All that was seen."""
 
-    def __init__(self, clockwork: Clockwork) -> None:
+    def __init__(self, clockwork: Clockwork, *, is_lossy: bool = False) -> None:
         self.clockwork = clockwork
+        self.is_lossy = is_lossy  #: central may forget what it has said
         self.tokens = 0
         self.sent: dict[int, Sent] = {}
         self.under: defaultdict[int, list[int]] = defaultdict(list)
@@ -87,7 +88,12 @@ class Outside:
         self.informs: dict[Any, list[int]] = {}  #: by sender: the tokens, in order
         self.heard: defaultdict[tuple[Any, str], list[int]] = defaultdict(list)
         self.sender_of: dict[int, Any] = {}
-        # as the journal has it, of what was published
+        self.lock_ended: dict[Claim, float] = {}
+        self.counts: defaultdict[str, int] = defaultdict(int)
+        self._begin_journal()
+
+    def _begin_journal(self) -> None:
+        """What is so as the journal has it."""
         self.known: set[int] = set()
         self.ended: set[int] = set()
         self.killed: set[int] = set()
@@ -97,9 +103,7 @@ class Outside:
         self.granted: dict[int, Claim] = {}
         self.tasks: set[int] = set()
         self.is_holding = False
-        self.lock_ended: dict[Claim, float] = {}
         self.newest = 0
-        self.counts: defaultdict[str, int] = defaultdict(int)
 
     def say(self, who: str, what: object) -> None:
         self.clockwork.say(who, what)
@@ -130,7 +134,7 @@ class Outside:
     def acknowledged(self, token: int, task: int) -> None:
         """Central has said what task it became."""
         known = self.task_of.setdefault(token, task)
-        if known != task:
+        if known != task and not self.is_lossy:
             raise Broken(f"token {token} became task {known}, and then task {task}")
         self.counts["acknowledged"] += 1
 
@@ -157,15 +161,22 @@ class Outside:
         self.say(process.name, f"BEGINS {run}")
         clockwork.note(b"begin %d %d" % (header.delivery, token))
         self.counts["begun"] += 1
-        self._check_once(run)
+        earlier = self.deliveries.get(run.delivery)
+        if earlier is not None and not (self.is_lossy and (earlier.token, earlier.task) == (run.token, run.task)):
+            raise Broken(f"{run} begins again, and began as {earlier}")
+        if not self.is_lossy:
+            self._check_once(run)
         self.deliveries[header.delivery] = run
         self.runs.append(run)
         if run.task:
             self.of_task[run.task].append(run)
-            if token and self.task_of.setdefault(token, run.task) != run.task:
+            if token and self.task_of.setdefault(token, run.task) != run.task and not self.is_lossy:
                 raise Broken(f"{run}: its sender was told that it is task {self.task_of[token]}")
         if token:
             self.of_token[token].append(run)
+        if self.is_lossy:
+            return
+        if token:
             self._check_order(run, self.sent[token])
         self._check_claims(run, is_nested=len(work.thread.stack) > 0)
 
@@ -190,8 +201,6 @@ class Outside:
                 self.counts["died"] += 1
 
     def _check_once(self, run: Run) -> None:
-        if run.delivery in self.deliveries:
-            raise Broken(f"{run} begins again, and began as {self.deliveries[run.delivery]}")
         if run.task:
             earlier = self.of_task[run.task]
             if len(earlier) > self.asked_again[run.task]:
@@ -270,6 +279,13 @@ class Outside:
                 raise Broken(f"{run} begins, and '{run.resource}' is locked by {claim}")
 
     # --- what the journal says ---------------------------------------------------------------------------------------
+
+    def take_back(self, journal: list[Entry]) -> None:
+        """The journal has no more than this: the rest was lost."""
+        counts = self.counts.copy()
+        self._begin_journal()
+        self.publish(journal)
+        self.counts = counts
 
     def publish(self, entries: list[Entry]) -> None:
         """What central has written."""
