@@ -25,7 +25,6 @@ from tca_central.deadlock import deadlocks
 from tca_central.errors import RequestError
 from tca_central.events import (
     BadBytes,
-    ConnectionId,
     ConnectionLost,
     DiskSpace,
     Effect,
@@ -161,8 +160,7 @@ class Central(State):
             if connection is None:
                 connection = self._meet(event, number)
             elif event.principal != connection.principal:
-                connection = None  # a newer line that calls itself like this one's, of which nobody knows yet
-                self._refuse_stranger(event.connection, number)
+                connection = self._take_place(connection, event, number)
             elif number and number <= connection.last_number and type(header) is not headers.Hello:
                 self._repeat(connection, number)
             else:
@@ -207,10 +205,10 @@ class Central(State):
             self.messages.append(Transmit(event.connection, headers.Unknown(number)))
         return self.registry.connections.get(event.connection)
 
-    def _refuse_stranger(self, connection_id: ConnectionId, number: int) -> None:
-        text = "this line has the name of another one, which is somebody else's: connect again"
-        self.facts.append(facts.RequestRefused("?", Refusal.FORBIDDEN, text))
-        self.messages.append(Transmit(connection_id, Refused(number, Refusal.FORBIDDEN, text)))
+    def _take_place(self, before: Connection, event: RequestReceived, number: int) -> Connection | None:
+        """Somebody else's line has the name of a connection: that one's line is gone, though nobody has noticed."""
+        joining.disconnect(self, before, "the line of somebody else has its name", lost=True)
+        return self._meet(event, number)
 
     def _report(self, effects: list[Effect], time: float, cause: causes.Cause | None) -> None:
         """Add the journal entry and the messages of the event that has just been handled."""

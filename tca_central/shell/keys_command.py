@@ -119,3 +119,7 @@ def use(folder: Path, file: Path) -> None:
     make_folder(folder)
     write_new(folder / f"{DEFAULT}{SUFFIX}", file.read_text())
     click.echo(f"programs of this user are '{key.name}' from now on; ${VARIABLE} names another key for one of them")
+
+
+if __name__ == "__main__":
+    keys(prog_name="tca keys")

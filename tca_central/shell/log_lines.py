@@ -72,7 +72,7 @@ class LogLines:
         if fact.rules < 0:
             self._log.info("no permissions file: whoever gets in may do everything")
         else:
-            self._log.info("%d rules of %s say who may do what", fact.rules, fact.source)
+            self._log.info("who may do what is said by %s (%d)", fact.source, fact.rules)
 
     def _lost(self, fact: facts.Fact, record: Record) -> bool:
         if (loss := loss_in(fact)) is None:

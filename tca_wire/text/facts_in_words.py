@@ -153,7 +153,9 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     ),
     facts.ModuleLeft: lambda _, fact: f"{fact.module}: {fact.why}",
     facts.PermissionsChanged: lambda _, fact: (
-        f"{fact.rules} rules of {fact.source}" if fact.rules >= 0 else "whoever gets in may do everything"
+        f"{fact.rules} rule{'s' * (fact.rules != 1)} of {fact.source}"
+        if fact.rules >= 0
+        else "whoever gets in may do everything"
     ),
     facts.ResourceChanged: lambda _, fact: f"{place(fact.module, fact.resource)} takes {fact.capacity} at a time",
     facts.Recalling: lambda _, fact: (

@@ -1,16 +1,17 @@
 """Whose a connection is: nobody takes over what somebody else has, whatever he knows of it."""
 
+import pytest
 from central.player import Player
 
 from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Deliver, Refused, Welcome
+from tca_wire.packets.headers import Deliver, Refused, Unknown, Welcome
 from tca_wire.vocabulary import Refusal
 
 
 def player() -> Player:
     made = Player()
-    made.principals |= {"arm": "arm", "thief": "thief"}
+    made.principals |= {"arm": "arm", "arm/1": "arm", "thief": "thief"}
     made.module("arm", "command grip")
     return made
 
@@ -42,10 +43,14 @@ def test_nor_what_a_lost_connection_leaves_behind() -> None:
     assert any(isinstance(header, Welcome) for header in central.receive("arm", hello)), "who had it gets it back"
 
 
-def test_a_line_that_calls_itself_like_one_of_somebody_else_has_no_say() -> None:
-    """Before central knows that the other line is gone."""
+@pytest.mark.parametrize("said", [headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Lock(9, "arm")])
+def test_a_line_that_calls_itself_like_one_of_somebody_else_has_no_say(said: object) -> None:
+    """A line can have the name of one that is gone before central has noticed that it is."""
     central = player()
-    central.principals["arm"] = "thief"
-    for header in (headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Hello(1, headers.PROTOCOL_VERSION, "x", "y")):  # fmt: skip
-        assert refusals(central.receive("arm", header)) == [Refusal.FORBIDDEN]
+    central.principals["arm/1"] = "thief"
+    assert [type(one) for one in central.receive("arm/1", said)] == [Unknown]
+    central.principals["arm/1"] = "arm"
+    assert not any(isinstance(header, Deliver) for header, _ in central.inbox["arm/1"])
     assert central.central.registry.messages["grip"].handlers
+    changed = [fact for fact in central.facts(facts.ResourceChanged) if fact.resource == "arm"]
+    assert [fact.capacity for fact in changed] == [1, 0], "the slot counts as lost"

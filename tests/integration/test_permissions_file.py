@@ -170,4 +170,4 @@ def test_a_signal_makes_central_look_at_once(tmp_path: Path, path: Path) -> None
                 except Refused:
                     continue
                 break
-        assert "robot.toml say who may do what" in daemon.stop()
+        assert "who may do what is said by" in daemon.stop()
