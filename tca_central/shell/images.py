@@ -16,7 +16,7 @@ from pathlib import Path
 from tca_central.core import Central
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.shell.input_log import IMAGE_SUFFIX, INPUT_SUFFIX, InputLog
-from tca_central.shell.log_writer import SEGMENT_BYTES, numbers
+from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, numbers
 
 INPUTS_BETWEEN = 50_000
 """Inputs after which there is a new image: they are handled again in a few seconds."""
@@ -27,8 +27,8 @@ log = logging.getLogger("tca.central")
 class Images:
     """Has an image made when the log of inputs has grown."""
 
-    def __init__(self, inputs: InputLog, *, keeps_all: bool = False) -> None:
-        self._inputs = inputs
+    def __init__(self, inputs: InputLog, facts: LogWriter, *, keeps_all: bool = False) -> None:
+        self._inputs, self._facts = inputs, facts
         self._keeps_all = keeps_all
         self._child = 0  #: the process that writes one
         self._number = 0
@@ -44,6 +44,7 @@ class Images:
     def take(self, central: Central) -> None:
         """Begin an image of the state, and a new segment of inputs with it. Raises CentralError."""
         self._number = self._inputs.next_segment(central.clock.now)
+        facts = self._facts.hand_over()  # nothing leads to them again when there is an image of what came after them
         path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
         sys.stdout.flush()
         sys.stderr.flush()
@@ -55,7 +56,7 @@ class Images:
                 log.warning("no image of the state could be taken: %s", error.strerror)
                 return
         if not self._child:
-            _write_and_exit(central, path)
+            _write_and_exit(central, path, facts)
 
     def close(self) -> None:
         """Wait for the child."""
@@ -78,14 +79,17 @@ class Images:
         self._kept = self._number
 
 
-def _write_and_exit(central: Central, path: Path) -> None:
-    """In the child: nothing of central's is touched, and nothing of its lines and locks is kept open."""
+def _write_and_exit(central: Central, path: Path, facts: Path) -> None:
+    """In the child: nothing of central's is touched, and nothing of its lines and locks is kept open. The *facts* until
+    then are on the disk before the image is.
+    """
     status = 1
     try:
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # it ends soon
         gc.disable()
+        _sync(facts)
         write_image(encode(central), path)
         status = 0
     except OSError:
@@ -105,6 +109,13 @@ def write_image(image: bytes, path: Path) -> None:
     os.close(file)
     draft.rename(path)
     with contextlib.suppress(OSError):
-        folder = os.open(path.parent, os.O_RDONLY)
-        os.fsync(folder)
-        os.close(folder)
+        _sync(path.parent)
+
+
+def _sync(path: Path) -> None:
+    """See to it that a file, or the names in a folder, are on the disk. Raises OSError."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)

@@ -9,6 +9,7 @@ import errno
 import fcntl
 import os
 import threading
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 
@@ -135,17 +136,21 @@ class LogWriter:
     def make_safe(self) -> None:
         """Have all on the disk, whatever ``sync`` says. Raises CentralError."""
         self.flush()
-        try:
-            self._fsync()
-        except OSError as error:
-            self._error = error
-            raise self._broken(error) from None
+        self._now(self._fsync)
+
+    def hand_over(self) -> Path:
+        """Let the kernel have all that waits, whatever ``sync`` says; the newest segment. Raises CentralError."""
+        self._now(self.write)
+        return self._path
 
     def turn_over(self) -> None:
         """Begin another segment, whatever waits. Raises CentralError."""
+        self._now(self.write, self.begin_segment)
+
+    def _now(self, *steps: Callable[[], None]) -> None:
         try:
-            self.write()
-            self.begin_segment()
+            for step in steps:
+                step()
         except OSError as error:
             self._error = error
             raise self._broken(error) from None
@@ -183,8 +188,8 @@ class LogWriter:
                 self._full.append(self._file)
             self.newest += 1
             self.size = 0
-            path = self.folder / f"{self.newest:08d}{self._suffix}"
-            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600)
+            self._path = self.folder / f"{self.newest:08d}{self._suffix}"
+            self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600)
             with contextlib.suppress(OSError):  # readers see by it that central lives; some file systems have no locks
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if self.sync is not Sync.BATCH:

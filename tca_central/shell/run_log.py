@@ -21,7 +21,7 @@ class RunLog:
     def __init__(self, folder: Path, journal: JournalWriter, inputs: InputLog | None) -> None:
         """Without *inputs* a run can't go on after a crash."""
         self.folder = folder
-        self.images = Images(inputs) if inputs is not None else None
+        self.images = Images(inputs, journal) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
 
     def take(self, event: Input) -> None:

@@ -352,7 +352,7 @@ class Server:
             self._next_sweep = now + SWEEP_PERIOD
             self._expected = min(self._expected, self._closed)  # some say that they leave, and stay
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
-        for stranger in [one for one in self._outboxes if one not in known]:
+        for stranger in [one for one in self._outboxes if one not in known and one not in self._dirty]:
             self._forget(stranger)
         if self.central.untold:
             self.take(TellAll(now))
@@ -440,8 +440,10 @@ class Server:
             if outbox.size > OUTBOX_BYTES:
                 self._too_slow[connection] = f"it reads too slowly: {outbox.size} bytes wait for it"
                 self._forget(connection)
-            else:
+            elif connection in self.central.registry.connections:
                 self._dirty[connection] = outbox
+            else:
+                self._forget(connection)  # for a stranger nothing is kept
         except zmq.ZMQError:  # gone; the next beat tells the core
             self._has_lost |= connection in self.central.registry.connections
             self._forget(connection)

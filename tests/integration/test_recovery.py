@@ -10,12 +10,16 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 
 import pytest
+import zmq
 from integration.programs import Central, central, program, tca
 
+from tca_central import core
 from tca_central.errors import CentralError
 from tca_central.events import ConnectionId, RequestReceived, Transmit
+from tca_central.shell import run_folder
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.recovery import recover, unfinished
 from tca_central.shell.run_folder import RunFolder
@@ -292,3 +296,39 @@ def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown
     assert other.returncode == 1
     assert f"FIRST DIFFERENCE at {changed.time:.3f} s, entry {changed.number}" in other.stdout
     assert "user: what never happened\n  this version's core gives\n    nothing more" in other.stdout
+
+
+def test_the_journal_has_what_an_image_includes(broken_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A central that is killed as soon as it has taken one, in coming back, has written what it did until then."""
+    monkeypatch.setattr(run_folder, "INPUTS_BETWEEN", 2)
+    run = run_folder.RunFolder(broken_run)
+    server = Server(run.central, f"ipc://{broken_run.parent}/again.sock")
+    run.open(server, Sync.NONE)
+    assert server.log
+    assert server.log.images
+    server.log.images.close()  # it is there; and nothing more is written
+    run.close()
+    server.log = None
+    server.close()
+    again = recover(broken_run, unfinished(broken_run))
+    assert again.inputs == 0
+    written = [fact for entry in open_log(broken_run) for fact in entry.facts]
+    assert sum(isinstance(fact, facts.CentralRestarted) for fact in written) == 1
+    assert any(isinstance(fact, facts.ModuleLeft) for fact in written)
+
+
+def test_whoever_came_while_central_came_back_is_greeted_at_once(tmp_path: Path) -> None:
+    """Also where the first turn finds that much is due. Else slots that wait for work would come back after 45 s."""
+    server = Server(core.Central("epoch"), f"ipc://{tmp_path}/c.sock")
+    server._next_beat = 0.0
+    serving = Thread(target=server.serve)
+    with zmq.Context() as context, context.socket(zmq.DEALER) as line:
+        line.setsockopt(zmq.PROBE_ROUTER, 1)
+        line.connect(server.endpoint)
+        assert server.socket.poll(10_000)
+        serving.start()
+        is_greeted = line.poll(5_000)
+        server.stop("the test ends")
+        serving.join()
+    server.close()
+    assert is_greeted
