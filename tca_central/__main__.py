@@ -14,6 +14,7 @@ import click
 from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.loading import is_compiled
+from tca_central.shell.bytes_option import Bytes
 from tca_central.shell.door import make_room
 from tca_central.shell.gate import OpenGate, gate_for
 from tca_central.shell.log_limit import LineLimit
@@ -134,6 +135,14 @@ before and on the disk within a second, 'none' when convenient.")  # fmt: skip
               show_default=True, metavar="SECONDS",
               help="Silence after which a program whose process stands still (stopped, paused) counts as lost; 0: \
 never.")  # fmt: skip
+@click.option(
+    "--memory",
+    type=Bytes(),
+    default="512M",
+    show_default=True,
+    metavar="BYTES",
+    help="How much central may hold of what modules send, as 64M or 2G; beyond that it refuses and drops.",
+)
 @click.option("--insecure", is_flag=True, help="Over TCP, let in every program of this computer, without a key.")
 @click.option(
     "--permissions",
@@ -147,7 +156,8 @@ never.")  # fmt: skip
 )
 def central(  # noqa: PLR0913 - one for each option
     bind: str | None, journal: Path | None, sync: str, resume: tuple[str, ...], permissions: Path | None, *,
-    if_fails: str, lost_after: int, no_journal: bool, no_inputs: bool, fresh: bool, insecure: bool, quiet: bool,
+    if_fails: str, lost_after: int, memory: int, no_journal: bool, no_inputs: bool, fresh: bool, insecure: bool,
+    quiet: bool,
 ) -> None:  # fmt: skip
     """Run the daemon that routes messages and keeps the task tree."""
     _log_lines(quiet=quiet)
@@ -162,7 +172,7 @@ def central(  # noqa: PLR0913 - one for each option
             run = RunFolder(folder, is_fresh=fresh, accept="facts" in resume)
         gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
-        server = Server(known, endpoint, lost_after=lost_after, gate=gate)
+        server = Server(known, endpoint, lost_after=lost_after, gate=gate, memory=memory)
         server.goes_on_unrecorded = if_fails == "go-on"
         if run is not None:
             run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)

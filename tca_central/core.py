@@ -29,6 +29,7 @@ from tca_central.events import (
     DiskSpace,
     Effect,
     Event,
+    MemorySet,
     OfAll,
     PermissionsChanged,
     Record,
@@ -56,8 +57,7 @@ from tca_wire.text.printable import shortened
 from tca_wire.vocabulary import Due, Limit, Outcome, Refusal, Role
 
 REMEMBERED_OUTCOMES = 10_000
-REMEMBERED_BYTES = 64 << 20
-"""Ended tasks whose failure or result can still be asked for, and how much these may hold."""
+"""Ended tasks whose failure or result can still be asked for."""
 
 
 _LONGEST_BODY = int(Limit.BODY)
@@ -138,6 +138,8 @@ class Central(State):
                 self.tell_tasks(untold)
         elif isinstance(event, Restarted):
             restarting.on_restarted(self, event)
+        elif isinstance(event, MemorySet):
+            self.set_memory(event.bytes)
         elif isinstance(event, PermissionsChanged):
             permissions.change_permissions(self, event)
         elif isinstance(event, DiskSpace):
@@ -234,7 +236,7 @@ class Central(State):
 
     def _repeat(self, connection: Connection, number: int) -> None:
         """A request came twice: give the answer that it had, or say again that it was taken."""
-        header, body = connection.answer(number)
+        header, body = self.answers.get(connection, number)
         if header is None:
             known = connection.outstanding.get(number)
             made = connection.tasks.get(number, 0)
@@ -323,7 +325,7 @@ class Central(State):
         if self.registry.permissions.rules is not None and isinstance(task.sent_by, Module):
             self.registry.permissions.outcome_owners[task.id] = task.sent_by.principal
         self.outcome_bytes += _size(outcome)
-        while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > REMEMBERED_BYTES:
+        while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > self.budget.outcomes:
             oldest = next(iter(self.outcomes))
             self.outcome_bytes -= _size(self.outcomes.pop(oldest))
             self.registry.permissions.outcome_owners.pop(oldest, None)

@@ -98,6 +98,13 @@ class DiskSpace(msgspec.Struct, frozen=True, array_like=True, tag="d"):
     is_low: bool
 
 
+class MemorySet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
+    """From now on central may hold so many bytes of what modules send."""
+
+    time: float
+    bytes: int
+
+
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     """Central was away, and is back with all that it knew; every connection has broken meanwhile."""
 
@@ -118,7 +125,7 @@ class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     index: int
 
 
-OfAll = TellAll | KeysChanged | PermissionsChanged | DiskSpace | Restarted
+OfAll = TellAll | KeysChanged | PermissionsChanged | DiskSpace | MemorySet | Restarted
 Event = RequestReceived | BadBytes | ConnectionLost | Tick | OfAll
 Input = Arrived | BadBytes | ConnectionLost | Tick | OfAll | Spared
 

@@ -8,12 +8,14 @@ import itertools
 from collections import Counter, defaultdict
 
 from tca_central.control.steering import PendingKill
+from tca_central.model.budget import DELIVERY_BYTES, RESOURCE_BYTES, TASK_BYTES
 from tca_central.model.deliveries import Delivery, ModuleResource
 from tca_central.model.intervals import delivered_at
-from tca_central.model.task_tree import Task, first_moments, to_be_fired
+from tca_central.model.registry import type_size
+from tca_central.model.task_tree import Task, failure_size, first_moments, to_be_fired
 from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of
-from tca_central.state import PresenceWait, State
+from tca_central.state import Collector, PresenceWait, State
 from tca_central.watching.watches import Watch
 from tca_wire.points import (
     ALL_MOMENTS,
@@ -39,7 +41,7 @@ def check_invariants(central: State) -> None:
         _check_suspension(central, task)
     for check in (
         _check_watches, _check_resources, _check_stranded, _check_claims_of_tasks, _check_what_lies_ahead,
-        _check_connections, _check_waits, _check_variables, _check_kept, _check_routes,
+        _check_connections, _check_waits, _check_variables, _check_kept, _check_routes, _check_budget,
     ):  # fmt: skip
         check(central)
 
@@ -343,3 +345,34 @@ def _check_routes(central: State) -> None:
         watching = {one for one in connections if slot in one.watches}
         assert slot.watchers.keys() == watching, "one who is gone watches a slot, or in vain"
         assert slot.watches.keys() <= connections, "it watches a slot that is gone"
+
+
+def _check_budget(central: State) -> None:
+    """What is counted as held is held."""
+    tasks, registry, running = central.tree.tasks.values(), central.registry, central.dispatcher.running.values()
+    assert central.tree.bytes == sum(map(_task_size, tasks)), "bytes of tasks"
+    assert central.agenda.holds.edges == sum(len(task.followers or ()) for task in tasks), "constraints"
+    waiters = sum(len(task.waiters or ()) for task in (*tasks, central.tree.root))
+    assert central.agenda.waits == waiters, "waits for tasks"
+    resources = [one for module in registry.modules.values() for one in module.resources.values()]
+    queued = {one for resource in resources for one in resource.queued()}
+    queued |= {one for message in registry.messages.values() for one in message.waiting.values()}
+    messages = [one for one in (*running, *queued) if not isinstance(one, Task)]
+    assert central.dispatcher.bytes == sum(DELIVERY_BYTES + len(one.body) for one in messages), "bytes of messages"
+    connections = [*registry.connections.values(), *registry.lost.values()]
+    due = [one for connection in connections for one in connection.outstanding.values()]
+    assert central.budget.collected == sum(one.size for one in due if isinstance(one, Collector)), "failures"
+    assert central.budget.awaited == sum(one.size for one in due if isinstance(one, PresenceWait)), "presence"
+    types = sum(type_size(message.format) for message in registry.messages.values())
+    assert registry.bytes == types + RESOURCE_BYTES * len(resources), "bytes of declarations"
+    handlers = sum(len(module.handlers) for module in registry.modules.values())
+    assert central.dispatcher.handlers == handlers, "handlers"
+    answers = sum(one.answer_bytes for one in connections)
+    assert central.answers.bytes == answers == central.answers.walked_bytes(), "bytes of answers"
+    assert answers <= central.budget.answers, "too many answers"
+
+
+def _task_size(task: Task) -> int:
+    farewells = task.rare.farewells if task.rare is not None else ()
+    planned = sum(DELIVERY_BYTES + len(body) for _, body in farewells)
+    return TASK_BYTES + len(task.body) + len(task.result) + failure_size(task.failure) + planned

@@ -1,10 +1,23 @@
 """The state of central, and the ways in which anything leaves it. Holds no rule: those are in the rooms beside it."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
+from tca_central.errors import RequestError
 from tca_central.events import Effect, Transmit
+from tca_central.model.answers import KeptAnswers
+from tca_central.model.budget import (
+    ATTACHED_BYTES,
+    AWAITED_BYTES,
+    CLAIM_BYTES,
+    EDGE_BYTES,
+    HANDLER_BYTES,
+    TASK_BYTES,
+    TIMER_BYTES,
+    WAIT_BYTES,
+    Budget,
+)
 from tca_central.model.clock import Clock, Timer
 from tca_central.model.deliveries import (
     TOLD_TOGETHER,
@@ -26,8 +39,9 @@ from tca_wire.packets.headers import Answer, ToModule
 from tca_wire.packets.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
+from tca_wire.text import measures
 from tca_wire.text.printable import shortened
-from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Refusal
+from tca_wire.vocabulary import CENTRAL, Dropping, MessageClass, Outcome, Refusal
 
 Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
 """A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
@@ -48,6 +62,11 @@ class Collector:
         self.answered = 0
         self.failures: list[str] = []  #: the modules that failed, with their failures
         self.end: tuple[Answer, bytes] | None = None  #: its end, once a reply or a failure has come
+
+    @property
+    def size(self) -> int:
+        """Bytes that its end holds."""
+        return 0 if self.end is None else len(self.end[1])
 
 
 class TaskWait:
@@ -86,6 +105,11 @@ class PresenceWait:
         for message in self.messages:
             message.awaited_by[self] = None
 
+    @property
+    def size(self) -> int:
+        """Bytes that it holds."""
+        return presence_size(self.messages)
+
     def end(self) -> None:
         """Nobody waits any more."""
         for message in self.messages:
@@ -101,6 +125,11 @@ class RestartHold:
         self.awaited: dict[Connection, None] = {}  #: connections that may come back
         self.grace: Timer | None = None  #: until they must be
         self.until_told = False  #: no task starts before somebody says so
+
+
+def presence_size(messages: Sequence[MessageType]) -> int:
+    """Bytes that a wait until messages are handled holds."""
+    return WAIT_BYTES + AWAITED_BYTES * len(messages)
 
 
 class RaisedFailure(NamedTuple):
@@ -181,11 +210,17 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     return headers.Deliver(given_as, name, ROOT, context, own=is_own(delivery), ahead=ahead)
 
 
+def _spent(what: str, held: int, most: int, advice: str) -> str:
+    return f"{what} hold {measures.size(held)} of the {measures.size(most)} that they may: {advice}, or start central \
+with more --memory"
+
+
 class State:
     """The parts, put together. ``facts`` and ``messages`` are those of the event being handled."""
 
     def __init__(self, epoch: str = "test") -> None:
         self.epoch = epoch
+        self.budget, self.answers = Budget(), KeptAnswers(Budget().answers)
         self.registry = Registry()
         self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
         self.facts: list[Any] = []  #: of the event being handled
@@ -208,10 +243,9 @@ class State:
         self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
-        self.outcome_bytes = 0  #: size of what they hold
+        self.outcome_bytes = self.kept_bytes = 0  #: size of what these, and the records of kept tasks, hold
         self.forgotten = 0  #: the highest id of a task whose outcome was kept, and is no more
         self.kept: dict[int, KeptTask] = {}  #: records of ended tasks that modules keep, by id, oldest first
-        self.kept_bytes = 0  #: size of what they hold
         self.keep_count = 0  #: number of tasks, living or ended, that each module keeps, added up
         self.events = 0  #: number of events handled, and of timers
         self.origin = 0  #: of the event being handled: the delivery whose handler asks (0: none)
@@ -289,7 +323,8 @@ class State:
             self.unblock(connection, number)
         if connection.untold:
             self.tell_tasks(connection)
-        connection.answers.append((number, header, body))
+        if number:
+            self.answers.add(connection, number, header, body)
         self.messages.append(Transmit(connection.id, header, body))
 
     def refuse(self, connection: Connection, number: int, refusal: Refusal, text: str) -> None:
@@ -301,6 +336,59 @@ class State:
             self.send(connection, number, headers.Refused(number, refusal, text))
         else:
             self.tell(connection, headers.Refused(0, refusal, text))
+
+    def set_memory(self, memory: int) -> None:
+        """So many bytes may be held. What is too much by that now goes as it would have gone."""
+        self.budget.share(memory)
+        self.answers.most = self.budget.answers
+        self.answers.give_way()
+
+    # --- the budget -------------------------------------------------------------------------------------------------
+
+    @property
+    def message_bytes(self) -> int:
+        """Bytes that messages, tasks and constraints hold."""
+        return self.dispatcher.bytes + self.tree.bytes + self.agenda.holds.edges * EDGE_BYTES + self.budget.collected
+
+    @property
+    def declared_bytes(self) -> int:
+        """Bytes that all else holds that modules declare, attach, claim and wait for."""
+        return (
+            self.registry.bytes
+            + self.dispatcher.handlers * HANDLER_BYTES
+            + (len(self.attached) + len(self.taps)) * ATTACHED_BYTES
+            + len(self.claims) * CLAIM_BYTES
+            + self.clock.timers * TIMER_BYTES
+            + self.agenda.waits * WAIT_BYTES
+            + self.budget.awaited
+        )
+
+    def why_no_room(self, size: int) -> str:
+        """The reason why no message, with so many bytes and constraints, is let in; "" if there is room. Counts it."""
+        held, most = self.message_bytes, self.budget.messages
+        if held + TASK_BYTES + size <= most:
+            return ""
+        self.budget.refused += 1
+        return _spent("messages and tasks", held, most, "let handlers catch up, or end tasks")
+
+    def check_room(self, size: int) -> None:
+        """Raises RequestError if there is no room for such a message."""
+        if why := self.why_no_room(size):
+            raise RequestError(Refusal.OVERLOAD, why)
+
+    def keep_out(self, what: str, body: bytes) -> bool:
+        """Whether there is no room for a task that central would send itself; what, for people, is recorded then."""
+        if why := self.why_no_room(len(body)):
+            self.facts.append(facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}"))
+        return bool(why)
+
+    def check_declared(self, size: int) -> None:
+        """Raises RequestError if no so much more can be declared, attached, claimed or waited for."""
+        held, most = self.declared_bytes, self.budget.declared
+        if held + size > most:
+            self.budget.refused += 1
+            what = "declarations, attachments, claims, waits and timers"
+            raise RequestError(Refusal.OVERLOAD, _spent(what, held, most, "end those that nobody needs"))
 
     def accept(self, connection: Connection, number: int, made: int = 0) -> None:
         """Answer that a request was done; *made* is the id that it made, or is about."""

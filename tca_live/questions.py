@@ -12,6 +12,7 @@ import click
 import msgspec
 
 from tca_live.shared import as_json, central_option, json_option, plain, talking
+from tca_live.top_frame import memory_in_words
 from tca_module.client import Client
 from tca_wire.errors import BadData
 from tca_wire.messages.formats import decode_untyped
@@ -55,8 +56,9 @@ def status(client: Client) -> tuple[Any, str]:
     shown = [
         counted(number, what.removesuffix("s")) if what.endswith("s") else f"{number:,} {what}"
         for what, number in overview.items()
-        if what not in ("epoch", "newest id", "awaited", "to be told")
+        if what not in ("epoch", "newest id", "awaited", "to be told") and (number or what != "forgotten answers")
     ]
+    shown.append(memory_in_words(load))
     parts = [f"central at {client.address}, run {overview['epoch']}", *textwrap.wrap(", ".join(shown), 100)]
     if awaited is not None:
         waits = f"waits for {printable(listed(awaited))} to come back" if awaited else "is to be told"
@@ -73,7 +75,7 @@ def status(client: Client) -> tuple[Any, str]:
         parts += [f"... and {'at least ' * _is_cut(load)}{left:,} more"] * (left > 0)
     if ends := _ends(load):
         parts += ["", *ends]
-    data = {what: load[what] for what in ("time", "totals", "looked_at", "ends")}
+    data = {what: load[what] for what in ("time", "totals", "looked_at", "ends", "memory", "overloads")}
     return {**overview, "waiting": waiting, **data}, "\n".join(parts)
 
 

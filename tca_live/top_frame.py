@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from msgspec import convert
 
-from tca_wire.text.measures import listed, numbered
+from tca_wire.text.measures import listed, numbered, size
 from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
 from tca_wire.waits import Waiter
 
@@ -85,6 +85,8 @@ class Frame(NamedTuple):
     """How many waits, held and suspended tasks there are; central does not tell all."""
     not_looked_at: int
     """How many living tasks, the newest, may be held and were not counted."""
+    memory: str
+    """What fills central's memory."""
 
     @property
     def is_cut(self) -> bool:
@@ -123,8 +125,18 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
     events = (now["events"] - before["events"]) / span
     return Frame(
         now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits, held,
-        suspended, now["totals"], now["tasks"] - now["looked_at"],
+        suspended, now["totals"], now["tasks"] - now["looked_at"], memory_in_words(now),
     )  # fmt: skip
+
+
+def memory_in_words(now: Answer) -> str:
+    """What central's memory holds, its fullest part, and how much was refused because a part was full."""
+    parts: dict[str, tuple[int, int]] = now["memory"]
+    fullest = max(parts, key=lambda part: parts[part][0] / max(parts[part][1], 1))
+    held, most = parts[fullest]
+    text = f"memory {size(sum(held for held, _ in parts.values()))}"
+    text += f", {fullest} {size(held)} of {size(most)}" if held >= most / 10 else ""
+    return text + (f", {now['overloads']:,} refused or dropped for want of it" if now["overloads"] else "")
 
 
 def _resource(module: str, now: dict[str, Any], before: dict[str, Any], span: float) -> ResourceLine:

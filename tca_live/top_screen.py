@@ -71,7 +71,7 @@ def _tables(shown: Frame) -> dict[str, "_Lines"]:
 def _heading(shown: Frame, address: str) -> Text:
     over = f"the last {shown.span:.1f} s" if shown.span < shown.time else "the whole run"
     modules, tasks = f"module{'s' * (shown.modules != 1)}", f"task{'s' * (shown.tasks != 1)}"
-    counts = f"{shown.modules} {modules}, {shown.tasks} {tasks}, {shown.events:.1f} events/s"
+    counts = f"{shown.modules} {modules}, {shown.tasks} {tasks}, {shown.events:.1f} events/s, {shown.memory}"
     return Text.assemble(
         (f"central at {address}", "bold"),
         f"  run {shown.epoch}, up {_long_time(shown.time)}\n{counts}; rates of {over}",

@@ -145,7 +145,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "events": set(),
         "model": {"errors", "events"},
         "order": {"errors", "model"},
-        "state": {"events", "model", "order"},
+        "state": {"errors", "events", "model", "order"},
         "needs": {"model", "order", "state"},
         "status": {"errors", "model", "needs", "order", "state"},
         "outgoing": {"errors", "model", "state", "needs"},

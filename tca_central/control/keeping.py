@@ -18,9 +18,6 @@ from tca_wire.vocabulary import Refusal
 MOST_KEPT = 10_000
 """Tasks that all modules together may keep, living ones too."""
 
-KEPT_BYTES = 64 << 20
-"""The limit on the records of ended tasks; the oldest go first."""
-
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
     """A module keeps a task from now on, or no longer; letting go a task that is not kept is no error."""
@@ -88,7 +85,7 @@ def keep_or_drop(central: State, task: Task) -> None:
     parent.more.kept[record.id] = record
     central.kept[record.id] = record
     central.kept_bytes += record.size
-    while central.kept_bytes > KEPT_BYTES:
+    while central.kept_bytes > central.budget.kept:  # the oldest go first
         _drop(central, next(iter(central.kept.values())))
 
 

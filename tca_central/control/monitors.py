@@ -12,8 +12,7 @@ from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, kill, raise_failure
 from tca_central.model.deliveries import Connection
 from tca_central.model.task_tree import Task, Verdict
-from tca_central.needs.texts import why_full
-from tca_central.outgoing.central_messages import data_for, make, make_delivery
+from tca_central.outgoing.central_messages import data_for, make, make_delivery, why_kept_out
 from tca_central.state import RaisedFailure, State
 from tca_central.watching.watches import Watch, end_monitor, enlist_monitor, stop_watching
 from tca_wire.journal import facts
@@ -146,10 +145,10 @@ def _test(central: State, watch: Watch) -> None:
     assert query is not None
     if task.message.is_aside:
         _test_later(central, watch)
-    if central.dispatcher.is_full(query):
+    if why := why_kept_out(central, query, data_for(query, task.body)):
         if not task.message.is_aside:  # it has no later test to wait for
             stop_watching(central, watch, "its condition could not be asked")
-            text = f"its condition '{query.name}' could not be asked: {why_full(central, query)}"
+            text = f"its condition '{query.name}' could not be asked: {why}"
             fail_task(central, task, RaisedFailure(OVERLOAD, text))
         return
     asked = make_delivery(central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch)
@@ -185,10 +184,13 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
     watch.count += 1
     if watch.count % options.fire_every:
         return
-    watch.fires += 1
     action = watch.parts[_ACTION]
     if action is not None:
-        make(central, action, data_for(action, body), watch.task, Role.ACTION, context=watch)
+        body = data_for(action, body)
+        if action.message_class.is_task and central.keep_out(f"action '{action.name}' of {watch.task}", body):
+            return
+        make(central, action, body, watch.task, Role.ACTION, context=watch)
+    watch.fires += 1
     if watch.fires == options.maximum:
         end_monitor(central, watch, f"it has sent {watch.fires} actions")
 

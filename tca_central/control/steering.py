@@ -6,6 +6,7 @@ import msgspec
 
 from tca_central.errors import RequestError
 from tca_central.failing.failures import kill, raise_failure
+from tca_central.model.budget import DELIVERY_BYTES, TIMER_BYTES, WAIT_BYTES
 from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection, MessageType
 from tca_central.model.intervals import checked_moment
@@ -22,12 +23,16 @@ from tca_wire.vocabulary import Due, Refusal, Role, Scope
 MOST_PENDING = 1000
 """Kills, deadlines and delays that may lie ahead of one task."""
 
+LONGEST_PLANNED = 200
+"""Characters of the reason of a kill that lies ahead."""
+
 MOST_FAREWELLS = 100
 """Messages that may be kept for the termination of one task."""
 
 
-def _check_pending(task: Task) -> None:
+def _check_pending(central: State, task: Task) -> None:
     """Raises RequestError if no more may lie ahead of a task."""
+    central.check_declared(TIMER_BYTES + WAIT_BYTES)
     if task.rare is not None and len(task.rare.pending) >= MOST_PENDING:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already")
 
@@ -94,7 +99,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         central.ignore(connection, header.number, f"task {header.task} has ended: it can't be killed")
         return
     pending = PendingKill(
-        task, header.scope, header.delay, Verdict(shortened(header.why), connection.module.name, central.origin)
+        task, header.scope, header.delay, Verdict(_why(header), connection.module.name, central.origin)
     )
     at = central.tree.task(header.after.task) if header.after is not None else None
     if header.after is not None and at is not None and not at.reached & checked_moment(header.after):
@@ -108,8 +113,13 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     central.accept(connection, header.number, header.task)
 
 
+def _why(header: headers.Kill) -> str:
+    """Who has to wait for it says it briefly: nobody counts the bytes of what is planned."""
+    return shortened(header.why, LONGEST_PLANNED) if header.delay or header.after else shortened(header.why)
+
+
 def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
-    _check_pending(kill.task)
+    _check_pending(central, kill.task)
     task, (why, by, *_) = TaskId(kill.task.id), kill.verdict
     central.facts.append(facts.KillPlanned(task, kill.scope, after, kill.delay, why, by))
 
@@ -150,7 +160,7 @@ def on_deadline(central: State, connection: Connection, header: headers.Deadline
     if task is None:
         return
     if not task.reached & moment:
-        _check_pending(task)
+        _check_pending(central, task)
         set_deadline(central, task, moment, header.seconds)
     central.accept(connection, header.number, header.point.task)
 
@@ -192,4 +202,5 @@ def keep_for_termination(central: State, task: Task, message: MessageType, body:
     if len(task.more.farewells) >= MOST_FAREWELLS:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_FAREWELLS} messages wait for the termination of {task} already")
     task.more.farewells.append((message, body))
+    central.tree.grow(task, DELIVERY_BYTES + len(body))
     central.facts.append(facts.SendPlanned(TaskId(task.id), message.name, body))

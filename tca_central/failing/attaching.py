@@ -1,6 +1,7 @@
 """Exception handlers are attached: to a task, to all tasks of a message or to the root; and taken away again."""
 
 from tca_central.errors import RequestError, check_name
+from tca_central.model.budget import ATTACHED_BYTES
 from tca_central.model.deliveries import AttachedHandler, Connection, MessageType, Module
 from tca_central.model.task_tree import Task
 from tca_central.state import State
@@ -56,6 +57,8 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: Mo
     before = next((one for one in others if (one.failure, one.handler.name, one.by) == same), None)
     if before is not None:
         _remove(central, before, by.called)
+    else:
+        central.check_declared(ATTACHED_BYTES)
     if len(others) >= MOST_ATTACHED:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
     handler = central.registry.messages[wanted.handler]

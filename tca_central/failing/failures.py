@@ -51,6 +51,7 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
     """A module raises a failure on a task that another one handles."""
     task = central.living(connection, header.number, header.task, "no failure can be raised on it")
     if task is not None:
+        central.check_room(len(body))
         raise_failure(central, task, failure_of(header, body), connection.module.name)
         central.accept(connection, header.number, header.task)
 
@@ -104,7 +105,7 @@ def _call_handler(
     central: State, task: Task, failure: RaisedFailure, below: FailureContext | None = None, *, is_beside: bool
 ) -> Task | None:
     """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
-    task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
+    central.tree.set_failure(task, (failure.name, failure.text, failure.body))
     around = next(task.recoveries(), None)
     passed = around.context.passed if around is not None else below.passed if below is not None else {}
     trouble = _find(central, task, failure, below, passed)
@@ -212,7 +213,7 @@ def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: 
     is_of_its_handler = any(one.parent is top for one in exceptions)
     if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
-        top.failure, top.is_dealt_with = (failure.name, text, failure.body), False
+        central.tree.set_failure(top, (failure.name, text, failure.body))
     kill(central, top, verdict)
     for exception in reversed(exceptions):  # they survive what kills others, but not that they fail themselves
         kill(central, exception, verdict)
@@ -344,11 +345,14 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         return
     asking = _asking_handler(central, task)
     _check_order(central, task, asking)
+    if header.new_data:
+        central.check_room(len(body))
     if task.rare is not None and task.rare.watch is not None:
         stop_watching(central, task.rare.watch, "it is retried")
     if header.new_data:
+        central.tree.grow(task, len(body) - len(task.body))
         task.body = body
-    task.failure = None
+    central.tree.set_failure(task, None)
     by = connection.module.name
     central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b"", by))
     if task.reached & START_HANDLING:

@@ -27,9 +27,10 @@ from tca_central.image.shapes import (
     record,
     tuples,
 )
+from tca_central.model.answers import KeptAnswers
+from tca_central.model.budget import Budget
 from tca_central.model.clock import Clock, Timer
 from tca_central.model.deliveries import (
-    REMEMBERED_ANSWERS,
     AttachedHandler,
     Blocking,
     Connection,
@@ -76,24 +77,26 @@ _RESOURCE = (
 
 OBJECTS: dict[type, str] = {
     Central: (
-        "agenda attached blocked claimed_for claims clock collectors dispatcher epoch events facts failed "
-        "forgotten hold is_disk_low keep_count kept kept_bytes look_after lost may_have_closed messages next_look "
-        "origin outcome_bytes outcomes registry scan suspects taps tree untold variables watch_of_condition "
+        "agenda answers attached blocked budget claimed_for claims clock collectors dispatcher epoch events facts "
+        "failed forgotten hold is_disk_low keep_count kept kept_bytes look_after lost may_have_closed messages "
+        "next_look origin outcome_bytes outcomes registry scan suspects taps tree untold variables watch_of_condition "
         "watches"
     ),
     # model
     AttachedHandler: "by failure handler holders id maximum place",
+    Budget: "answers awaited collected declared kept messages outcomes refused total unread variables",
     Claim: "admits_owner arrival holder id number owner priority resource since slot ticket timer",
     Clock: "_asked _cancelled _queue now",
     Connection: (
-        "answers begins entrance handling id known_until last_number late licence lost_claims module number orphans "
-        "outstanding pauses prefetch principal pulse repeats_until resource rights routes session tasks untold waits "
-        "watchers watches"
+        "answer_bytes answers begins entrance handling id known_until last_number late licence lost_claims module "
+        "number orphans outstanding pauses prefetch principal pulse repeats_until resource rights routes session tasks "
+        "untold waits watchers watches"
     ),
     Delivery: _DELIVERY,
     Guard: "above age task",
     Guards: "_root age",
     Handler: "direct message module pending pool resource",
+    KeptAnswers: "_kept bytes forgotten most",
     KeptTask: "body id kept kept_by message outcome parent role",
     MessageType: (
         "attached awaited_by candidates declarers delivered dropped failed fans_out first_declared_by format handlers "
@@ -109,25 +112,27 @@ OBJECTS: dict[type, str] = {
         "attached attempts ended_followers farewells fired guests invocations is_guest is_tapped is_void kept kept_by "
         "listeners pending recovering retry_askers retry_targets sequence taps watch"
     ),
-    Registry: "_names connections lost messages modules permissions",
+    Registry: "_names bytes connections dropped look_after lost messages modules permissions",
     Task: (
-        f"{_DELIVERY} children delayed failure followers guard held ignores_parent is_dealt_with is_goal is_watcher "
-        "killed last_child leaders parent rare reached recovery requested result retrying returned survives suspended "
-        "top unplanned waiters watchers"
+        f"{_DELIVERY} "
+        "children delayed failure followers guard held ignores_parent is_dealt_with is_goal is_watcher killed "
+        "last_child leaders parent rare reached recovery requested result retrying returned size survives "
+        "suspended top unplanned waiters watchers"
     ),
-    TaskTree: "across guards last_of_module never_began newest root suspended tasks top_of_module",
+    TaskTree: "across bytes guards last_of_module never_began newest root suspended tasks top_of_module",
     Timer: "due is_cancelled subject time",
     Variables: "bytes values",
     Wiretap: "at before condition has_fired holders id listener place watch",
     # order
     Agenda: (
-        "_facts ended ended_waits holds look_at only_watched resumed startable tap_events taps_to_fire tree withdrawn"
+        "_facts ended ended_waits holds look_at only_watched resumed startable tap_events taps_to_fire tree waits "
+        "withdrawn"
     ),
     Dispatcher: (
-        "_arrivals _clock _facts _out _suspects changed displaced granted is_holding messages_ahead running stranded "
-        "to_offer"
+        "_arrivals _clock _facts _out _suspects bytes changed displaced granted handlers is_holding messages_ahead "
+        "running stranded to_offer"
     ),
-    Holds: "_clock _facts ending tree",
+    Holds: "_clock _facts edges ending tree",
     MessagesAhead: "_clock _out trusts_all",
     PendingDelay: "constraint moment task",
     # what is waited for, or about to happen
@@ -171,9 +176,6 @@ OBJECT_SHAPES: dict[object, ObjectShape] = {
     **{kind: record(kind, tuple(fields.split()), DERIVED.get(kind, ())) for kind, fields in OBJECTS.items()},
     list: listed("list", list, list.extend),
     (deque, None): listed("deque", deque, deque.extend),
-    (deque, REMEMBERED_ANSWERS): listed(
-        f"deque of {REMEMBERED_ANSWERS}", lambda: deque[Any](maxlen=REMEMBERED_ANSWERS), deque.extend
-    ),
     set: names(),
     dict: mapping(dict),
     OrderedDict: mapping(OrderedDict),

@@ -7,6 +7,7 @@ the end of the task, which may need them.
 """
 
 from tca_central.errors import RequestError
+from tca_central.model.budget import CLAIM_BYTES
 from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection, Delivery, LostClaim, Module, ModuleResource
 from tca_central.model.resources import Claim
@@ -34,6 +35,7 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
     claim = Claim(resource, connection, connection.module, admits_owner=header.reserve)
     claim.holder = _checked_holder(central, connection, header.origin)
     _check(resource, claim)
+    central.check_declared(CLAIM_BYTES)
     claim.id, claim.number, claim.priority = central.new_id(), header.number, header.priority
     central.claims[connection, header.number] = claim
     connection.outstanding[header.number] = claim

@@ -49,6 +49,11 @@ class Clock:
             self._cancelled = 0
 
     @property
+    def timers(self) -> int:
+        """Number of timers that are kept, cancelled ones too."""
+        return len(self._queue)
+
+    @property
     def next(self) -> float | None:
         """The time at which something is due next."""
         while self._queue and self._queue[0][2].is_cancelled:

@@ -10,15 +10,11 @@ from tca_central.events import ConnectionId
 from tca_central.model.resources import PendingLimit, Resource
 from tca_central.model.rights import Rights
 from tca_wire.messages.notices import NOTICES
-from tca_wire.packets.headers import ToModule
 from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
 from tca_wire.rules import rules_of
 from tca_wire.vocabulary import Condition, Role
-
-REMEMBERED_ANSWERS = 64
-"""Answers kept per connection for a request that is repeated after a reconnect."""
 
 REMEMBERED_TASKS = 128
 """Tasks kept per connection that it may name by the requests that sent them."""
@@ -58,10 +54,10 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "begins", "entrance", "handling", "id", "known_until", "last_number", "late", "licence",
-                 "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch", "principal",
-                 "pulse", "repeats_until", "resource", "rights", "routes", "session", "tasks", "untold", "waits",
-                 "watchers", "watches")  # fmt: skip
+    __slots__ = ("answer_bytes", "answers", "begins", "entrance", "handling", "id", "known_until", "last_number",
+                 "late", "licence", "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch",
+                 "principal", "pulse", "repeats_until", "resource", "rights", "routes", "session", "tasks", "untold",
+                 "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
@@ -74,7 +70,8 @@ class Connection:
         self.resource: ModuleResource | None = None
         self.prefetch = 0  #: number of messages that it takes ahead, before it is free
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
-        self.answers: deque[tuple[int, ToModule, bytes]] = deque(maxlen=REMEMBERED_ANSWERS)  #: the newest, by number
+        self.answers: deque[int] = deque()  #: requests whose answers are kept, oldest first: see model/answers.py
+        self.answer_bytes = 0  #: that these hold
         self.tasks: dict[int, TaskId] = {}  #: the newest that it has sent, by request, oldest first
         self.untold: list[tuple[int, TaskId]] = []  #: those of which it is to be told, with their requests
         self.last_number = 0  #: the highest request number seen
@@ -101,10 +98,6 @@ class Connection:
     def then(self, now: float, ago: float) -> float:
         """Central's time when something was, so long ago by the clock of this connection."""
         return min(now, max(self.known_until, now - ago))
-
-    def answer(self, number: int) -> tuple[ToModule | None, bytes]:
-        """The answer that a request had lately, which is repeated; None if it is not known."""
-        return next(((header, body) for its, header, body in reversed(self.answers) if its == number), (None, b""))
 
     def remember_task(self, number: int, task: TaskId) -> None:
         """Keep the task that a request has sent: others may name it so."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
+from tca_central.model.budget import RESOURCE_BYTES, TYPE_BYTES
 from tca_central.model.deliveries import Connection, MessageType, Module, ModuleResource
 from tca_central.model.rights import Permissions
 from tca_wire.messages.formats import first_difference
@@ -17,10 +18,7 @@ REMEMBERED_CONNECTIONS = 256
 """Connections that were lost lately, and may come back."""
 
 MESSAGES = 10_000
-"""Names of messages that may be declared."""
-
-VARIABLE_BYTES = 64 << 20
-"""The limit on the values of all variables together. Their number is bounded by that of the messages."""
+"""Names of messages that may be known at a time."""
 
 
 class Registry:
@@ -32,6 +30,9 @@ class Registry:
         self.messages: dict[str, MessageType] = {}
         self.lost: dict[str, Connection] = {}  #: lately lost, by session: they may come back and repeat requests
         self.permissions = Permissions()
+        self.bytes = 0  #: that declared messages and resources hold
+        self.dropped = 0  #: number of messages dropped of those that are forgotten
+        self.look_after = 0  #: the event from which on messages are looked for that can be forgotten
         self._names: set[str] = set()
 
     def module(self, name: str, incarnation: str, process: str, principal: str) -> tuple[Module, bool]:
@@ -49,6 +50,7 @@ class Registry:
         """A module's resource, made when first named. A lock of it in one copy of a program holds in all."""
         if name not in module.resources:
             module.resources[name] = made = ModuleResource(module.name, name)
+            self.bytes += RESOURCE_BYTES
             copies = (one for one in self.modules.values() if one.called == module.called and one is not module)
             if (other := next((one.resources[name] for one in copies if name in one.resources), None)) is not None:
                 made.join_copies(other)
@@ -58,17 +60,25 @@ class Registry:
         """The programs of which a run is there that has attached what it attaches at its start."""
         return {module.called for module in self.modules.values() if module.is_ready}
 
-    def forget_connection(self, connection: Connection) -> None:
-        """Remove a connection; its requests and answers are kept for a while."""
+    def forget_connection(self, connection: Connection) -> Connection | None:
+        """Remove a connection; its requests and answers are kept for a while; of the one returned no longer."""
         del self.connections[connection.id]
         del connection.module.connections[connection.session]
         self.lost[connection.session] = connection
-        if len(self.lost) > REMEMBERED_CONNECTIONS:
-            del self.lost[next(iter(self.lost))]
+        if len(self.lost) <= REMEMBERED_CONNECTIONS:
+            return None
+        return self.lost.pop(next(iter(self.lost)))
+
+    def forget_message(self, message: MessageType) -> None:
+        """Forget a declared message that nobody needs."""
+        del self.messages[message.name]
+        self.bytes -= type_size(message.format)
+        self.dropped += message.dropped
 
     def forget_module(self, module: Module) -> None:
         """Forget a module. The messages that it declared stay, for tasks may still wait for them."""
         del self.modules[module.incarnation]
+        self.bytes -= RESOURCE_BYTES * len(module.resources)
         self._names.discard(module.name)
         for message in self.messages.values():
             message.declarers.pop(module.incarnation, None)
@@ -77,9 +87,6 @@ class Registry:
         """Raises RequestError if others know a message of that name with another format or class."""
         known = self.messages.get(declared.name)
         check_name("message", declared.name)
-        if known is None and len(self.messages) >= MESSAGES:
-            text = f"{MESSAGES} messages have been declared: '{declared.name}' is too many"
-            raise RequestError(Refusal.OVERLOAD, text)
         if declared.name.startswith(PREFIX):
             _check_notice(declared, module)
         if known is None or known.format == declared:
@@ -94,10 +101,17 @@ class Registry:
         is_new = message is None or not (message.declarers or message.format == declared)
         if message is None:
             self.messages[declared.name] = message = MessageType(declared, module.name)
+            self.bytes += type_size(declared)
         elif is_new:
+            self.bytes += type_size(declared) - type_size(message.format)
             message.redefine(declared, module.name)
         message.declarers[module.incarnation] = None
         return message, is_new
+
+
+def type_size(declared: MessageFormat) -> int:
+    """Bytes that a declared message holds."""
+    return TYPE_BYTES + len(declared.name) + len(declared.data) + len(declared.reply) + sum(map(len, declared.parts))
 
 
 def _check_notice(declared: MessageFormat, module: Module) -> None:
@@ -139,12 +153,12 @@ class Variables:
         self.values: dict[str, Value] = {}
         self.bytes = 0  #: size of all values
 
-    def check_room(self, name: str, body: bytes) -> None:
+    def check_room(self, name: str, body: bytes, most: int) -> None:
         """Raises RequestError if this value would be too much."""
         known = self.values.get(name)
         size = self.bytes + len(body) - (len(known.body) if known else 0)
-        if size > VARIABLE_BYTES:
-            text = f"with {len(body)} bytes in '{name}' all variables would hold {size}: {VARIABLE_BYTES} are allowed"
+        if size > most:
+            text = f"with {len(body)} bytes in '{name}' all variables would hold {size}: {most} are allowed"
             raise RequestError(Refusal.OVERLOAD, text)
 
     def put(self, name: str, value: Value) -> None:

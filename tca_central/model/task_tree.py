@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
+from tca_central.model.budget import TASK_BYTES
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.guards import Guard, Guards
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, STARTS, TaskId
@@ -72,7 +73,7 @@ class Task(Delivery):
     __slots__ = ("children", "delayed", "failure", "followers", "guard", "held", "ignores_parent",
                  "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
                  "leaders", "parent", "rare", "reached", "recovery", "requested", "result", "retrying",
-                 "returned", "survives", "suspended", "top", "unplanned", "waiters", "watchers")  # fmt: skip
+                 "returned", "size", "survives", "suspended", "top", "unplanned", "waiters", "watchers")  # fmt: skip
 
     id: TaskId
 
@@ -105,6 +106,7 @@ class Task(Delivery):
         self.result = b""  #: its handler's result
         self.waiters: dict[Any, int] | None = None  #: waits for it -> the moment of each; oldest first
         self.rare: Rare | None = None
+        self.size = TASK_BYTES + len(body)  #: bytes that it counts for in the budget
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message.name}'"
@@ -214,6 +216,7 @@ class TaskTree:
         self.root.reached = STARTS
         self.guards = Guards(self.root)
         self.tasks: dict[int, Task] = {}
+        self.bytes = 0  #: that all tasks hold
         self.suspended: dict[int, tuple[float, str, bool]] = {}
         """The tasks that were suspended themselves, oldest first: since when, by whom, and whether from birth on."""
         self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
@@ -237,6 +240,7 @@ class TaskTree:
     def attach(self, task: Task, parent: Task) -> None:
         """Hang a new task under its parent."""
         task.parent = parent
+        self.bytes += task.size
         if parent.children is None:
             parent.children = {}
         parent.children[task.id] = self.tasks[task.id] = task
@@ -264,9 +268,21 @@ class TaskTree:
             if parent.rare is not None and parent.rare.sequence is not None:
                 parent.rare.sequence[task.id] = task
 
+    def grow(self, task: Task, size: int) -> None:
+        """A task holds so much more, or less."""
+        task.size += size
+        if task.id in self.tasks:
+            self.bytes += size
+
+    def set_failure(self, task: Task, failure: tuple[str, str, bytes] | None) -> None:
+        """The failure that was raised on a task last; nobody has dealt with it."""
+        self.grow(task, failure_size(failure) - failure_size(task.failure))
+        task.failure, task.is_dealt_with = failure, False
+
     def detach(self, task: Task) -> None:
         """Take an ended task out."""
         del self.tasks[task.id]
+        self.bytes -= task.size
         task.guard = None  # which may refer to the task
         if self.suspended:
             self.suspended.pop(task.id, None)
@@ -313,6 +329,11 @@ class TaskTree:
             yield node
             if node.children:
                 stack.extend(one for one in reversed(node.children.values()) if not (doomed and one.survives))
+
+
+def failure_size(failure: tuple[str, str, bytes] | None) -> int:
+    """Bytes that a failure holds."""
+    return 0 if failure is None else len(failure[1]) + len(failure[2])
 
 
 def taps_of(delivery: Delivery) -> list[Wiretap]:

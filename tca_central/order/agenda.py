@@ -42,6 +42,7 @@ class Agenda:
         self.startable: deque[Task] = deque()  #: may be given to a handler
         self.withdrawn: deque[Task] = deque()  #: may not any more: take them out of their queues
         self.ended: deque[Task] = deque()  #: have reached their last moment
+        self.waits = 0  #: number of entries in all lists of waiters
         self.ended_waits: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
         self.taps_to_fire: deque[tuple[Task, list[Wiretap]]] = deque()  #: wiretaps to be fired before a task goes on
         self.tap_events: deque[tuple[Delivery, int]] = deque()  #: events of messages that wiretaps may be at
@@ -207,12 +208,14 @@ class Agenda:
         """Put *waiter* into ``ended_waits`` when the task reaches that moment."""
         if task.waiters is None:
             task.waiters = {}
+        if waiter not in task.waiters:
+            self.waits += 1
         task.waiters[waiter] = moment
 
     def stop_waiting(self, task: Task, waiter: Any) -> None:
         """Forget a wait that nobody needs any more."""
-        if task.waiters is not None:
-            task.waiters.pop(waiter, None)
+        if task.waiters is not None and task.waiters.pop(waiter, None) is not None:
+            self.waits -= 1
 
     def settle(self) -> None:
         """Reach all that can be reached."""
@@ -297,6 +300,7 @@ class Agenda:
             for waiter in [waiter for waiter, moment in task.waiters.items() if moment & moments]:
                 self.ended_waits.append((task, waiter))
                 del task.waiters[waiter]
+                self.waits -= 1
         if task.followers:
             self.look_at.extend(self.holds.release_followers(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):

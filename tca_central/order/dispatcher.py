@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
+from tca_central.model.budget import DELIVERY_BYTES
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
@@ -35,6 +36,8 @@ class Dispatcher:
         self._arrivals = 0
         self.is_holding = False  #: no task starts
         self.running: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
+        self.bytes = 0  #: held by what waits or is handled, and is no task
+        self.handlers = 0  #: number of all
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
         """Resources that may let in somebody, each with the slot whose handler has returned, if one has."""
@@ -68,6 +71,8 @@ class Dispatcher:
 
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         delivery.queues = resources
+        if not delivery.is_task:
+            self.bytes += DELIVERY_BYTES + len(delivery.body)
         delivery.since = self._clock.now
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
@@ -126,6 +131,8 @@ class Dispatcher:
     def _give(self, delivery: Delivery, slot: Connection, *, is_there: bool = False) -> None:
         delivery.slot = slot
         self.running[delivery.given_as] = delivery
+        if not delivery.is_task:
+            self.bytes += DELIVERY_BYTES + len(delivery.body)
         self._out.deliver(delivery, slot, is_there=is_there)
 
     def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
@@ -133,6 +140,8 @@ class Dispatcher:
         is given on last, for what follows may kill or hold the next.
         """
         del self.running[delivery.given_as]
+        if not delivery.is_task:
+            self.bytes -= DELIVERY_BYTES + len(delivery.body)
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
         del slot.handling[delivery]
@@ -270,6 +279,8 @@ class Dispatcher:
         for resource in delivery.queues or ():
             if resource.claims:
                 self.to_offer.append((resource, None))
+        if not delivery.is_task:
+            self.bytes -= DELIVERY_BYTES + len(delivery.body)
         delivery.withdraw()
 
     @staticmethod
@@ -307,6 +318,8 @@ class Dispatcher:
         orphans, slot.handling = list(slot.handling), {}
         for delivery in orphans:
             del self.running[delivery.given_as]
+            if not delivery.is_task:
+                self.bytes -= DELIVERY_BYTES + len(delivery.body)
             if slot.resource is not None and not delivery.nested:
                 slot.resource.busy += self._clock.now - delivery.since
             delivery.slot, delivery.nested = None, False
@@ -327,6 +340,7 @@ class Dispatcher:
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
         message.add_handler(handler)
+        self.handlers += 1
         if handler.resource.capacity:
             self._serve(message, +1)
         if handler.pending:
@@ -343,6 +357,7 @@ class Dispatcher:
         self.messages_ahead.recall(handler.resource)
         queued = self._take_queued(message, handler.resource)
         message.remove_handler(handler)
+        self.handlers -= 1
         if handler.resource.capacity:
             self._serve(message, -1)
         handler.resource.limits.pop(message.name, None)

@@ -71,6 +71,7 @@ class Holds:
         self.tree = tree
         self._facts = facts
         self._clock = clock
+        self.edges = 0  #: number of entries in all lists of followers
         self.ending: set[Task] = set()  #: killed tasks that end as soon as they are looked at
 
     # --- putting in force ------------------------------------------------------------------------------------------
@@ -129,6 +130,7 @@ class Holds:
         if leader.followers is None:
             leader.followers = []
         leader.followers.append((its_moment, task, moment, delay))
+        self.edges += 1
         if leader.parent is not task.parent:
             self.tree.across[leader] = None
         if task.leaders is None:
@@ -187,6 +189,7 @@ class Holds:
             assert before.task.followers is not None
             assert after.task.leaders is not None
             before.task.followers.pop()
+            self.edges -= 1
             after.task.leaders.pop()
             after.task.held -= 1 << _SHIFT[after.moment]
 
@@ -209,8 +212,12 @@ class Holds:
             if not follower.held:
                 follower.leaders = None
             freed.append(follower)
-        task.followers = [follower for follower in task.followers if not follower[0] & moments] or None
+        self._keep_followers(task, [follower for follower in task.followers if not follower[0] & moments])
         return freed
+
+    def _keep_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
+        self.edges -= len(leader.followers or ()) - len(left)
+        leader.followers = left or None
 
     def _has_delay_left(self, task: Task, at: int, follower: Task, its_moment: int, delay: float) -> bool:
         """Whether a follower is held for the delay, too; after a point that never came it is void."""
@@ -241,7 +248,7 @@ class Holds:
             rare = leader.more
             rare.ended_followers += 1
             if rare.ended_followers > len(leader.followers) // 2 + VOID_ENTRIES:
-                leader.followers = [one for one in leader.followers if one[1].reached != ALL_MOMENTS] or None
+                self._keep_followers(leader, [one for one in leader.followers if one[1].reached != ALL_MOMENTS])
                 rare.ended_followers = 0
         task.leaders = None
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection
 from tca_central.outgoing.central_messages import broadcast_notice
-from tca_central.state import PresenceWait, State
+from tca_central.state import PresenceWait, State, presence_size
 from tca_wire.messages.notices import HANDLERS_CHANGED, HandlerCount
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
@@ -30,7 +30,9 @@ def on_wait_until_handled(central: State, connection: Connection, header: header
         if name not in known:
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{name}': register it first")
     messages = [known[name] for name in dict.fromkeys(header.messages)]
+    central.check_declared(presence_size(messages))
     wait = PresenceWait(connection, header.number, messages, header.promised)
+    central.budget.awaited += wait.size
     connection.outstanding[header.number] = wait
     if wait.missing and wait.promised:
         _warn_of_circle(central, wait)
@@ -72,6 +74,7 @@ def _held_by(
 def _answer_if_over(central: State, wait: PresenceWait) -> None:
     if not wait.missing:
         wait.end()
+        central.budget.awaited -= wait.size
         del wait.connection.outstanding[wait.number]
         central.send(wait.connection, wait.number, Answer(wait.number))
 

@@ -37,16 +37,25 @@ def route_statement(central: State, original: Delivery) -> None:
     for_each = copies(central, original) if message.fans_out else [(original, None)]
     for delivery, target in for_each:
         targets = () if target is None else (target,)
-        if central.dispatcher.is_full(message, *targets):
-            lose(central, delivery, why_full(central, message, *targets), Dropping.OVERLOAD)
+        if why := why_kept_out(central, message, delivery.body, *targets):
+            lose(central, delivery, why, Dropping.OVERLOAD)
         else:
             central.dispatcher.route(delivery, *targets)
     if not for_each:
         central.facts.append(dropped_fact(original, "nobody listens"))
 
 
-def why_nobody_has_room(central: State, message: MessageType) -> str:
+def why_kept_out(central: State, message: MessageType, body: bytes, *targets: ModuleResource) -> str:
+    """The reason why no more messages of a type (for *targets* only) are let in; "" if there is room."""
+    if central.dispatcher.is_full(message, *targets):
+        return why_full(central, message, *targets)
+    return central.why_no_room(len(body))
+
+
+def why_nobody_has_room(central: State, message: MessageType, body: bytes) -> str:
     """The reason why an inform, or a broadcast at all who handle it, would be dropped; "" if somebody has room."""
+    if (message.handlers or not message.fans_out) and (why := central.why_no_room(len(body))):
+        return why
     is_full = central.dispatcher.is_full
     if not message.fans_out:
         return why_full(central, message) if is_full(message) else ""

@@ -6,11 +6,14 @@ from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
 from tca_central.locks import claims
+from tca_central.model.budget import HANDLER_BYTES, RESOURCE_BYTES
 from tca_central.model.deliveries import Connection, Delivery, Handler, Module
+from tca_central.model.registry import type_size
 from tca_central.model.rights import OWNER, Rights, rights_of
 from tca_central.model.task_tree import Task, to_be_fired
 from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import broadcast_notice
+from tca_central.requests.forgetting import make_room
 from tca_central.requests.replying import fail_delivery
 from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
 from tca_central.requests.waiting import give_up
@@ -121,7 +124,8 @@ def _rights(central: State, header: headers.Hello, principal: str) -> Rights | N
 def _join(central: State, connection: Connection, resource_name: str) -> None:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
-        connection.answers, connection.last_number = before.answers, before.last_number
+        central.answers.hand_on(before, connection)
+        connection.last_number = before.last_number
         connection.tasks = before.tasks
         connection.orphans, connection.late, connection.lost_claims = before.orphans, before.late, before.lost_claims
     module.connections[connection.session] = connection
@@ -152,7 +156,9 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     central.untold.pop(connection, None)
     is_uncertain = connection in central.hold.awaited
     central.hold.awaited.pop(connection, None)
-    central.registry.forget_connection(connection)
+    forgotten = central.registry.forget_connection(connection)
+    for one in (forgotten, None if lost else connection):
+        central.answers.forget_all(one)
     direct_routes.forget_sender(connection)
     for number in list(connection.outstanding):
         give_up(central, connection, number)
@@ -256,6 +262,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
             raise RequestError(Refusal.PROTOCOL, text)
         known = new.get(handled.message) or registry.messages[handled.message].message_class
         direct_routes.check_handler(handled, known)
+    _make_room(central, header)
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
         if is_new:
@@ -268,6 +275,18 @@ def on_register(central: State, connection: Connection, header: headers.Register
         _add_handler(central, module, handled)
     module.is_ready |= header.is_ready
     central.accept(connection, header.number)
+
+
+def _make_room(central: State, header: headers.Register) -> None:
+    """Raises RequestError if no so much can be declared."""
+    names = [declared.name for declared in header.messages]
+    new = [name for name in dict.fromkeys(names) if name not in central.registry.messages]
+    handled = [handled.message for handled in header.handlers]
+    if not (new or handled):
+        return
+    parts = [part for declared in header.messages for part in declared.parts]
+    size = sum(map(type_size, header.messages)) if new else 0
+    make_room(central, new, size + (HANDLER_BYTES + RESOURCE_BYTES) * len(handled), [*names, *handled, *parts])
 
 
 def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None:

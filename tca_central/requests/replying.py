@@ -22,6 +22,9 @@ from tca_wire.vocabulary import Dropping, Limit, Outcome, Refusal, Role
 _LONGEST = 200
 """Characters that are told of the text of each failure of a multi-query."""
 
+_SMALL = 1000
+"""Bytes that a handler may always return, whatever is full."""
+
 NIL = b"\xc0"  # None as MessagePack
 
 
@@ -73,6 +76,9 @@ def _return(
     if refused.delivery == number and refused.number > refusals:
         on_fail(central, connection, headers.Fail(number, HANDLER_ERROR, refused.text), b"")
         return
+    if why := _why_not_kept(central, delivery, body):
+        on_fail(central, connection, headers.Fail(number, OVERLOAD, f"its result is not taken: {why}"), b"")
+        return
     ended = max(delivery.since, connection.then(now, ago)) if ago else now
     central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body, ended if ended < now else 0.0))
     central.dispatcher.complete(delivery, ended, took)
@@ -88,11 +94,18 @@ def _return(
         end_claims_of(central, delivery, "it was killed")
         central.agenda.mark_returned(delivery)
     else:
-        delivery.result = b"" if body == NIL else body
+        result = b"" if body == NIL else body
+        central.tree.grow(delivery, len(result) - len(delivery.result))
+        delivery.result = result
         central.agenda.mark_returned(delivery)
         suspect_kept_claims(central, delivery)
         warn_of_losses(central, connection, delivery)
     pop_losses(connection, delivery)
+
+
+def _why_not_kept(central: State, delivery: Delivery, body: bytes) -> str:
+    """The reason why there is no room for what a task's handler has returned; "" if there is."""
+    return central.why_no_room(len(body)) if len(body) > _SMALL and isinstance(delivery, Task) else ""
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
@@ -104,6 +117,9 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     if header.reissue and not is_exception:
         text = f"message {delivery.message_id} handles no failure, so there is none to be reissued"
         raise RequestError(Refusal.PROTOCOL, text)
+    if why := _why_not_kept(central, delivery, body):
+        text = f"the data of failure '{header.failure}' are not taken: {why}\n{header.text}"
+        header, body = headers.Fail(header.delivery, OVERLOAD, text, reissue=header.reissue), b""
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
     central.facts.append(facts.Returned(delivery.given_as, outcome, body))
     central.dispatcher.complete(delivery, central.clock.now)
@@ -165,6 +181,7 @@ def _answer_query(central: State, delivery: Delivery, answer: Answer, body: byte
 def _collect(central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:
     del collector.pending[delivery.id]
     module = collector.module_of.pop(delivery.id)
+    central.budget.collected -= collector.size
     if answer.outcome is Outcome.DONE and collector.wanted:
         collector.wanted -= 1
         collector.answered += 1
@@ -174,7 +191,9 @@ def _collect(central: State, collector: Collector, delivery: Delivery, answer: A
         text = answer.text.partition("\n")[0][:_LONGEST]
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         if collector.end is None:  # until somebody replies it ends with the first failure
-            collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), body
+            kept = body if len(body) <= _SMALL or not central.why_no_room(len(body)) else b""
+            collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), kept
+    central.budget.collected += collector.size
     end_if_complete(central, collector)
 
 
@@ -183,6 +202,7 @@ def end_if_complete(central: State, collector: Collector) -> None:
     is_complete = not collector.wanted or not collector.pending
     if is_complete and collector.connection.outstanding.pop(collector.number, None) is not None:
         central.facts.append(facts.Answered(collector.id))
+        central.budget.collected -= collector.size
         answer, body = Answer(collector.number), b""
         if collector.end is not None and collector.end[0].outcome is not Outcome.DONE:
             answer, body = end_of_multi_query(central, collector, collector.number)

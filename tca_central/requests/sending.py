@@ -6,6 +6,7 @@ from tca_central.control.keeping import check_room, keep
 from tca_central.control.steering import check_farewell, keep_for_termination, set_deadline
 from tca_central.errors import RequestError
 from tca_central.failing.attaching import attach, check_attachments
+from tca_central.model.budget import ATTACHED_BYTES, EDGE_BYTES, TIMER_BYTES
 from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Refusals
 from tca_central.model.task_tree import Task
@@ -79,7 +80,7 @@ def _make(central: State, connection: Connection, header: Send, message: Message
 
 
 def _route_statement(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
-    if header.number and (why := why_nobody_has_room(central, message)):
+    if header.number and (why := why_nobody_has_room(central, message, body)):
         raise RequestError(Refusal.OVERLOAD, f"{why}: try later")
     delivery = _make(central, connection, header, message, body)
     route_statement(central, delivery)
@@ -90,6 +91,7 @@ def _route_statement(central: State, connection: Connection, header: Send, messa
 def _route_query(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
     if central.dispatcher.is_full(message):
         raise RequestError(Refusal.OVERLOAD, f"{why_full(central, message)}: try later")
+    central.check_room(len(body))
     delivery = _make(central, connection, header, message, body)
     delivery.number = header.number
     connection.outstanding[header.number] = delivery
@@ -99,6 +101,7 @@ def _route_query(central: State, connection: Connection, header: Send, message: 
 
 
 def _route_multi_query(central: State, connection: Connection, header: Send, message: MessageType, body: bytes) -> None:
+    central.check_room(len(body) * len(message.handlers))
     original = _make(central, connection, header, message, body)
     for_each = copies(central, original)
     wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
@@ -125,6 +128,7 @@ def _route_task(central: State, connection: Connection, header: Send, message: M
     if parent is None:
         text = f"task {header.parent} has ended: nothing can be added under it"
         raise RequestError(Refusal.TOO_LATE, text)
+    central.check_room(len(body) + EDGE_BYTES * len(header.constraints))
     if header.when_killed:
         keep_for_termination(central, parent, message, body)
         central.accept(connection, header.number)
@@ -160,6 +164,8 @@ def _check_extras(central: State, header: Send) -> None:
     _check_number(header.constraints)
     check_attachments(central, header.attachments)
     checked_seconds(header.deadline, f"a deadline of '{header.message}'")
+    timers = 1 + sum(one.delay > 0 for one in header.constraints)
+    central.check_declared(TIMER_BYTES * timers + ATTACHED_BYTES * len(header.attachments))
     if header.keep:
         check_room(central)
 
@@ -225,6 +231,8 @@ def _check_number(constraints: list[Constraint]) -> None:
 def on_constrain(central: State, connection: Connection, header: headers.Constrain, _: bytes) -> None:
     """A module adds constraints between tasks that exist."""
     _check_number(header.constraints)
+    central.check_room(EDGE_BYTES * len(header.constraints))
+    central.check_declared(TIMER_BYTES * sum(one.delay > 0 for one in header.constraints))
     if added := central.agenda.constrain(header.constraints):
         central.facts.append(facts.Constrained(added))
     central.accept(connection, header.number)

@@ -52,7 +52,8 @@ def on_set_variable(central: State, connection: Connection, header: headers.SetV
         _check_number(header)
     if body == NEVER_SET:
         raise RequestError(Refusal.PROTOCOL, f"variable '{message.name}' can't be set to nothing: give a value")
-    central.variables.check_room(message.name, body)
+    central.variables.check_room(message.name, body, central.budget.variables)
+    central.check_room(len(body) * len(message.handlers))
     before = _value(central, message)
     made = Delivery(central.new_id(), message, body, connection)
     made.origin = header.origin

@@ -2,6 +2,7 @@
 
 from tca_central.errors import RequestError
 from tca_central.locks.claims import give_up_claim
+from tca_central.model.budget import WAIT_BYTES
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.intervals import checked_moment
 from tca_central.model.resources import Claim
@@ -23,6 +24,7 @@ def on_await_point(central: State, connection: Connection, header: headers.Await
     if known is None:
         text = f"task {header.point.task} ended too long ago to know how: see the journal"
         raise RequestError(Refusal.TOO_LATE, text)
+    central.check_declared(WAIT_BYTES)
     wait = TaskWait(connection, header)
     connection.outstanding[header.number] = wait
     central.facts.append(facts.WaitBegan(connection.module.name, header.origin, wait.task_id, moment))
@@ -93,9 +95,11 @@ def give_up(
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
     elif isinstance(due, PresenceWait):
         due.end()
+        central.budget.awaited -= due.size
     elif due is None or isinstance(due, Claim):
         give_up_claim(central, connection, number, why)
     elif isinstance(due, Collector):
+        central.budget.collected -= due.size
         for delivery in due.pending.values():
             _abandon(central, delivery, ())
         central.facts.append(facts.Dropped(due.id, due.message.name, why, where=where, dropping=dropping))

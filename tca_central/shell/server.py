@@ -28,6 +28,7 @@ from tca_central.events import (
     Effect,
     Event,
     Input,
+    MemorySet,
     RequestReceived,
     Spared,
     TellAll,
@@ -35,6 +36,7 @@ from tca_central.events import (
     Transmit,
 )
 from tca_central.inputs import events_of
+from tca_central.model.budget import MEMORY
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
 from tca_central.shell.log_lines import LogLines
@@ -107,11 +109,13 @@ class Server:
     """Central as a daemon: the core, its journal and its socket."""
 
     def __init__(
-        self, central: Central, endpoint: str, *, lost_after: int = LOST_AFTER, gate: Gate | None = None
-    ) -> None:
+        self, central: Central, endpoint: str, *, lost_after: int = LOST_AFTER, gate: Gate | None = None,
+        memory: int = MEMORY,
+    ) -> None:  # fmt: skip
         """*lost_after*: seconds of silence from a process that stands still; 0: none are too many. Without a *gate*
-        everybody may come over TCP.
+        everybody may come over TCP. *memory*: bytes of what modules send that are held.
         """
+        self._memory = memory
         self.central = central
         self.log: RunLog | None = None
         self.goes_on_unrecorded = False  #: when the log can't be written any more
@@ -165,6 +169,8 @@ class Server:
     def serve(self) -> None:
         """Run until ``stopping`` says why to stop."""
         self._ask_gate()
+        if self.central.budget.total != self._memory:
+            self.take(MemorySet(self.now(), self._memory))
         while not self.stopping:
             patience = self._patience()
             if self._is_lively and patience > LIVELY:

@@ -54,7 +54,24 @@ def load(central: State) -> dict[str, Any]:
         "presence": _presence(central),
         "ends": [CommonEnd(number, end) for end, number in common.most_common(_ENDS)],
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
+        "memory": _memory(central),
+        "overloads": central.budget.refused,
         "looked_at": min(len(central.tree.tasks), LOOKED_AT),
+    }
+
+
+def _memory(central: State) -> dict[str, tuple[int, int]]:
+    """What each part of the budget holds, and may hold, in bytes; but what was sent and not read, which is the
+    server's.
+    """
+    budget = central.budget
+    return {
+        "messages and tasks": (central.message_bytes, budget.messages),
+        "declarations and waits": (central.declared_bytes, budget.declared),
+        "answers": (central.answers.bytes, budget.answers),
+        "outcomes": (central.outcome_bytes, budget.outcomes),
+        "kept tasks": (central.kept_bytes, budget.kept),
+        "variables": (central.variables.bytes, budget.variables),
     }
 
 

@@ -44,7 +44,8 @@ def overview(central: State) -> dict[str, Any]:
         "wiretaps": len(central.taps),
         "being handled": len(central.dispatcher.running),
         "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
-        "dropped": sum(message.dropped for message in registry.messages.values()),
+        "dropped": registry.dropped + sum(message.dropped for message in registry.messages.values()),
+        "forgotten answers": central.answers.forgotten,
         "newest id": central.tree.newest,
     }
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from msgspec.structs import replace
 
 from tca_central.errors import RequestError
+from tca_central.model.budget import ATTACHED_BYTES
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.intervals import delivered_at
 from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
@@ -212,6 +213,7 @@ def _add(
             return other
     if len(others) >= MOST_TAPS:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_TAPS} wiretaps already")
+    central.check_declared(ATTACHED_BYTES)
     tap = Wiretap(central.new_id(), condition, listener, place)
     rule = CONDITIONS[condition]
     tap.before, tap.at, tap.watch = rule.before, rule.at, header.watch
@@ -307,7 +309,7 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
         if tap.id not in central.taps:
             continue
         listener = _fire(central, tap, task, task.body)
-        task.more.fired[tap.id] = listener is not None
+        task.more.fired[tap.id] = listener is not None or bool(tap.listener.handlers)  # else once more
         interval = CONDITIONS[tap.condition].holds_until
         if not isinstance(listener, Task) or not interval or listener.reached & interval:
             continue
@@ -327,6 +329,9 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
         central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
         return None
     body = data_for(message, body)
+    if message.message_class.is_task and central.keep_out(f"listener '{message.name}' of {tapped}", body):
+        central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
+        return None
     made: Delivery
     if message.message_class.is_task:
         made = _make_task(central, tap, tapped, body)

@@ -37,25 +37,30 @@ IGNORED = {
         "suspects", "blocked", "look_after", "next_look", "scan", "may_have_closed",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached
+        "budget", "answers",  # no exploration is so big
         "watch_of_condition", "watches",  # met as the conditions of monitors, and at their tasks
     },
     "TaskTree": {
         "newest", "tasks",  # ids are only names; all tasks are met as children
         "never_began",  # only of tasks that a script can name: see _add_outcomes
         "suspended",  # for people
+        "bytes",  # follows from the tasks
         "across",  # says no more than the constraints
         "guards",  # nor than what is attached
     },
     "Holds": {
         "ending",  # empty between events
+        "edges",  # counted from the constraints
     },
     "Registry": {
         "connections",  # met through their modules
         "lost",  # scripts do not reconnect
         "_names",
+        "bytes", "dropped", "look_after",  # counted from the messages; none is forgotten
     },
     "Connection": {
-        "id", "session", "number", "answers", "last_number", "orphans", "late",  # addresses; scripts repeat nothing
+        "id", "session", "number", "last_number", "orphans", "late",  # addresses
+        "answers", "answer_bytes",  # scripts repeat nothing
         "tasks", "untold",  # nor name they anything by its request
         "handling", "waits", "pauses", "lost_claims",  # met as what is handled and asked
         "begins", "known_until",  # for people: when runs began and ended
@@ -72,14 +77,14 @@ IGNORED = {
         "ticket",  # marks void entries of the queue, which are left out
         "since",  # for people
     },
-    "Task": {"parent", "top", "recovery", "guard"},  # met as a child of it; what follows from that
+    "Task": {"parent", "top", "recovery", "guard", "size"},  # met as a child of it; what follows
     "Rare": {"ended_followers", "sequence"},  # when to look through them; its children once more
-    "Agenda": {"_facts"},
+    "Agenda": {"_facts", "waits"},
     "Resource": {"_sent_by", "numbers"},  # the same queue in other words; for people
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
     "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
     "PendingDelay": {"constraint"},  # as it is recorded
-    "Dispatcher": {"_clock", "_facts", "_out", "_arrivals"},  # arrivals are compared, not counted: see add_rank
+    "Dispatcher": {"_clock", "_facts", "_out", "_arrivals", "bytes", "handlers"},  # of arrivals see add_rank
     "MessagesAhead": {"_clock", "_out"},
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""

@@ -152,7 +152,6 @@ def test_what_several_share_is_one_again() -> None:
     assert central.dispatcher._out is central
     assert central.tree is central.agenda.tree
     for connection in central.registry.connections.values():
-        assert connection.answers.maxlen == 64
         assert connection.module.connections[connection.session] is connection
 
 

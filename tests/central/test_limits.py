@@ -224,7 +224,7 @@ def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(monkeypatch: p
     for _ in range(2):
         player.reply("legs/1", value="x" * 100)
     assert list(player.central.kept) == [1, 2]
-    monkeypatch.setattr(keeping, "KEPT_BYTES", 150)
+    player.central.budget.kept = 150
     player.reply("legs/1", value="x" * 100)
     assert list(player.central.kept) == [3]
     player.task("user", "move", keep=True)

@@ -4,7 +4,6 @@ import msgspec
 import pytest
 from central.player import Player
 
-from tca_central.model import registry
 from tca_wire.journal.facts import Dropped
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer
@@ -31,8 +30,8 @@ def player() -> Player:
     return player
 
 
-def test_all_values_together_are_bounded(player: Player, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "VARIABLE_BYTES", 20)
+def test_all_values_together_are_bounded(player: Player) -> None:
+    player.central.budget.variables = 20
     player.set_variable("user", "pose", "x" * 9)
     player.set_variable("user", "map", "x" * 9)
     (answer,) = player.set_variable("user", "map", "x" * 10)

@@ -45,8 +45,9 @@ def answer(time: float, *resources: dict[str, Any], epoch: str = "one", **more: 
                {"module": "tca top", "process": "here:2", "resources": []}]  # fmt: skip
     lists: dict[str, Any] = {"messages": [], "waits": [], "held": [], "suspended": [], **more}
     totals = {kind: len(lists[kind]) for kind in ("waits", "held", "suspended")}
-    numbers = {"epoch": epoch, "time": time, "events": int(time * 10), "tasks": 3, "looked_at": 3}
-    return {"modules": modules, "totals": totals, **numbers, **lists}
+    numbers = {"epoch": epoch, "time": time, "events": int(time * 10), "tasks": 3, "looked_at": 3, "overloads": 0}
+    memory = {"messages": (5 << 20, 256 << 20), "answers": (0, 64 << 20)}
+    return {"modules": modules, "totals": totals, "memory": memory, **numbers, **lists}
 
 
 def shown(text_of: Any, width: int = 100) -> str:
@@ -93,7 +94,10 @@ def test_a_screen_tells_who_does_what_and_who_waits() -> None:
     waits = [plain(Waiter(9, "move", more=3, seconds=12.0, waits=(WaitFor(WaitKind.RESOURCE, module="legs"),)))]
     told = frame(answer(20.0, busy, messages=[message("move", 3, failed=1)], waits=waits), hidden="tca top")
     text = shown(screen(told, "ipc:///here", ""), 140)
-    assert "central at ipc:///here  run one, up 0:20\n1 module, 3 tasks, 10.0 events/s; rates of the whole run" in text
+    assert (
+        "central at ipc:///here  run one, up 0:20\n1 module, 3 tasks, 10.0 events/s, memory 5 MiB; rates of the whole run"
+        in text
+    )
     assert "locked by eyes  move\\x1b[31m {7}  0.5 s" in text
     assert re.search(r"12.0 s +move \{9\} and 3 more +for legs", text)
     assert "nobody waits" not in text
@@ -194,3 +198,10 @@ def test_nothing_is_told_in_words() -> None:
     text = shown(screen(frame(answer(1.0)), "ipc:///here", ""))
     for words in ("no module offers to handle anything", "no messages have been declared", "nobody waits"):
         assert words in text
+
+
+def test_the_fullest_part_of_the_memory_is_shown_and_what_was_refused() -> None:
+    told = answer(20.0)
+    assert frame(told).memory == "memory 5 MiB"
+    told |= {"memory": {"messages": (200 << 20, 256 << 20), "answers": (40 << 20, 64 << 20)}, "overloads": 1200}
+    assert frame(told).memory == "memory 240 MiB, messages 200 MiB of 256 MiB, 1,200 refused or dropped for want of it"

@@ -1,0 +1,72 @@
+"""Answers that are kept in case their requests are repeated after a reconnect: the newest, within bounds."""
+
+from collections import OrderedDict
+
+from tca_central.model.budget import ANSWER_BYTES
+from tca_central.model.deliveries import Connection
+from tca_wire.packets.headers import ToModule
+
+REMEMBERED_ANSWERS = 64
+"""Answers kept per connection."""
+
+
+class KeptAnswers:
+    """The answers of all connections. What is forgotten is answered "too late" when it is asked for again."""
+
+    __slots__ = ("_kept", "bytes", "forgotten", "most")
+
+    def __init__(self, most: int) -> None:
+        self.most = most  #: bytes that they may hold; those of one connection a quarter of that
+        self.bytes = 0
+        self.forgotten = 0  #: number of those that gave way because there were too many bytes
+        self._kept: OrderedDict[tuple[str, int], tuple[Connection, ToModule, bytes]] = OrderedDict()
+        """By session and request number, oldest first, each with its connection."""
+
+    def add(self, connection: Connection, number: int, header: ToModule, body: bytes) -> None:
+        """A request was answered."""
+        size = ANSWER_BYTES + len(body)
+        self._kept[connection.session, number] = connection, header, body
+        connection.answers.append(number)
+        connection.answer_bytes += size
+        self.bytes += size
+        if len(connection.answers) > REMEMBERED_ANSWERS:
+            self._forget_oldest(connection)
+        while connection.answer_bytes > self.most // 4 and len(connection.answers) > 1:
+            self._forget_oldest(connection)
+            self.forgotten += 1
+        self.give_way()
+
+    def give_way(self) -> None:
+        """Forget the oldest if all hold too much."""
+        while self.bytes > self.most:
+            self._forget_oldest(next(iter(self._kept.values()))[0])
+            self.forgotten += 1
+
+    def get(self, connection: Connection, number: int) -> tuple[ToModule | None, bytes]:
+        """The answer that a request has had; None if it is not kept."""
+        _, header, body = self._kept.get((connection.session, number), (None, None, b""))
+        return header, body
+
+    def hand_on(self, before: Connection, connection: Connection) -> None:
+        """A lost connection is back, as another one of the same session."""
+        connection.answers, before.answers = before.answers, connection.answers
+        connection.answer_bytes, before.answer_bytes = before.answer_bytes, 0
+        for number in connection.answers:
+            _, header, body = self._kept[connection.session, number]
+            self._kept[connection.session, number] = connection, header, body
+
+    def walked_bytes(self) -> int:
+        """The bytes, counted anew."""
+        return sum(ANSWER_BYTES + len(body) for _, _, body in self._kept.values())
+
+    def forget_all(self, connection: Connection | None) -> None:
+        """A connection, if there is one, will not ask again."""
+        while connection is not None and connection.answers:
+            self._forget_oldest(connection)
+
+    def _forget_oldest(self, connection: Connection) -> None:
+        number = connection.answers.popleft()
+        _, _, body = self._kept.pop((connection.session, number))
+        size = ANSWER_BYTES + len(body)
+        connection.answer_bytes -= size
+        self.bytes -= size

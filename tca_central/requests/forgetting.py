@@ -1,0 +1,93 @@
+"""Messages that nobody needs any more make room for new ones: their names are bounded, and their formats take bytes."""
+
+from collections.abc import Iterable, Iterator
+
+from tca_central.errors import RequestError
+from tca_central.model import registry
+from tca_central.model.deliveries import MessageType
+from tca_central.model.task_tree import Task
+from tca_central.state import Collector, State
+from tca_wire.journal import facts
+from tca_wire.vocabulary import Refusal
+
+AT_ONCE = 1000
+"""So many are forgotten together, if so many can be: what it takes to find them is spent only now and then."""
+
+STEPS = 50
+"""So many things are looked at for each event that has been handled, where there is little to be forgotten."""
+
+
+def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) -> None:
+    """See that so many new names, and so many bytes more, can be declared: forget what nobody needs, oldest first, but
+    none of the *needed* names. Raises RequestError if that is not enough.
+    """
+    known = central.registry
+    if _fits(central, new, size):
+        return
+    if central.events >= known.look_after:
+        _forget_unused(central, new, size, set(needed))
+    if (over := len(known.messages) + len(new) - registry.MESSAGES) > 0:
+        text = f"{registry.MESSAGES} messages have been declared: '{new[-over]}' is too many"
+        central.budget.refused += 1
+        raise RequestError(Refusal.OVERLOAD, text)
+    central.check_declared(size)
+
+
+def _fits(central: State, new: list[str], size: int) -> bool:
+    is_known = len(central.registry.messages) + len(new) <= registry.MESSAGES
+    return is_known and central.declared_bytes + size <= central.budget.declared
+
+
+def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) -> None:
+    """Walks over all that refers to messages: where that is in vain, or nearly so, not again soon."""
+    steps, known = 0, central.registry
+    used: dict[MessageType, None] = {}
+    for message in _used(central):
+        used[message] = None
+        steps += 1
+    needed.update(part for message in used for part in message.parts)
+    unused = [one for one in known.messages.values() if one not in used and one.name not in needed]
+    unused.sort(key=lambda one: one.name in central.variables.values)  # values go last
+    for count, message in enumerate(unused):
+        if (count >= AT_ONCE or message.name in central.variables.values) and _fits(central, new, size):
+            break
+        _forget(central, message)
+    if len(unused) < AT_ONCE:
+        known.look_after = central.events + (steps + len(known.messages)) // STEPS
+
+
+def _forget(central: State, message: MessageType) -> None:
+    if (value := central.variables.values.get(message.name)) is not None:
+        central.variables.forget(message.name)
+        why = "nobody declares it any more, and its place was needed"
+        central.facts.append(facts.Dropped(value.message_id, message.name, why))
+    for connection in message.senders_told:
+        connection.routes.pop(message, None)
+    central.registry.forget_message(message)
+
+
+def _used(central: State) -> Iterator[MessageType]:
+    """The messages that somebody declares, handles or waits for, that are on their way, or attached to something."""
+    for message in central.registry.messages.values():
+        if message.declarers or message.handlers or message.awaited_by or message.attached or message.taps:
+            yield message
+        if message.waiting:
+            yield message
+    for module in central.registry.modules.values():
+        for resource in module.resources.values():
+            yield from (delivery.message for delivery in resource.queued())
+    yield from (delivery.message for delivery in central.dispatcher.running.values())
+    for connection in central.registry.connections.values():
+        yield from (due.message for due in connection.outstanding.values() if isinstance(due, Collector))
+    for task in central.tree.tasks.values():
+        yield from _used_by(task)
+    yield from (record.message for record in central.kept.values())
+    yield from (attached.handler for attached in central.attached.values())
+    yield from (tap.listener for tap in central.taps.values())
+
+
+def _used_by(task: Task) -> Iterator[MessageType]:
+    yield task.message
+    if task.rare is not None:
+        yield from (message for message, _ in task.rare.farewells)
+        yield from (tap.listener for tap in task.rare.taps)

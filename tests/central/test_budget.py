@@ -1,0 +1,315 @@
+"""The budget of bytes: whatever modules do, what is counted is what is held, and stays within bounds."""
+
+import random
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from central.player import Player, point
+
+from tca_central.events import ConnectionId, ConnectionLost, MemorySet
+from tca_central.invariants import check_invariants
+from tca_central.model import registry
+from tca_central.model.answers import REMEMBERED_ANSWERS
+from tca_central.model.budget import ANSWER_BYTES, TASK_BYTES
+from tca_central.requests import forgetting
+from tca_central.status.topics import TOPICS
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
+from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import Condition, Dropping, MessageClass, Refusal
+
+MEMORY = 1 << 20
+
+
+def of(*modules: str) -> Player:
+    """A central that may hold a megabyte: half of it messages and tasks."""
+    player = Player.of(*modules)
+    player.event(MemorySet(0.0, MEMORY))
+    return player
+
+
+def refusal(sent: list[Any]) -> Refusal | None:
+    return next((one.refusal for one in sent if isinstance(one, headers.Refused)), None)
+
+
+def fill(player: Player, header: Any, body: bytes, most: int = 2000) -> int:
+    """Send until it is refused; how often it was taken."""
+    for count in range(most):
+        request = {"number": player.number("user")} if header.number else {}
+        sent = player.receive("user", type(header)(**{**_fields(header), **request}), body)
+        if refusal(sent) is Refusal.OVERLOAD:
+            return count
+    pytest.fail("it is never refused")
+
+
+def _fields(header: Any) -> dict[str, Any]:
+    return {name: getattr(header, name) for name in header.__struct_fields__}
+
+
+@pytest.mark.parametrize("message", ["note", "where", "move", "all", "pose"])
+def test_what_waits_is_bounded_in_bytes(message: str) -> None:
+    player = of("busy: inform note, query where, command move, multi-query all, broadcast pose", "user")
+    taken = fill(player, headers.Send(1, message), bytes(10_000))
+    assert 40 <= taken <= 60
+    assert player.central.message_bytes <= player.central.budget.messages
+    told = player.facts_of("refused")[-1]
+    assert "messages and tasks hold 5" in told.text
+    assert "--memory" in told.text
+    assert player.central.budget.refused == 1
+    player.reply("busy/1")  # one has gone, and one gets in
+    player.receive("user", headers.Send(player.number("user"), message), b"\xc0")
+    assert player.central.budget.refused == 1
+
+
+def test_an_inform_of_which_nobody_wants_to_know_is_dropped_and_counted() -> None:
+    player = of("busy: inform note", "user")
+    for _ in range(60):
+        player.receive("user", headers.Send(0, "note"), bytes(10_000))
+    dropped = player.facts_of("dropped")
+    assert dropped
+    assert {fact.dropping for fact in dropped} == {Dropping.OVERLOAD}
+    assert player.central.registry.messages["note"].dropped == len(dropped) == player.central.budget.refused
+    told: Any = TOPICS["load"](player.central)
+    assert told["overloads"] == len(dropped)
+    assert told["memory"]["messages and tasks"][0] == player.central.message_bytes
+
+
+def test_what_frees_something_gets_in_when_the_budget_is_spent() -> None:
+    player = of("legs: command move, goal walk", "map: query where", "user")
+    goal = player.task("user", "walk")
+    tasks = [player.task("user", "move", under=goal) for _ in range(3)]
+    player.receive("user", headers.Lock(player.number("user"), "map"))
+    player.receive("user", headers.Send(player.number("user"), "where"), b"\xc0")
+    query = player.numbers["user"]
+    fill(player, headers.Send(1, "move", flags=Flags.NONE), bytes(10_000))
+    player.central.budget.messages = player.central.budget.declared = 0
+    for header in (
+        headers.Suspend(player.number("user"), TaskId(goal)),
+        headers.Suspend(player.number("user"), TaskId(goal), resume=True),
+        headers.GiveUp(query),
+        headers.Unlock(player.number("user"), "map"),
+        headers.Ask(player.number("user"), "status"),
+        headers.Unregister(player.number("user"), []),
+        headers.Kill(player.number("user"), TaskId(tasks[-1])),
+        headers.Kill(player.number("user"), TaskId(goal)),
+    ):
+        assert refusal(player.receive("user", header)) is None, header
+    assert not isinstance(player.hello("late")[-1], headers.Refused)
+    assert goal not in player.central.tree.tasks or player.central.tree.tasks[goal].killed
+
+
+def test_results_failures_and_farewells_are_counted() -> None:
+    player = of("legs: command move, goal walk", "user")
+    before = player.central.tree.bytes
+    goal = player.task("user", "walk")
+    held = player.central.tree.bytes
+    assert held == before + TASK_BYTES + 1
+    player.receive("user", headers.Send(player.number("user"), "move", TaskId(goal), when_killed=True), bytes(5000))
+    assert player.central.tree.bytes > held + 5000
+    child = player.task("user", "move", under=goal)
+    player.receive("legs/1", headers.Reply(goal), bytes(3000))  # it waits for its child
+    assert player.central.tree.bytes > held + 8000
+    assert player.central.tree.tasks[child].is_running
+    player.reply("legs/1")
+    assert player.central.tree.bytes == before
+
+
+DECLARED: dict[str, Callable[[int, TaskId], Any]] = {
+    "waits": lambda number, task: headers.AwaitPoint(number, point(task, Moment.END_ACHIEVING)),
+    "deadlines": lambda number, task: headers.Deadline(number, Point(task, Moment.END_ACHIEVING), 1000.0),
+    "kills": lambda number, task: headers.Kill(number, task, "x" * 10_000, delay=1000.0),
+    "attachments": lambda number, task: headers.Attach(number, Attachment(f"f{number}", "recover"), task),
+    "wiretaps": lambda number, task: headers.Tap(number, Condition.WHEN_ACHIEVED, f"note {number % 8}", task=task),
+    "presence": lambda number, _: headers.WaitUntilHandled(number, ["recover"]),
+    "delays": lambda number, task: headers.Constrain(
+        number, [Constraint(Point(TaskId(0), Moment.START_ACHIEVING), Point(task, Moment.END_ACHIEVING), 9.0)]
+    ),
+}
+
+
+@pytest.mark.parametrize("what", DECLARED)
+def test_what_is_asked_for_about_a_task_is_bounded(what: str) -> None:
+    player = of("user")
+    player.declare("user", "command move", "exception handler recover", *(f"inform note {one}" for one in range(8)))
+    task = TaskId(player.task("user", "move"))
+    player.central.budget.declared = player.central.declared_bytes + 2500
+    answers = [player.receive("user", DECLARED[what](player.number("user"), task)) for _ in range(8)]
+    refused = [one for sent in answers for one in sent if isinstance(one, headers.Refused)]
+    assert refused
+    assert {one.refusal for one in refused} == {Refusal.OVERLOAD}
+    assert player.central.declared_bytes <= player.central.budget.declared
+    assert "declarations, attachments, claims, waits and timers hold" in refused[-1].text
+
+
+# --- answers ---------------------------------------------------------------------------------------------------------
+
+
+def ask(player: Player, connection: str, size: int) -> int:
+    """Exchange a variable for one of that size; the answer has what was there before."""
+    number = player.number(connection)
+    player.receive(connection, headers.SetVariable(number, "v", swap=True), bytes(size))
+    return number
+
+
+def test_answers_give_way_the_oldest_first_and_are_too_late_then() -> None:
+    player = of(*(f"user{one}" for one in range(8)))
+    users = [f"user{one}" for one in range(8)]
+    for user in users:
+        player.declare(user, "variable v")
+    first = ask(player, "user0", 20_000)
+    last = [ask(player, user, 20_000) for _ in range(5) for user in users][-1]
+    assert player.central.answers.bytes <= player.central.budget.answers
+    assert player.central.answers.forgotten > 0
+    (too_late,) = player.receive("user0", headers.SetVariable(first, "v", swap=True), b"x")
+    assert too_late.refusal is Refusal.TOO_LATE
+    (again,) = player.receive("user7", headers.SetVariable(last, "v", swap=True), b"x")
+    assert isinstance(again, headers.Answer)
+
+
+def test_one_connection_does_not_push_out_the_answers_of_the_others() -> None:
+    player = of("quiet", "user")
+    for user in ("quiet", "user"):
+        player.declare(user, "variable v")
+    ask(player, "user", 10)
+    first = ask(player, "quiet", 10)
+    for _ in range(REMEMBERED_ANSWERS):
+        ask(player, "user", 30_000)
+    (answer,) = player.receive("quiet", headers.SetVariable(first, "v", swap=True), b"x")
+    assert isinstance(answer, headers.Answer)
+
+
+def test_answers_of_the_lost_are_kept_and_those_of_who_said_goodbye_are_not() -> None:
+    player = of("stays", "leaves")
+    for user in ("stays", "leaves"):
+        player.declare(user, "variable v")
+        ask(player, user, 1000)
+    held = player.central.answers.bytes
+    player.event(ConnectionLost(player.time, ConnectionId(b"stays")))
+    assert player.central.answers.bytes == held
+    player.receive("leaves", headers.Bye())
+    assert player.central.answers.bytes == 3 * ANSWER_BYTES
+    player.hello("stays")
+    (answer,) = player.receive("stays", headers.SetVariable(player.numbers["stays"] - 1, "v", swap=True), b"x")
+    assert isinstance(answer, headers.Answer)
+
+
+# --- names -----------------------------------------------------------------------------------------------------------
+
+
+def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "MESSAGES", 12)
+    monkeypatch.setattr(forgetting, "AT_ONCE", 3)
+    player = of("legs: command move", "keeper")
+    player.declare("keeper", "exception handler recover", "inform seen")
+    player.module("gone")
+    names = [
+        "goal held",
+        "inform waiting",
+        "command tapped",
+        "command guarded",
+        "variable value",
+        *(f"inform {x}" for x in "abc"),
+    ]
+    player.declare("gone", *names)
+    assert player.task("gone", "held")
+    player.receive("gone", headers.Send(0, "waiting"), b"\xc0")
+    player.set_variable("gone", "value", 5)
+    player.receive("keeper", headers.Attach(player.number("keeper"), Attachment("", "recover"), message="guarded"))
+    tap = headers.Tap(player.number("keeper"), Condition.WHEN_SENT, "seen", "tapped")
+    player.receive("keeper", tap)
+    player.receive("gone", headers.Bye())
+    player.module("new")
+    (answer,) = player.declare("new", "inform d", "inform e")
+    assert isinstance(answer, headers.Accepted)
+    known = player.central.registry.messages
+    assert not {"a", "b", "c"} & set(known)
+    assert {"held", "waiting", "tapped", "guarded", "value", "move", "recover", "seen", "d", "e"} == set(known)
+    player.central.registry.look_after = 0  # else it is not worth to look again so soon
+    (answer,) = player.declare("new", "inform f", "inform g", "inform h")
+    assert isinstance(answer, headers.Accepted)  # a value that nobody declares goes last
+    assert "value" not in known
+    (answer,) = player.declare("new", "inform i")
+    assert answer.refusal is Refusal.OVERLOAD
+    player.declare("new", "goal held")
+    player.module("planner", "goal held")  # who waited for a handler gets one
+    assert player.delivered("planner/1")
+
+
+def test_all_messages_of_a_request_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "MESSAGES", 5)
+    player = Player.of("user")
+    (answer,) = player.declare("user", *(f"inform {one}" for one in range(6)))
+    assert answer.text == "5 messages have been declared: '5' is too many"
+    assert not player.central.registry.messages
+
+
+def test_formats_are_bounded_in_bytes() -> None:
+    player = of("user")
+    answers = []
+    for one in range(10):
+        declared = MessageFormat(f"m{one}", MessageClass.INFORM, "x" * 10_000)
+        answers += player.receive("user", headers.Register(player.number("user"), [declared]))
+    assert isinstance(answers[0], headers.Accepted)
+    assert answers[-1].refusal is Refusal.OVERLOAD
+    player.receive("user", headers.Bye())
+    player.module("next")
+    declared = MessageFormat("m", MessageClass.INFORM, "x" * 10_000)
+    player.central.registry.look_after = 0
+    (answer,) = player.receive("next", headers.Register(player.number("next"), [declared]))
+    assert isinstance(answer, headers.Accepted)
+
+
+# --- hostile lives ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whatever_modules_do_central_stays_within_its_budget(seed: int) -> None:
+    """The invariants, checked at the end of each burst, walk over all that is held."""
+    player = of(
+        "legs: command move, goal walk, query where", "map: inform note, broadcast pose, multi-query all", "user"
+    )
+    player.check = False
+    player.module("ears", "exception handler recover", "broadcast pose", "multi-query all", "variable v")
+    player.declare("user", "variable v", "inform hear")
+    chance, most = random.Random(seed), 0
+    for _ in range(15):
+        for _ in range(80):
+            _do_anything(player, chance)
+            central = player.central
+            most = max(most, central.message_bytes)
+            assert central.answers.bytes <= central.budget.answers
+            assert central.declared_bytes <= central.budget.declared
+        check_invariants(player.central)
+    # handlers of failures are let in, each with the data of the failure
+    assert player.central.budget.messages // 2 < most <= 1.5 * player.central.budget.messages
+    assert player.central.budget.refused
+
+
+def _do_anything(player: Player, chance: random.Random) -> None:
+    number, task = player.number("user"), TaskId(chance.randint(1, max(player.central.tree.newest, 1)))
+    body = bytes(chance.choice((1, 1000, 60_000, 200_000)))
+    send = headers.Send(chance.choice((number, number, 0)), chance.choice(("note", "pose")), origin=0)
+    choices: list[tuple[Any, bytes]] = [
+        (send, body),
+        (headers.Send(number, chance.choice(("where", "all"))), body),
+        (headers.Send(number, chance.choice(("move", "walk")), chance.choice((task, TaskId(0)))), body),
+        (headers.Send(number, "move", task, when_killed=True), body),
+        (headers.SetVariable(number, "v", swap=chance.random() < 0.5), body),
+        (headers.AwaitPoint(number, Point(task, Moment.END_ACHIEVING)), b""),
+        (headers.Deadline(number, Point(task, Moment.END_ACHIEVING), chance.choice((5.0, 5000.0))), b""),
+        (headers.Attach(number, Attachment(f"f{chance.randint(0, 50)}", "recover"), task), b""),
+        (headers.Tap(number, Condition.AFTER_ACHIEVED, chance.choice(("move", "hear")), task=task), b""),
+        (headers.Kill(number, task, delay=chance.choice((0.0, 100.0))), b""),
+        (headers.GiveUp(chance.randint(1, number)), b""),
+        (headers.Retry(number, task, new_data=True), body),
+        (headers.Raise(number, task, "f1", "why"), body),
+        (headers.Register(number, [], [HandlerFormat("note", chance.choice("abc"))]), b""),
+    ]
+    header, body = chance.choice(choices)
+    player.receive("user", header, body)
+    for slot in ("legs/1", "map/1", "ears/1"):
+        if chance.random() < 0.15 and (delivered := player.delivered(slot)):
+            answer = chance.choice((headers.Reply(delivered[-1]), headers.Fail(delivered[-1], "f1", "slipped")))
+            player.receive(slot, answer, bytes(chance.choice((1, 20_000))))
