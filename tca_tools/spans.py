@@ -3,8 +3,7 @@
 import heapq
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
-from itertools import accumulate, groupby
-from operator import itemgetter
+from itertools import accumulate
 
 Span = tuple[float, float]
 
@@ -56,9 +55,25 @@ def lanes(spans: Iterable[Span]) -> Iterator[int]:
 
 def levels(spans: Iterable[Span]) -> Iterator[tuple[float, int]]:
     """How many of the spans go on, from each time on at which that changes."""
-    changes = sorted(change for start, end in spans if end > start for change in ((start, 1), (end, -1)))
-    count = 0
-    for time, group in groupby(changes, key=itemgetter(0)):
-        if change := sum(change for _, change in group):
-            count += change
+    starts, ends = list[float](), list[float]()
+    for start, end in spans:
+        if end > start:
+            starts.append(start)
+            ends.append(end)
+    starts.sort()
+    ends.sort()
+    begun = over = count = 0
+    while over < len(ends):
+        time = min(starts[begun], ends[over]) if begun < len(starts) else ends[over]
+        while begun < len(starts) and starts[begun] == time:
+            begun += 1
+        while over < len(ends) and ends[over] == time:
+            over += 1
+        if begun - over != count:
+            count = begun - over
             yield time, count
+
+
+def most_at_once(spans: Iterable[Span]) -> int:
+    """How many of the spans go on at a time, at the most."""
+    return max((count for _, count in levels(spans)), default=0)

@@ -19,7 +19,7 @@ class Flags(IntFlag):
     DELAY_PLANNING = 8  # start(planning this) not before start(achieving this)
 
 
-class Constraint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+class Constraint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, gc=False):
     """Point *after* is reached no earlier than *delay* seconds after point *before*.
 
     Points of the root stand for the time at which central takes the constraint; in the journal, for its clock's 0.

@@ -68,7 +68,7 @@ def describe_moments(moments: int) -> list[str]:
     return [words for moment, words in _WORDS.items() if bits & moment]
 
 
-class Point(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+class Point(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, gc=False):
     """One moment of one task: ``Point(task=7, moment=Moment.END_ACHIEVING)``."""
 
     task: TaskId

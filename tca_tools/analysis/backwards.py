@@ -9,7 +9,7 @@ waited for just then (standing.py). Each step goes back in time, so a walk costs
 """
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import nextafter
 from operator import itemgetter
@@ -85,7 +85,7 @@ class Causes:
         step = PathStep(start, at.time, Doing.WORK, message, handling.module, handling.resource, handling, wait)
         return step, before
 
-    def _as_ended(self, waits: list[HandlerWait], *, is_outside: bool = False) -> list[_Over]:
+    def _as_ended(self, waits: Sequence[HandlerWait], *, is_outside: bool = False) -> list[_Over]:
         """Waits that are over, as they ended. What takes no time is over with the event that begins it; but a program
         outside of handlers that looks so at the end of a task had to wait until that came.
         """

@@ -165,5 +165,5 @@ def is_in_vain(run: Run, wait: HandlerWait) -> bool:
     if claim is not None:
         return claim.granted is None or claim.granted > wait.end
     if wait.moment:
-        return task is not None and task.reached.get(wait.moment, inf) > wait.end
+        return task is not None and task.time_of(wait.moment) > wait.end
     return query is not None and query.was_given_up

@@ -7,7 +7,7 @@ from operator import attrgetter
 
 from tca_tools.run.records import Claim, Handling, Queueing
 from tca_tools.run.whole_run import Run
-from tca_tools.spans import Cover, Span, levels
+from tca_tools.spans import Cover, Span, most_at_once
 from tca_wire.text.facts_in_words import place
 
 Key = tuple[str, str]
@@ -99,7 +99,7 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], st
     waiting = sum(Cover(clipped((wait.start, wait.end) for wait in some)).total for some in waits)
     share = min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0
     lines = clipped((one.start, one.end) for one in queued)
-    longest_queue = max((count for _, count in levels(lines)), default=0)
+    longest_queue = most_at_once(lines)
     longest_wait = max((until - since for since, until in lines), default=0.0)
     locks = clipped((claim.granted or claim.start, claim.end) for claim in run.granted(*key))
     return Use(

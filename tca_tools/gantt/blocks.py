@@ -5,7 +5,6 @@ However many bars there are, a lane becomes no more things to draw than it has c
 
 from collections import Counter
 from collections.abc import Iterable
-from functools import partial
 from itertools import pairwise
 
 from tca_tools.gantt.chart import Bar, Ending
@@ -38,8 +37,9 @@ def _block(bars: list[Bar]) -> Bar:
     for bar in bars:
         seconds[bar.name] = seconds.get(bar.name, 0.0) + bar.seconds
     endings = {bar.ending for bar in bars}
-    block = Bar(max(seconds, key=seconds.__getitem__), bars[0].start, max(bar.end for bar in bars), str, bars[0].kind)
-    block.title = partial(_title, block)
+    span = bars[0].start, max(bar.end for bar in bars)
+    block = Bar(max(seconds, key=seconds.__getitem__), *span, _title, (), bars[0].kind)
+    block.about = (block,)
     block.is_beside = all(bar.is_beside for bar in bars)
     block.ending = next((one for one in (Ending.FAILED, Ending.COPED, Ending.KILLED) if one in endings), Ending.NONE)
     block.waits = [wait for bar in bars for wait in bar.waits]

@@ -29,8 +29,8 @@ _HELD = (TaskState.HELD, TaskState.PLANNED)
 def chart(run: Run, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
     """The chart from *start* to *end*, a row for each resource; by default of all that happened."""
     rows = _Filler(run, pick, start, end).filled()
-    names = [message.name for message in run.messages.values()]
-    names += [bar.name for row in rows.values() for bar in row.bars]
+    names = dict.fromkeys(message.name for message in run.messages.values())
+    names |= dict.fromkeys(bar.name for row in rows.values() for bar in row.bars)
     start, end = span_of(list(rows.values()), run, pick, start, end)
     for row in rows.values():
         row.handled = _laid_out(row.handled, start, end)
@@ -39,7 +39,7 @@ def chart(run: Run, start: float | None = None, end: float | None = None, pick: 
     modules = list(dict.fromkeys(module for module, _ in rows if module))  # rows of a module stand side by side
     keys = sorted(rows, key=lambda key: modules.index(key[0]) if key[0] else len(modules) + (key == ("", "")))
     shown = [rows[key] for key in keys if any(rows[key].bars) or _shows_empty(rows[key], pick)]
-    return Chart(start, end, shown, list(dict.fromkeys(names)))
+    return Chart(start, end, shown, list(names))
 
 
 def _shows_empty(row: ResourceRow, pick: Pick) -> bool:
@@ -50,13 +50,18 @@ def _shows_empty(row: ResourceRow, pick: Pick) -> bool:
 def _laid_out(bars: list[Bar], start: float, end: float) -> list[Bar]:
     """The bars that show between *start* and *end*, with their lanes."""
     shown = sorted((bar for bar in bars if bar.start <= end and bar.end >= start), key=attrgetter("start"))
-    chains: dict[int, list[Bar]] = {}
+    chains: dict[int, list[Bar]] = {id(bar.follows): [] for bar in shown if bar.follows}
     for bar in shown:
-        chains.setdefault(id(bar.follows or bar), []).append(bar)
-    spans = ((some[0].start, some[-1].end) for some in chains.values())
-    for some, lane in zip(chains.values(), lanes(spans), strict=True):
-        for bar in some:
-            bar.lane = lane
+        if (some := chains.get(id(bar.follows or bar))) is not None:
+            some.append(bar)
+    followers = {id(bar) for some in chains.values() for bar in some[1:]}
+    first = [bar for bar in shown if id(bar) not in followers]
+    ends = {id(some[0]): some[-1].end for some in chains.values()}
+    for bar, lane in zip(first, lanes((bar.start, ends.get(id(bar), bar.end)) for bar in first), strict=True):
+        bar.lane = lane
+    for some in chains.values():
+        for bar in some[1:]:
+            bar.lane = some[0].lane
     return shown
 
 
@@ -126,7 +131,7 @@ class _Filler:
     ) -> Bar:
         """A bar *of* a message; *title* tells of the run *about* what."""
         is_beside = of is not None and self.pick.messages is not None and of not in self.pick.messages
-        return Bar(name, start, self._until(end), partial(title, self.run, *about), kind, end is None, is_beside)
+        return Bar(name, start, self._until(end), title, (self.run, *about), kind, end is None, is_beside)
 
     def _handled(self, one: Handling) -> Bar:
         bar = self._bar(BarKind.HANDLED, one.name, one.start, one.end, titles.handled, one, of=one.message_id)
@@ -138,7 +143,7 @@ class _Filler:
         for wait in _lasting(one.waits):
             part = self._bar(BarKind.WAITING, one.name, wait.start, wait.end, titles.waits, who, wait)
             part.end = min(part.end, bar.end)
-            bar.waits.append(part)
+            bar.waits = [*bar.waits, part]
         bar.raised = self._raised(one.message_id, bar)
         return bar
 
@@ -165,7 +170,7 @@ class _Filler:
     def _add_kept(self, task: Task) -> None:
         """The spans in which a task was held, where it was or would be handled, or suspended, in a row of their own."""
         wanted = (TaskState.SUSPENDED, *_HELD) if task.id in self.pick.held else (TaskState.SUSPENDED,)
-        if not any(state in wanted for _, state in task.states) or not self.pick.message(task.id):
+        if not any(state in wanted for *_, state in task.spans()) or not self.pick.message(task.id):
             return
         for start, end, state in task.spans():
             where = _home(self.run, task, start, end) if state in wanted else None

@@ -1,9 +1,10 @@
 """The parts of a chart: rows of bars, and what there is to say about each."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import chain
+from typing import Any
 
 from tca_tools.terminal import cut
 from tca_wire.text.printable import printable
@@ -72,24 +73,29 @@ class Bar:
     name: str
     start: float
     end: float
-    title: Callable[[], str]
-    """Tells all there is to say about it."""
+    told: Callable[..., str]
+    about: tuple[Any, ...]
+    """The function that tells all there is to say about it, and its arguments."""
     kind: BarKind = BarKind.HANDLED
     is_open: bool = False
     """Whether it went on when the journal ended."""
     is_beside: bool = False
     """Whether it is not what was asked for, but what that waited for."""
     ending: Ending = Ending.NONE
-    waits: "list[Bar]" = field(default_factory=list)
-    raised: list[Mark] = field(default_factory=list)
+    waits: "Sequence[Bar]" = ()
+    raised: Sequence[Mark] = ()
     why: Callable[[], str] | None = None
     """Of what is held: what that waits for. It stands on the bar if some of it has room."""
     follows: "Bar | None" = None
     """Of what is held by one thing after the other: the first bar, in whose lane it is."""
     lane: int = 0
     """Bars of one lane do not overlap."""
-    parts: "list[Bar]" = field(default_factory=list)
+    parts: "Sequence[Bar]" = ()
     """The bars for which it stands, if they are too narrow to be drawn one by one."""
+
+    def title(self) -> str:
+        """All there is to say about it."""
+        return self.told(*self.about)
 
     @property
     def seconds(self) -> float:

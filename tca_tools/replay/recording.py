@@ -37,7 +37,7 @@ class Recording:
         """
         for place, fact in failed:
             self.failures[place] = self.failures.get(place, False) or not self._has_coped(place, fact)
-        ends = (task.reached.get(Moment.END_ACHIEVING, inf) for task in self.run.tasks.values())
+        ends = (task.time_of(Moment.END_ACHIEVING) for task in self.run.tasks.values())
         self._ends = sorted(ends)
 
     def _kept(self, entries: Iterable[Entry]) -> Iterator[Entry]:

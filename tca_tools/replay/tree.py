@@ -3,7 +3,7 @@
 Nothing recurses; a moment costs what is shown and what stands beside that, however many tasks there are.
 """
 
-from math import inf
+from collections.abc import Sequence
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.selection import lineage
@@ -40,10 +40,10 @@ def rows_at(at: RunAt, selected: int, opened: dict[int, bool]) -> list[Row]:
 
 
 def _lives(at: RunAt, task: TaskId) -> bool:
-    return at.run.tasks[task].reached.get(Moment.END_ACHIEVING, inf) > at.moment
+    return at.run.tasks[task].time_of(Moment.END_ACHIEVING) > at.moment
 
 
-def _shown(at: RunAt, children: list[TaskId], above: set[TaskId]) -> list[int]:
+def _shown(at: RunAt, children: Sequence[TaskId], above: set[TaskId]) -> list[int]:
     """The places of the children that are shown."""
     count = len(children)
     if count <= 2 * _ENDS + _LIVING:

@@ -4,7 +4,7 @@ A moment is the time of an entry: each entry has its own. Looking at one task co
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, wraps
 from itertools import islice
 from math import inf
@@ -109,12 +109,12 @@ class TaskAt:
         return going_on(self.record.suspensions, self.moment)
 
     @property
-    def children(self) -> list[TaskId]:
+    def children(self) -> Sequence[TaskId]:
         """The tasks right under it, oldest first."""
         return self._run.children_until(self.record.children, self.moment)
 
     @property
-    def caught_by(self) -> list[TaskId]:
+    def caught_by(self) -> Sequence[TaskId]:
         """The exception handlers that were called for its failures."""
         return self._run.children_until(self.record.caught_by, self.moment)
 
@@ -213,11 +213,11 @@ class RunAt:
         return cls(run, run.times[place - 1] if place else -inf, end if clock is None else min(clock, end))
 
     @cached_property
-    def top(self) -> list[TaskId]:
+    def top(self) -> Sequence[TaskId]:
         """The tasks under the root."""
         return self.run.children_until(self.run.top, self.moment)
 
-    def children(self, task: int) -> list[TaskId]:
+    def children(self, task: int) -> Sequence[TaskId]:
         """The tasks right under *task*, oldest first."""
         return self.top if task == ROOT else self.tasks[task].children
 

@@ -7,11 +7,13 @@ import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import inf, nextafter
+from sys import intern
 from typing import Any, get_type_hints
 
 from tca_tools.run.fold_reactions import ReactionFold
 from tca_tools.run.journals import Log
 from tca_tools.run.records import (
+    PLACES_OF,
     Claim,
     Drop,
     Failure,
@@ -23,16 +25,21 @@ from tca_tools.run.records import (
     Queueing,
     Raised,
     Task,
+    added,
 )
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
-from tca_wire.points import END_ACHIEVING, MOMENTS
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, MOMENTS
 from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Dropping, Outcome, Role
 
 _MOMENT_OF = {int(moment): moment for moment in MOMENTS}
 """By plain bits, since combining members of an IntFlag costs a microsecond each."""
+
+
+_LARGE = 100_000
+"""Entries."""
 
 
 @contextmanager
@@ -61,9 +68,10 @@ class History(ReactionFold):
         self._offered: dict[tuple[str, str], Offer] = {}
 
     @classmethod
-    def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
+    def until(cls, entries: Iterable[facts.Entry], time: float | None = None, *, with_turns: bool = True) -> "History":
         """The history as known at *time* (None: at the end); later entries are not even read."""
         history = cls()
+        history.turns = history.turns if with_turns else None
         with no_garbage():
             for entry in entries:
                 if time is not None and entry.time > time:
@@ -71,6 +79,8 @@ class History(ReactionFold):
                     history.time = max(history.time, time)  # of several entries at that time the last is a bit later
                     break
                 history.apply(entry)
+            if len(history.times) > _LARGE:
+                gc.freeze()  # to look through it takes seconds, and there is next to no garbage in it
         return history
 
     def go_on(self, present: float | None, time: float | None = None) -> None:
@@ -93,12 +103,10 @@ class History(ReactionFold):
             if take := _TAKE.get(type(fact)):
                 take(self, fact)
         for task in self._touched.values():
-            state = task.state
-            if not task.states or task.states[-1][1] is not state:
-                task.states.append((self.time, state))
+            if task.enter(task.state, self.time):
                 self.news.append(task)
-        for message in self._turned.values():
-            message.turns.append(self.time)
+        if self.turns is not None:
+            self.turns.add(self.time, self._turned)
         self._touched.clear()
         self._turned.clear()
 
@@ -162,7 +170,15 @@ class History(ReactionFold):
     def _received(self, fact: facts.Received) -> None:
         if fact.id <= 0 or fact.id in self.messages:
             return
-        known = (fact.id, fact.message, fact.message_class, fact.sender, fact.origin, self.time, fact.body)
+        known = (
+            fact.id,
+            intern(fact.message),
+            fact.message_class,
+            intern(fact.sender),
+            fact.origin,
+            self.time,
+            fact.body,
+        )
         by = self._deliveries.get(fact.origin)
         by = by if by is not None and by.message_id < fact.id else None  # whoever sends is older than what he sends
         if fact.message_class.is_task:
@@ -191,12 +207,15 @@ class History(ReactionFold):
         self._unqueue(fact.id)
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
-        queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time, priority=fact.priority)
+        message = self.tasks.get(fact.message_id) or self.messages.get(fact.id)
+        place = intern(fact.module), intern(fact.resource)
+        number = message.id if message and fact.id == fact.message_id else fact.message_id
+        queueing = Queueing(number, *place, self.time, priority=fact.priority)
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
         self.news.append(queueing)
-        if message := self.tasks.get(fact.message_id) or self.messages.get(fact.id):
-            message.queueings.append(queueing)
+        if message:
+            message.queueings = added(message.queueings, queueing)
             self._touch(message.id)
         else:
             self.copies.setdefault(fact.message_id, []).append(queueing)
@@ -215,34 +234,35 @@ class History(ReactionFold):
 
     def _deliver(self, fact: facts.Delivered) -> None:
         self._finish(fact.id)
-        runs = self.runs.setdefault((fact.module, fact.resource), [])
+        where = intern(fact.module), intern(fact.resource)
+        if (there := self._running.get(where)) is None:
+            there = self._running[where] = {}
+            self._module(fact.module).resources.setdefault(fact.resource, 1)
+        runs = self.runs.setdefault(where, [])
         start = self._start_of(fact, runs)
         self._unqueue(fact.id, start)
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
-        if message := self.messages.get(fact.message_id):
-            self._begin_anew(message)
-        there = self._running.setdefault((fact.module, fact.resource), {})
+        message = self.messages.get(fact.message_id)
+        number, name = (message.id, message.name) if message else (fact.message_id, self.name(fact.message_id))
         handling = Handling(
-            fact.message_id,
-            self.name(fact.message_id),
-            fact.module,
-            fact.resource,
+            number,
+            name,
+            *where,
             start,
-            delivery=fact.id,
+            delivery=number if fact.id == number else fact.id,
             beside=tuple(there.values()),
             slot=fact.slot,
             is_nested=fact.is_nested,
             priority=fact.priority,
         )
-        there[fact.id] = handling
+        there[handling.delivery] = self._deliveries[handling.delivery] = handling
         self.handlings.append(handling)
         self.news.append(handling)
         runs.append(handling)
-        self._deliveries[fact.id] = handling
-        self._module(fact.module).resources.setdefault(fact.resource, 1)
         if message:
-            message.handlings.append(handling)
+            self._begin_anew(message)
+            message.handlings = added(message.handlings, handling)
             self._touch(message.id, start)
             if isinstance(message, Task):
                 self._work_on(message, handling)
@@ -299,9 +319,10 @@ class History(ReactionFold):
         if fact.task <= 0:
             return
         task = self._task(fact.task)
-        for bit, moment in _MOMENT_OF.items():
-            if fact.moments & bit:
-                task.reached.setdefault(moment, self.time)
+        times = task.times
+        for place in PLACES_OF[fact.moments & ALL_MOMENTS]:
+            if times[place] == inf:
+                times[place] = self.time
         self._turn_others(task, fact.moments)
         if fact.moments & END_ACHIEVING:
             self._end_suspension(task)
@@ -399,7 +420,8 @@ class History(ReactionFold):
     def _wait(self, wait: HandlerWait, module: str, origin: int) -> HandlerWait:
         """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside of any."""
         handling = self._deliveries.get(origin)
-        (handling.waits if handling else self._module(module).waits).append(wait)
+        at = handling or self._module(module)
+        at.waits = added(at.waits, wait)
         wait.by = handling or module
         self.news.append(wait)
         self._touch(handling.message_id if handling else 0)
@@ -421,11 +443,14 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
 """Each method that takes a ``fact`` takes all of the type that it names."""
 
 
-def folded(journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None) -> History:
+def folded(
+    journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None, *, with_turns: bool = False
+) -> History:
     """The history as known at *time* (seconds on the run's clock; None: at the end, or now if the run goes on).
 
-    *entries* are those of the journal, if somebody wants to see them on the way. Raises UnusableLog if there are none.
+    *entries* are those of the journal, if somebody wants to see them on the way. *with_turns*: it is going to be asked
+    for many moments what was waited for. Raises UnusableLog if there are none.
     """
-    history = History.until(journal if entries is None else entries, time)
+    history = History.until(journal if entries is None else entries, time, with_turns=with_turns)
     history.go_on(journal.present(history.time), time)
     return history

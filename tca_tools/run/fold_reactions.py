@@ -6,7 +6,7 @@ Each method that takes a ``fact`` takes all of that type.
 from math import inf
 
 from tca_tools.run.fold_records import RecordFold
-from tca_tools.run.records import EventAhead, Exhausted, Failure, Hold, Retry, Task
+from tca_tools.run.records import EventAhead, Exhausted, Failure, Hold, Retry, Task, added
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point, TaskId
@@ -35,9 +35,9 @@ class ReactionFold(RecordFold):
             task = self._task(fact.task)
             self._search_on(task)
             self._called_for[fact.handler] = fact.task, task.failure
-            task.caught_by.append(fact.handler)
+            task.caught_by = added(task.caught_by, fact.handler)
             if not fact.is_beside:
-                task.deciders.append(fact.handler)
+                task.deciders = added(task.deciders, fact.handler)
             task.is_recovering, task.is_dealt_with, task.is_unhandled = True, False, False
 
     def _unhandled(self, fact: facts.Unhandled) -> None:
@@ -81,7 +81,7 @@ class ReactionFold(RecordFold):
             self._forget_outcome(task)
             is_other = fact.body not in (b"", task.body)
             runs, sent = len(task.handlings), len(task.children)
-            task.retries.append(Retry(self.time, fact.by, is_other, runs, sent, self.asker))
+            task.retries = added(task.retries, Retry(self.time, fact.by, is_other, runs, sent, self.asker))
             self._change(task, "body", fact.body or task.body)
             self._change(task, "watched", "")
             if self.asker:  # until whose end it waits
@@ -150,8 +150,8 @@ class ReactionFold(RecordFold):
         if not rule.holds_until:
             return
         before, after = Moment(rule.holds_until), Moment(rule.before)
-        is_to_come = after not in tapped.reached or after is Moment.START_HANDLING
-        if is_to_come and before not in listener.reached:
+        is_to_come = tapped.time_of(after) == inf or after is Moment.START_HANDLING
+        if is_to_come and listener.time_of(before) == inf:
             points = Point(TaskId(listener.id), before), Point(TaskId(tapped.id), after)
             self._hold(tapped, Hold(Constraint(*points), self.time, tap=tap))
 

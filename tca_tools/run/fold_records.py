@@ -3,8 +3,8 @@
 fold.py and fold_reactions.py say which fact writes what.
 """
 
-from bisect import insort
 from collections.abc import Iterator
+from math import inf
 
 from tca_tools.run.records import (
     NO_FAILURE,
@@ -17,6 +17,7 @@ from tca_tools.run.records import (
     Queueing,
     Suspension,
     Task,
+    added,
 )
 from tca_tools.run.whole_run import UNKNOWN, Run
 from tca_wire.points import END_ACHIEVING, END_PLANNING, ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, TaskId
@@ -64,20 +65,24 @@ class RecordFold(Run):
             self._turned[message_id] = self._touched[message_id] = task
         elif (message := self.messages.get(message_id)) is not None:
             self._turned[message_id] = message
-            if time is not None and time < self.time:
-                insort(message.turns, time)
+            if time is not None and time < self.time and self.turns is not None:
+                self.turns.add_early(time, message_id)
 
     def _hold(self, task: Task, hold: Hold) -> None:
         """A constraint keeps a task waiting."""
-        task.holds.append(hold)
+        task.holds = added(task.holds, hold)
         self.news.append(task)
         self._turned[task.id] = task
         self._turn_above(task)
-        self._followers.setdefault(hold.constraint.before.task, []).append(task)
+        if self.turns is not None:
+            self._followers.setdefault(hold.constraint.before.task, []).append(task)
 
     def _turn_others(self, task: Task, moments: int) -> None:
         """Those that may have waited for moments of a task: its followers, its parent, what is under it."""
-        for one in self._followers.get(task.id, ()):
+        if self.turns is None:
+            return
+        take = self._followers.pop if moments & END_ACHIEVING else self._followers.get
+        for one in take(task.id, ()):
             self._turned[one.id] = one
             if one.message_class.is_aside:  # its parent may wait for it no longer
                 self._turn_above(one)
@@ -89,7 +94,7 @@ class RecordFold(Run):
 
     def _turn_above(self, task: Task) -> None:
         """What is above a task: of a monitor its parent, too, which waits for what it has sent."""
-        above = self.tasks.get(task.parent)
+        above = self.tasks.get(task.parent) if self.turns is not None else None
         while above is not None:
             self._turned[above.id] = above
             above = self.tasks.get(above.parent) if above.message_class.is_aside else None
@@ -114,7 +119,7 @@ class RecordFold(Run):
     def _change(self, message: Message, name: str, value: str | bytes) -> None:
         """Write a new value over a field, and remember from when on it is so."""
         if getattr(message, name) != value:
-            message.changes.append((self.time, name, getattr(message, name)))
+            message.changes = added(message.changes, (self.time, name, getattr(message, name)))
             setattr(message, name, value)
             self._touch(message.id)
 
@@ -124,14 +129,14 @@ class RecordFold(Run):
         self.births.append(self.time)
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)
-            parent.children.append(TaskId(task.id))
+            parent.children = added(parent.children, TaskId(task.id))
             self._turn_above(task)
             task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension
                 here = Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by)
                 here.since_birth = above.since_birth
-                task.suspensions.append(here)
+                task.suspensions = added(task.suspensions, here)
         else:
             task.parent, task.top = ROOT, TaskId(task.id)
             self.top.append(TaskId(task.id))
@@ -141,12 +146,11 @@ class RecordFold(Run):
         self._ever_suspended.add(top.top)
         above = top.suspension  # of which a part was resumed alone
         cause, still = (above.cause, above.still) if above else (TaskId(top.id), list[Handling]())
-        is_born_so = top.received == self.time and START_HANDLING not in top.reached
+        is_born_so = top.received == self.time and top.time_of(START_HANDLING) == inf
         for task in self._living(top):
             if not task.suspension:
-                task.suspensions.append(
-                    Suspension(TaskId(task.id), cause, self.time, still, by=by, since_birth=is_born_so)
-                )
+                here = Suspension(TaskId(task.id), cause, self.time, still, by=by, since_birth=is_born_so)
+                task.suspensions = added(task.suspensions, here)
                 self._touch(task.id)
             if task.handling and not above:
                 still.append(task.handling)

@@ -1,10 +1,11 @@
 """The records of a run: messages, tasks, and the work of each handler. Plain data; the fold fills them.
 
-Many are spans: they start, and end unless they go on. Those of one thing lie in lists, oldest first.
+Many are spans: they start, and end unless they go on. Those of one thing lie in lists, oldest first. A run may have
+millions of records, and most have none of most things: these share ``NONE``, and ``added`` makes the first list.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
-from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.points import ALL_MOMENTS, MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.text.facts_in_words import kill_reason, place
 from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Role, Scope
 
@@ -40,6 +41,19 @@ OVER = (TaskState.ACHIEVED, TaskState.FAILED, TaskState.KILLED)
 """States of a task that has ended."""
 
 
+NONE: Any = ()
+_SHORT = 8
+"""Records: a tuple takes less room than a list."""
+_STATES = tuple(TaskState)
+_SHARED: dict[bytes, bytes] = {}
+"""Short sequences of states, one object each: most tasks go through the same."""
+_AS_BYTE = {state: bytes([number]) for number, state in enumerate(_STATES)}
+PLACES = {int(moment): place for place, moment in enumerate(MOMENTS, 1)}
+"""The places of moments in ``Task.times``."""
+PLACES_OF = [tuple(PLACES[moment] for moment in MOMENTS if moments & moment) for moments in range(ALL_MOMENTS + 1)]
+"""The same of each set of moments."""
+_START_HANDLING, _START_ACHIEVING = PLACES[Moment.START_HANDLING], PLACES[Moment.START_ACHIEVING]
+_END_PLANNING, _END_ACHIEVING = PLACES[Moment.END_PLANNING], PLACES[Moment.END_ACHIEVING]
 _LATELY = 32
 """Waits of a coroutine that are looked at."""
 _START, _SINCE = attrgetter("start"), itemgetter(0)
@@ -63,15 +77,25 @@ class Span:
 
 
 _Span = TypeVar("_Span", bound=Span)
+_T = TypeVar("_T")
 
 
-def going_on(spans: list[_Span], time: float) -> _Span | None:
+def added(some: Sequence[_T], one: _T) -> Sequence[_T]:
+    """Some, with one more."""
+    if len(some) < _SHORT:
+        return (*some, one)
+    some = some if isinstance(some, list) else [*some]
+    some.append(one)
+    return some
+
+
+def going_on(spans: Sequence[_Span], time: float) -> _Span | None:
     """Of spans one after the other, the one that went on at a time."""
     begun = bisect_right(spans, time, key=_START) if spans else 0
     return spans[begun - 1] if begun and spans[begun - 1].goes_on(time) else None
 
 
-def lately(spans: list[_Span], time: float) -> list[_Span]:
+def lately(spans: Sequence[_Span], time: float) -> list[_Span]:
     """Those that went on at a time, of the last that had begun."""
     begun = bisect_right(spans, time, key=_START) if spans else 0
     return [span for span in spans[max(begun - _LATELY, 0) : begun] if span.end is None or span.end > time]
@@ -136,7 +160,7 @@ class Handling(Span):
     end: float | None = None
     outcome: Outcome | None = None
     """KILLED if it returned, but its task had been killed meanwhile; None while it goes on, or if it was cut off."""
-    waits: list[HandlerWait] = field(default_factory=list)
+    waits: Sequence[HandlerWait] = NONE
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""
     by: "Handling | None" = field(default=None, repr=False, compare=False)
@@ -318,9 +342,9 @@ class Message:
     """The delivery whose handler sent it (0: none)."""
     received: float
     body: bytes = b""
-    queueings: list[Queueing] = field(default_factory=list)
-    handlings: list[Handling] = field(default_factory=list)
-    changes: list[Change] = field(default_factory=list)
+    queueings: Sequence[Queueing] = NONE
+    handlings: Sequence[Handling] = NONE
+    changes: Sequence[Change] = NONE
     """The overwritten values: when, which of the fields (``body`` or one below), and the old value."""
     failure: Failure = NO_FAILURE
     """The failure raised on it; none again when it is handled anew."""
@@ -336,8 +360,6 @@ class Message:
     """When its sender got the (last) answer; of queries only."""
     by: Handling | None = field(default=None, repr=False, compare=False)
     """The run of a handler that sent it, if that went on then."""
-    turns: list[float] = field(default_factory=list, repr=False, compare=False)
-    """When something may have changed of what it waits for."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
@@ -387,10 +409,11 @@ class Task(Message):
     parent: TaskId = ROOT
     top: TaskId = ROOT
     """The top-level task above it, or itself."""
-    children: list[TaskId] = field(default_factory=list)
-    holds: list[Hold] = field(default_factory=list)
+    children: Sequence[TaskId] = NONE
+    holds: Sequence[Hold] = NONE
     """The constraints on moments of this task."""
-    reached: dict[Moment, float] = field(default_factory=dict)
+    times: list[float] = field(default_factory=lambda: [inf] * (1 + len(MOMENTS)))
+    """When it reached which moment (inf: not yet), at its place of ``PLACES``."""
     killed: str | None = None
     """Why it was killed, as central gave it."""
     killed_by: str = ""
@@ -405,9 +428,9 @@ class Task(Message):
     """Of a wiretap's monitor: a retry of the tapped task, under which it is, spares it."""
     watched: str = ""
     """Of a monitor: why it watches no longer."""
-    caught_by: list[TaskId] = field(default_factory=list)
+    caught_by: Sequence[TaskId] = NONE
     """The tasks of the exception handlers that were called for its failures."""
-    deciders: list[TaskId] = field(default_factory=list)
+    deciders: Sequence[TaskId] = NONE
     """Those of them that decided, one after the other, what became of it; not those for failures raised beside."""
     is_recovering: bool = False
     """An exception handler decides what becomes of it."""
@@ -415,10 +438,12 @@ class Task(Message):
     """Its failure was dealt with."""
     is_unhandled: bool = False
     """Nobody dealt with its failure. Unless killed (it is retried, or survives what is above it) it goes on."""
-    suspensions: list[Suspension] = field(default_factory=list)
-    retries: list[Retry] = field(default_factory=list)
-    states: list[tuple[float, TaskState]] = field(default_factory=list)
-    """From when on it was in which state."""
+    suspensions: Sequence[Suspension] = NONE
+    retries: Sequence[Retry] = NONE
+    since: Sequence[float] = NONE
+    """From when on it was in each of its states."""
+    stages: bytes = b""
+    """Those states, a byte each: see ``states``."""
 
     @property
     def why_killed(self) -> str | None:
@@ -427,27 +452,43 @@ class Task(Message):
 
     def time_of(self, moment: int) -> float:
         """When it reached a moment; inf if it has not."""
-        reached: dict[Any, float] = self.reached
-        return reached.get(moment, inf)
+        return self.times[PLACES.get(moment, 0)]
+
+    @property
+    def reached(self) -> dict[Moment, float]:
+        """When it reached which moments."""
+        return {moment: time for moment, time in zip(MOMENTS, self.times[1:], strict=True) if time < inf}
 
     @property
     def has_ended(self) -> bool:
         """Whether all of it is over, however it ended."""
-        return Moment.END_ACHIEVING in self.reached
+        return self.times[_END_ACHIEVING] < inf
+
+    def enter(self, state: TaskState, time: float) -> bool:
+        """Note its state from a time on; whether it is another one."""
+        if self.stages.endswith(stage := _AS_BYTE[state]):
+            return False
+        self.since, stages = added(self.since, time), self.stages + stage
+        self.stages = _SHARED.setdefault(stages, stages) if len(stages) <= _SHORT else stages
+        return True
+
+    @property
+    def states(self) -> list[tuple[float, TaskState]]:
+        """From when on it was in which state."""
+        return [(since, _STATES[stage]) for since, stage in zip(self.since, self.stages, strict=True)]
 
     def place_at(self, time: float) -> int:
         """Which of its states it was in."""
-        return max(bisect_right(self.states, time, key=_SINCE) - 1, 0)
+        return max(bisect_right(self.since, time) - 1, 0)
 
     def state_at(self, time: float) -> TaskState:
         """Its state at a time."""
-        since, state = self.states[-1]
-        return state if since <= time else self.states[self.place_at(time)][1]
+        return _STATES[self.stages[-1 if self.since[-1] <= time else self.place_at(time)]]
 
     def spans(self) -> Iterator[tuple[float, float, TaskState]]:
         """Its states, with from when until when it was in each."""
-        ends = [*(since for since, _ in self.states[1:]), inf]
-        return ((since, end, state) for (since, state), end in zip(self.states, ends, strict=True))
+        states = map(_STATES.__getitem__, self.stages)
+        return zip(self.since, [*self.since[1:], inf], states, strict=True)
 
     @property
     def suspension(self) -> Suspension | None:
@@ -462,10 +503,12 @@ class Task(Message):
     @property
     def state(self) -> TaskState:
         """Its current state."""
+        if self.killed is None and not self.failure and not self.is_recovering:  # as most
+            return TaskState.ACHIEVED if self.times[_END_ACHIEVING] < inf else self._running_state()
         return self._end_state() or self._running_state()
 
     def _end_state(self) -> TaskState | None:
-        has_ended = self.has_ended
+        has_ended = self.times[_END_ACHIEVING] < inf
         if not has_ended and self.killed is not None:
             return TaskState.ENDING
         if self.is_recovering and not has_ended:
@@ -477,18 +520,20 @@ class Task(Message):
         return TaskState.ACHIEVED if has_ended else None
 
     def _running_state(self) -> TaskState:
-        if self.suspension and not self.handling:
+        times, runs = self.times, self.handlings
+        handling = runs and runs[-1].end is None
+        if self.suspensions and self.suspension and not handling:
             return TaskState.SUSPENDED
-        if self.is_queued:
+        if self.queueings and self.queueings[-1].end is None:
             return TaskState.QUEUED
-        if Moment.START_HANDLING not in self.reached:
+        if times[_START_HANDLING] == inf:
             return TaskState.HELD
-        is_achieving = Moment.START_ACHIEVING in self.reached
-        if self.handling:
+        is_achieving = times[_START_ACHIEVING] < inf
+        if handling:
             return TaskState.HANDLING if is_achieving else TaskState.PLANNING
         if is_achieving:
             return TaskState.ACHIEVING
-        return TaskState.PLANNED if Moment.END_PLANNING in self.reached else TaskState.PLANNING
+        return TaskState.PLANNED if times[_END_PLANNING] < inf else TaskState.PLANNING
 
 
 @dataclass(slots=True)
@@ -506,5 +551,5 @@ class ModuleRecord:
     """The largest capacity that each resource had."""
     sizes: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
     """From when on each resource had which capacity."""
-    waits: list[HandlerWait] = field(default_factory=list)
+    waits: Sequence[HandlerWait] = NONE
     """Its waits outside of any handler."""

@@ -31,7 +31,7 @@ class Forest(Protocol):
     def time(self) -> float:
         """The time on the clock of the entries."""
 
-    def children(self, task: int) -> list[TaskId]:
+    def children(self, task: int) -> Sequence[TaskId]:
         """The tasks right under *task*, oldest first."""
 
 
@@ -43,7 +43,7 @@ class Excerpt:
         self.time = at.time
         self._top = [TaskId(number) for number, task in self.tasks.items() if task.parent not in chosen]
 
-    def children(self, task: int) -> list[TaskId]:
+    def children(self, task: int) -> Sequence[TaskId]:
         """The tasks right under *task*, oldest first."""
         if task == ROOT:
             return self._top

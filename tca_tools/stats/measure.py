@@ -6,10 +6,9 @@ from math import ceil
 
 from tca_tools.analysis.resources import Key, Use, uses
 from tca_tools.analysis.summary import span_of
-from tca_tools.run.records import OVER, Drop, Handling, Message, Queueing, Task, TaskState
+from tca_tools.run.records import OVER, Drop, Handling, Message, Task, TaskState
 from tca_tools.run.whole_run import Run
-from tca_tools.spans import Span, levels
-from tca_tools.why.waits import waits_of
+from tca_tools.spans import Span, most_at_once
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome
 
@@ -145,10 +144,11 @@ def _count(run: Run, stats: MessageStats, message: Message) -> None:
     if message.handlings:
         stats.to_start.seconds.append(message.handlings[0].start - message.received)
     if isinstance(message, Task):
-        end = message.reached.get(Moment.END_ACHIEVING) if message.state is TaskState.ACHIEVED else None
-        stats.failed += message.state is TaskState.FAILED
-        stats.killed += message.state is TaskState.KILLED
-        stats.open += message.state not in OVER
+        state = message.state
+        end = message.time_of(Moment.END_ACHIEVING) if state is TaskState.ACHIEVED else None
+        stats.failed += state is TaskState.FAILED
+        stats.killed += state is TaskState.KILLED
+        stats.open += state not in OVER
     else:
         end, last = message.answered, message.handlings[-1] if message.handlings else None
         stats.failed += last.outcome is Outcome.FAILED if last else bool(message.failure)
@@ -201,15 +201,14 @@ def _resources(run: Run, busy_in: Span) -> dict[Key, ResourceStats]:
 def _add_queues(run: Run, messages: dict[str, MessageStats], resources: dict[Key, ResourceStats], first: float) -> None:
     """The waits for resources and handlers."""
     spans: dict[Key, list[Span]] = defaultdict(list)
-    for message in run.messages.values():
-        for wait in waits_of(run, message.id):
-            if isinstance(wait.record, Queueing):
-                key = (wait.record.module, wait.record.resource)
-                stats = resources.setdefault(key, ResourceStats(*key))
-                spans[key].append((max(wait.start, first), max(wait.end, first)))
-                if wait.start >= first:
-                    stats.queued.add(wait.start, wait.end, run.time)
-                    _of(run, messages, message.name).queued.add(wait.start, wait.end, run.time)
+    for wait in run.queueings:
+        if (message := run.messages.get(wait.message_id)) is not None:
+            key = (wait.module, wait.resource)
+            stats = resources.setdefault(key, ResourceStats(*key))
+            spans[key].append((max(wait.start, first), max(wait.until, first)))
+            if wait.start >= first:
+                stats.queued.add(wait.start, wait.until, run.time)
+                _of(run, messages, message.name).queued.add(wait.start, wait.until, run.time)
     for key, some in spans.items():
-        resources[key].longest_queue = max((number for _, number in levels(some)), default=0)
+        resources[key].longest_queue = most_at_once(some)
         resources[key].queued.seconds.sort()

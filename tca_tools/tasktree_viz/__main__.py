@@ -44,7 +44,7 @@ def tree(
     """
     check_output(output, (".txt",) if story else KINDS, force=asked.force)
     journal = open_log(asked.log_path)
-    history = folded(journal, asked.at)
+    history = folded(journal, asked.at, with_turns=story is not None)
     if story:
         _tell(history, story, output)
     else:

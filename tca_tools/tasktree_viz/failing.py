@@ -178,7 +178,7 @@ def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
 def _decided(task: Task, failed: float) -> float:
     """When it was decided what became of a task that had failed."""
     states = (time for time, state in task.states if time > failed and state not in UNDECIDED)
-    return min(next(states, inf), _killed(task), task.reached.get(Moment.END_ACHIEVING, inf))
+    return min(next(states, inf), _killed(task), task.time_of(Moment.END_ACHIEVING))
 
 
 def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:

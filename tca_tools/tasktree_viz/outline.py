@@ -4,7 +4,7 @@ Nothing here recurses: a tree may be a million deep.
 """
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
@@ -161,7 +161,7 @@ def _row(at: Forest, parent: Row, task: TaskId) -> Row:
     return Row(at.tasks[task], parent.number, parent.depth + 1)
 
 
-def _fold(at: Forest, into: Row, tasks: list[TaskId]) -> Row:
+def _fold(at: Forest, into: Row, tasks: Sequence[TaskId]) -> Row:
     """Let a row stand for these tasks, too, and for all that is under them."""
     below = [*tasks]
     for number in below:  # grows while it is walked
@@ -206,7 +206,7 @@ def _choose(at: Forest, loud: set[int], budget: int, beside_at_most: int) -> set
     return shown - {one for one in samples - loud if at.children(one) and shown.isdisjoint(at.children(one))}
 
 
-def _ends(at: Forest, tasks: list[TaskId]) -> list[TaskId]:
+def _ends(at: Forest, tasks: Sequence[TaskId]) -> list[TaskId]:
     """The first and the last of each run of tasks in one state."""
     found: list[TaskId] = []
     for _, run in groupby(tasks, lambda number: at.tasks[number].state):

@@ -1,6 +1,6 @@
 """The waits of a task that is to be handled again: for all under it to end, and for whoever asked."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from tca_tools.run.records import Retry, Task
 from tca_tools.run.whole_run import Run
@@ -11,7 +11,7 @@ from tca_wire.waits import WaitKind
 
 _ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
 """The moments that come after its handler has returned."""
-_Under = Callable[[Run, list[TaskId], int, float | None], list[Task]]
+_Under = Callable[[Run, Sequence[TaskId], int, float | None], list[Task]]
 
 
 def of_retry(run: Run, task: Task, retry: Retry, killed: float, under: _Under) -> Iterator[Wait]:

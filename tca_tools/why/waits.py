@@ -23,6 +23,7 @@ from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import watches, watching
 from tca_tools.run.records import (
     OVER,
+    PLACES,
     Claim,
     HandlerWait,
     Handling,
@@ -146,12 +147,12 @@ def _subtasks(
         yield Wait(start, end, WaitKind.SUBTASK, Node(child.id, moment), moment, others=others if together else ())
 
 
-def _under(run: Run, children: list[TaskId], moment: int, time: float | None) -> list[Task]:
+def _under(run: Run, children: Sequence[TaskId], moment: int, time: float | None) -> list[Task]:
     """The tasks that keep the one they are under from being planned or achieved, at a *time* or ever. Of a monitor that
     ends with all else there it is what that has sent, unless a constraint keeps it.
     """
     found: list[Task] = []
-    rest = children[::-1]
+    rest = [*reversed(children)]
     while rest:
         child = run.tasks[rest.pop()]
         is_watcher = moment == END_ACHIEVING and child.message_class.is_aside and not child.is_waited_for
@@ -268,8 +269,8 @@ class _Turn:
     what has changed.
     """
 
-    number: int
-    """How many turns there had been."""
+    number: float
+    """See ``Run.turn``."""
     next: Node
     """The node that comes next."""
     waits: list[Wait]
@@ -278,8 +279,7 @@ class _Turn:
 
 
 def _turn(run: Run, message: Message, time: float) -> _Turn:
-    turns = message.turns
-    number = len(turns) if not turns or turns[-1] <= time else bisect_right(turns, time)
+    number = run.turn(message.id, time)
     known: _Turn | None = run.memo.get(message.id)
     if known is None or known.number != number:
         waits, following = list(_of_message(run, message, time)), Node(message.id)
@@ -401,8 +401,8 @@ def _moments(task: Task, moment: int, time: float) -> int:
 def _past(task: Task, time: float) -> int:
     """The moments that a task had reached, as bits."""
     past = 0
-    for moment, since in task.reached.items():
-        past |= int(moment) if since <= time else 0
+    for moment, place in PLACES.items():
+        past |= moment if task.times[place] <= time else 0
     return past
 
 

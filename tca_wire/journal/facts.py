@@ -19,6 +19,7 @@ JOURNAL_VERSION = 5
 """Goes up whenever a fact or an entry changes. Journals of a version before ``OLDEST_READ`` are refused."""
 OLDEST_READ = 4
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
+EntryNumber = Annotated[int, msgspec.Meta(ge=0, le=(1 << 63) - 1)]
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 
@@ -561,7 +562,7 @@ class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     clock that never jumps; *cause* is None where central itself begins or ends a segment.
     """
 
-    number: int
+    number: EntryNumber
     time: EntryTime
     facts: list[Fact]
     cause: Cause | None = None

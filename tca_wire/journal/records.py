@@ -19,7 +19,7 @@ import msgspec
 
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.causes import Cause
-from tca_wire.journal.facts import JOURNAL_VERSION, OLDEST_READ, Entry, EntryTime, Fact, Opened
+from tca_wire.journal.facts import JOURNAL_VERSION, OLDEST_READ, Entry, EntryNumber, EntryTime, Fact, Opened
 from tca_wire.journal.frames import FRAME, MAX_RECORD, UINT32, framed
 
 _HEAD, _unpack_head = FRAME.size, FRAME.unpack_from
@@ -41,7 +41,7 @@ _SPARE = 8
 class _Roughly(msgspec.Struct, array_like=True):
     """An entry whose facts and cause may be anything."""
 
-    number: int
+    number: EntryNumber
     time: EntryTime
     facts: list[msgspec.Raw]
     cause: msgspec.Raw = msgspec.Raw(b"\xc0")

@@ -203,7 +203,7 @@ def granted_at_once() -> Story:
 def test_a_wait_of_no_length_is_not_drawn() -> None:
     drawing = chart(granted_at_once().fold())
     assert [(row.label, len(row.handled)) for row in drawing.rows] == [("legs", 1)]
-    assert drawing.rows[0].handled[0].waits == []
+    assert not drawing.rows[0].handled[0].waits
 
 
 # --- what is asked for ------------------------------------------------------------------------------------------------

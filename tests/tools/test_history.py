@@ -1,5 +1,5 @@
 from itertools import pairwise
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 import click
 import pytest
@@ -31,7 +31,7 @@ def reasons(history: History, task: int) -> list[str]:
 def test_the_tree_and_its_handlers() -> None:
     history = walking().fold()
     assert history.top == [1]
-    assert history.children(1) == [2, 3, 4]
+    assert [*history.children(1)] == [2, 3, 4]
     assert history.tasks[6].reached[Moment.END_ACHIEVING] == 3.4
     assert history.tasks[6].handlings[0].module == "controller"
 
@@ -52,7 +52,7 @@ def test_a_handler_that_waits_for_a_task() -> None:
     assert reasons(story.fold(), second) == ["until a {1} is planned"]
     story.at(3.0).say(facts.WaitEnded("m", second, TaskId(first)))
     history = story.fold()
-    assert history.handlings[0].waits == [HandlerWait(1, 0.0, Moment.END_PLANNING, 3.0)]
+    assert [*history.handlings[0].waits] == [HandlerWait(1, 0.0, Moment.END_PLANNING, 3.0)]
     assert reasons(history, second) == []
 
 
@@ -143,7 +143,9 @@ NAMES = st.sampled_from(["a", "b", "<&\x1b", ""])
 
 
 def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
-    fields: dict[str, Any] = dict.fromkeys(("id", "message_id", "task", "parent", "origin"), IDS)
+    numbers = [name for name, what in get_type_hints(kind).items() if what in (int, TaskId)]
+    fields: dict[str, Any] = dict.fromkeys(numbers, IDS | st.integers(-(1 << 63), (1 << 64) - 1))
+    fields |= dict.fromkeys(("id", "message_id", "task", "parent", "origin"), IDS)
     fields |= dict.fromkeys(("message", "module", "resource"), NAMES)
     fields |= {"moments": st.integers(0, 63), "moment": st.sampled_from(list(map(int, Moment)))}
     fields["body"] = st.binary(max_size=4)

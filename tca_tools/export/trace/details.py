@@ -40,7 +40,7 @@ def of_handling(run: Run, handling: Handling) -> Details:
     message = run.messages.get(handling.message_id)
     details: Details = {"directly from": handling.direct_from or None} | (of_message(run, message) if message else {})
     details["outcome"] = handling.outcome and str(handling.outcome)
-    if message and message.handlings[-1:] == [handling]:
+    if message and message.handlings and message.handlings[-1] is handling:
         details |= {"result": plain_data(message.result), "failure data": plain_data(message.failure_data)}
     return details
 

@@ -1,0 +1,82 @@
+"""Journals of former days, which every later version reads as what they were.
+
+A journal of a version that is released never changes. While it is not, whoever changes a fact removes the file and
+runs this with ``--rewrite``: then it is made anew.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from enum import Enum
+from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
+
+import pytest
+from click.testing import Result
+from tools.runs import walk
+
+from tca_tools.log.fact_rows import fact_row
+from tca_tools.run.journals import open_log
+from tca_wire.constraints import Constraint
+from tca_wire.journal import causes, facts
+from tca_wire.journal.facts import JOURNAL_VERSION, OLDEST_READ, Entry
+from tca_wire.journal.records import record
+from tca_wire.points import Moment, Point, TaskId
+
+GOLDEN = Path(__file__).parent / "golden"
+SOME = 40
+"""Entries of a walk."""
+TOOLS = ("tree", "gantt", "stats", "log show", "replay --text")
+
+
+def some(kind: Any) -> Any:
+    """A value of a type, none of which is the default one."""
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return list(kind)[-1]
+    if get_origin(kind) is list:
+        return [some(get_args(kind)[0])]
+    values: dict[Any, Any] = {int: 7, TaskId: 7, str: "süß", float: 0.25, bool: True, bytes: b"\xa3any"}
+    values |= {Point: Point(TaskId(7), Moment.END_PLANNING)}
+    values |= {Constraint: Constraint(values[Point], Point(TaskId(8), Moment.START_ACHIEVING), 1.5)}
+    return values[kind] if kind in values else some(get_args(kind)[0])
+
+
+def one_of_each() -> Iterator[Entry]:
+    """An entry for each kind of fact and cause, all fields filled."""
+    last, time = walk()[SOME - 1].number, walk()[SOME - 1].time
+    kinds = [kind for kind in get_args(facts.Fact) if kind is not facts.Opened]
+    made: list[Any] = [kind(**{name: some(what) for name, what in get_type_hints(kind).items()}) for kind in kinds]
+    for number, fact in enumerate(made, last + 1):
+        kind = get_args(causes.Cause)[number % 3]
+        cause = kind(**{name: some(what) for name, what in get_type_hints(kind).items()})
+        yield Entry(number, time + number, [fact], cause)
+
+
+@pytest.fixture
+def current(rewrite: bool) -> Path:
+    path = GOLDEN / f"{JOURNAL_VERSION}.tcaj"
+    if rewrite and not path.exists():
+        opened = facts.Opened(JOURNAL_VERSION, "golden", 1, 1_700_000_000.0, "0.1.0")
+        entries = [Entry(0, 0.0, [opened]), *walk()[1:SOME], *one_of_each()]
+        path.write_bytes(b"".join(map(record, entries)))
+    return path
+
+
+def test_this_version_has_one(current: Path) -> None:
+    assert current.exists(), "format of the journal changed: run this test with --rewrite"
+
+
+@pytest.mark.parametrize("version", range(OLDEST_READ, JOURNAL_VERSION + 1))
+def test_it_is_read_as_what_it_was(
+    tca: Callable[..., Result], expect: Callable[[str, str], None], current: Path, version: int
+) -> None:
+    path = current.with_name(f"{version}.tcaj")
+    if not path.exists():
+        pytest.skip(f"nobody has kept a journal of version {version}")
+    log = open_log(path)
+    rows = [json.dumps(fact_row(entry, fact), ensure_ascii=False) for entry in log for fact in entry.facts]
+    assert log.remarks == []
+    expect(f"golden-{version}", "\n".join(rows) + "\n")
+    for tool in TOOLS:
+        told = tca(*tool.split(), path)
+        assert (told.exit_code, told.stderr) == (0, ""), tool
+    assert tca("check", path).exit_code in (0, 1)
