@@ -31,7 +31,7 @@ UNKNOWN = "?"
 """The name of what was sent before the journal's first entry."""
 
 
-class Turns:
+class TurnTimes:
     """When something may have changed of what each message waits for. Few ask: they are put in order when one does."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class Reactions:
     """The failures, wiretaps, monitors and deadlines known beside the tasks themselves."""
 
     def __init__(self) -> None:
-        self.turns: Turns | None = Turns()
+        self.turns: TurnTimes | None = TurnTimes()
         """None: nobody is going to ask for many moments what was waited for, and to note that takes time and room."""
         self.taps: dict[int, facts.TapAdded] = {}
         self.attached: dict[int, facts.Attached] = {}
