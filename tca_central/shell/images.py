@@ -18,8 +18,8 @@ from tca_central.image.encoder import encode, may_be_taken
 from tca_central.shell.input_log import IMAGE_SUFFIX, INPUT_SUFFIX, InputLog
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, numbers
 
-INPUTS_BETWEEN = 50_000
-"""Inputs after which there is a new image: they are handled again in a few seconds."""
+EVENTS_BETWEEN = 50_000
+"""Events after which there is a new image: they are handled again in a few seconds."""
 
 log = logging.getLogger("tca.central")
 
@@ -27,9 +27,10 @@ log = logging.getLogger("tca.central")
 class Images:
     """Has an image made when the log of inputs has grown."""
 
-    def __init__(self, inputs: InputLog, facts: LogWriter, *, keeps_all: bool = False) -> None:
+    def __init__(self, inputs: InputLog, facts: LogWriter, known: int = 0) -> None:
+        """*known*: the number of events that the newest image has."""
         self._inputs, self._facts = inputs, facts
-        self._keeps_all = keeps_all
+        self._known = known
         self._child = 0  #: the process that writes one
         self._number = 0
         self._kept = 0  #: the number of the newest image that is there
@@ -38,11 +39,16 @@ class Images:
         """End of a turn."""
         if self._child:
             self._look_after_child()
-        elif (self._inputs.count >= INPUTS_BETWEEN or self._inputs.size >= SEGMENT_BYTES) and may_be_taken(central):
+        elif central.events >= self._known + EVENTS_BETWEEN or self._inputs.size >= SEGMENT_BYTES:
             self.take(central)
 
     def take(self, central: Central) -> None:
-        """Begin an image of the state, and a new segment of inputs with it. Raises CentralError."""
+        """Begin an image of the state, and a new segment of inputs with it, if that is possible now. Raises
+        CentralError.
+        """
+        if not may_be_taken(central):
+            return
+        self._known = central.events
         self._number = self._inputs.next_segment(central.clock.now)
         facts = self._facts.hand_over()  # nothing leads to them again when there is an image of what came after them
         path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
@@ -71,7 +77,7 @@ class Images:
         if status:
             log.warning("the image of the state that was being taken is not there: its process ended with %d", status)
             return
-        if not self._keeps_all and self._kept:
+        if self._kept:
             for suffix in (IMAGE_SUFFIX, INPUT_SUFFIX):
                 for number in numbers(self._inputs.folder, suffix):
                     if self._inputs.first <= number < self._kept:

@@ -65,18 +65,16 @@ class InputLog(LogWriter):
     ) -> None:
         """*clock*: central's, in a run that goes on; None: it begins."""
         self._head = Head(INPUT_VERSION, epoch, version, clock is None, sync, this_boot(), clock or 0.0, 0.0)
-        self.count = 0  #: of inputs in the segment
         super().__init__(folder, INPUT_SUFFIX, sync)
 
     def head(self) -> bytes:
         """Each segment says which run it belongs to."""
-        head, self.count = msgspec.structs.replace(self._head, wall=time.time()), 0
+        head = msgspec.structs.replace(self._head, wall=time.time())
         self._head = msgspec.structs.replace(head, is_first=False)
         return framed(_encode(head))
 
     def add(self, event: Input) -> None:
         """Take an input; ``flush`` writes it."""
-        self.count += 1
         self.put(framed(_encode(event)))
 
     def next_segment(self, clock: float) -> int:

@@ -38,6 +38,7 @@ class UnfinishedRun:
     last: Entry  #: the last entry of its journal
     missing: list[Entry] = field(default_factory=list)  #: entries that the journal lacks
     inputs: int = 0  #: number of those handled again
+    known: int = 0  #: number of the events before them
 
     def restarted(self, *, hold: bool) -> Restarted:
         """The event with which it goes on."""
@@ -85,4 +86,7 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
     facts.cut_tail()
     head = segments[-1].head
     assert head is not None
-    return UnfinishedRun(replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs)
+    known = replay.began
+    return UnfinishedRun(
+        replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs, known
+    )

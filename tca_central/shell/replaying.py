@@ -64,6 +64,7 @@ class InputReplay:
         if head.version != INPUT_VERSION:
             raise self._hopeless(f"its inputs are of format {head.version}, this tca reads {INPUT_VERSION}")
         self.central, self._segments = self._begin(segments, from_first=from_first)
+        self.began = self.central.events  #: number of the events before these inputs
         following = range(self._segments[0].number, segments[-1].number)
         if missing := set(following).difference(one.number for one in segments):
             raise self._hopeless(f"its inputs number {min(missing)} are missing")

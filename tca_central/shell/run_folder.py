@@ -7,7 +7,6 @@ from pathlib import Path
 from secrets import token_hex
 
 from tca_central.core import Central
-from tca_central.shell.images import INPUTS_BETWEEN
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
@@ -57,12 +56,10 @@ class RunFolder:
         journal = JournalWriter(self.path, epoch=epoch, version=release, sync=sync, after=run.opened, entry=run.last)
         for entry in run.missing:
             journal.add(entry)
-        server.log = RunLog(self.path, journal, inputs)
-        self._go_on(server, run, inputs, hold=hold)
-        if inputs is not None and server.log.images is not None:
+        if inputs is not None:
             inputs.first = run.first
-            if run.inputs > INPUTS_BETWEEN // 2:
-                server.log.images.take(central)  # should it be killed again soon
+        server.log = RunLog(self.path, journal, inputs, known=run.known)
+        self._go_on(server, run, inputs, hold=hold)
 
     @staticmethod
     def _go_on(server: Server, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:

@@ -26,12 +26,12 @@ def rerun(journal: Log) -> tuple[list[str], bool]:
         raise click.ClickException(f"{journal.path} has no inputs of this run: central kept none, or they were removed")
     try:
         replay = InputReplay(journal.path, segments, cuts=True, from_first=True)
-        began = replay.central.events
+        began = replay.began
         facts = WrittenFacts(journal.path, replay.central.epoch, began)
         difference = facts.compare(replay.entries(), [])
     except CentralError as error:
         raise click.ClickException(str(error)) from None
-    since = f"since entry {began}, of which there is an image" if began else "since the run began"
+    since = f"since entry {began}, of which there is an image," if began else "since the run began"
     done = f"{counted(replay.inputs, 'input')} {since}"
     if difference is None:
         return [f"{done} lead to the same {_entries(facts.compared)} in this version"], True

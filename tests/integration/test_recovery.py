@@ -19,7 +19,7 @@ from integration.programs import Central, central, program, tca
 from tca_central import core
 from tca_central.errors import CentralError
 from tca_central.events import ConnectionId, RequestReceived, Transmit
-from tca_central.shell import run_folder
+from tca_central.shell import images
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.recovery import recover, unfinished
 from tca_central.shell.run_folder import RunFolder
@@ -300,12 +300,13 @@ def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown
 
 def test_the_journal_has_what_an_image_includes(broken_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A central that is killed as soon as it has taken one, in coming back, has written what it did until then."""
-    monkeypatch.setattr(run_folder, "INPUTS_BETWEEN", 2)
-    run = run_folder.RunFolder(broken_run)
+    monkeypatch.setattr(images, "EVENTS_BETWEEN", 2)
+    run = RunFolder(broken_run)
     server = Server(run.central, f"ipc://{broken_run.parent}/again.sock")
     run.open(server, Sync.NONE)
     assert server.log
     assert server.log.images
+    server.log.images.tend(run.central)
     server.log.images.close()  # it is there; and nothing more is written
     run.close()
     server.log = None
