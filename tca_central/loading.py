@@ -2,9 +2,22 @@
 
 import os
 import sys
+from collections.abc import Callable
 from importlib.machinery import SOURCE_SUFFIXES, FileFinder, SourceFileLoader
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+__all__ = ["is_compiled", "mypyc_attr"]
+
+if TYPE_CHECKING:
+    from mypy_extensions import mypyc_attr
+else:
+
+    def mypyc_attr(**_: bool) -> Callable[[type], type]:
+        """Tell the compiler more about a class: here it means nothing."""
+        return lambda kind: kind
+
 
 if os.environ.get("TCA_PURE"):
     for room in Path(__file__).parent.glob("**/__init__.py"):

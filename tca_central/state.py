@@ -30,6 +30,7 @@ from tca_central.model.deliveries import (
 )
 from tca_central.model.registry import Registry, Variables
 from tca_central.model.resources import Claim
+from tca_central.model.stored import Stored
 from tca_central.model.task_tree import KeptTask, Task, TaskTree, taps_of
 from tca_central.order.agenda import Agenda
 from tca_central.order.dispatcher import Dispatcher
@@ -47,7 +48,7 @@ Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
 """A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
 
 
-class Collector:
+class Collector(Stored):
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
     __slots__ = ("answered", "connection", "end", "failures", "id", "message", "module_of", "number",
@@ -69,7 +70,7 @@ class Collector:
         return 0 if self.end is None else len(self.end[1])
 
 
-class TaskWait:
+class TaskWait(Stored):
     """A connection waits until a task reaches a moment."""
 
     __slots__ = ("connection", "moment", "number", "origin", "task_id")
@@ -90,7 +91,7 @@ class TaskWait:
             central.send(self.connection, self.number, Answer(self.number, result, failure, text), body)
 
 
-class PresenceWait:
+class PresenceWait(Stored):
     """A connection waits until each of some messages is handled, all at the same time."""
 
     __slots__ = ("connection", "messages", "missing", "number", "promised")
@@ -116,7 +117,7 @@ class PresenceWait:
             del message.awaited_by[self]
 
 
-class RestartHold:
+class RestartHold(Stored):
     """What keeps tasks from starting: central was away."""
 
     __slots__ = ("awaited", "grace", "until_told")
@@ -141,7 +142,7 @@ class RaisedFailure(NamedTuple):
     kinds: tuple[str, ...] = ()  #: more general failures that it is a kind of
 
 
-class FailureContext:
+class FailureContext(Stored):
     """The trouble an exception handler's task deals with: a task's failure, caught there or above."""
 
     __slots__ = ("at", "attached", "failing", "failure", "passed")

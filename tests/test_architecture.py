@@ -143,7 +143,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "__init__": {"loading"},
         "errors": set(),
         "events": set(),
-        "model": {"errors", "events"},
+        "model": {"errors", "events", "loading"},
         "order": {"errors", "model"},
         "state": {"errors", "events", "model", "order"},
         "needs": {"model", "order", "state"},

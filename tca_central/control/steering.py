@@ -10,6 +10,7 @@ from tca_central.model.budget import DELIVERY_BYTES, TIMER_BYTES, WAIT_BYTES
 from tca_central.model.clock import checked_seconds
 from tca_central.model.deliveries import Connection, MessageType
 from tca_central.model.intervals import checked_moment
+from tca_central.model.stored import Stored
 from tca_central.model.task_tree import Task, Verdict
 from tca_central.outgoing.central_messages import make_task, suspend
 from tca_central.state import RaisedFailure, State
@@ -51,7 +52,7 @@ def forget_pending(central: State, task: Task) -> None:
 # --- kills -----------------------------------------------------------------------------------------------------------
 
 
-class PendingKill:
+class PendingKill(Stored):
     """A kill that is carried out when a point is reached, or some time after."""
 
     __slots__ = ("delay", "scope", "task", "verdict")
@@ -127,7 +128,7 @@ def _plan(central: State, kill: PendingKill, after: Point | None) -> None:
 # --- deadlines -------------------------------------------------------------------------------------------------------
 
 
-class PendingDeadline:
+class PendingDeadline(Stored):
     """A task's point that must be reached in time."""
 
     __slots__ = ("moment", "seconds", "task")

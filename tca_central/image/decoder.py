@@ -38,6 +38,8 @@ def decode(data: bytes) -> Central:
 def _central_of(tables: list[ClassTable], size: int) -> Central:
     if sum(table.count for table in tables) > size:
         raise ValueError("it tells of more objects than its bytes can name")
+    if sum(table.count for table in tables if table.name == Central.__name__) != 1:
+        raise ValueError("it is not of one central")
     (plain,), *tables = tables[0].columns, *tables[1:]
     things: list[Any] = list(plain.values)
     objects: list[tuple[ObjectShape, ClassTable, list[Any]]] = []

@@ -14,6 +14,7 @@ from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
 from tca_central.errors import ImageError
+from tca_central.model.stored import Stored
 
 Columns = list[list[Any]]
 Read = Callable[[list[Any]], Columns]
@@ -67,7 +68,8 @@ def record(kind: type, fields: tuple[str, ...], derived: Iterable[str]) -> Objec
             settings = starmap(setattr, zip(things, repeat(field, len(things)), values, strict=True))
             deque(settings, maxlen=0)  # does it all
 
-    return ObjectShape(kind.__name__, fields, read, partial(kind.__new__, kind), fill)
+    empty = partial(kind.__new__, kind) if issubclass(kind, Stored) else kind
+    return ObjectShape(kind.__name__, fields, read, empty, fill)
 
 
 def listed(name: str, empty: Callable[[], Any], extend: Callable[[Any, list[Any]], None]) -> ObjectShape:

@@ -4,13 +4,14 @@ from collections import OrderedDict
 
 from tca_central.model.budget import ANSWER_BYTES
 from tca_central.model.deliveries import Connection
+from tca_central.model.stored import Stored
 from tca_wire.packets.headers import ToModule
 
 REMEMBERED_ANSWERS = 64
 """Answers kept per connection."""
 
 
-class KeptAnswers:
+class KeptAnswers(Stored):
     """The answers of all connections. What is forgotten is answered "too late" when it is asked for again."""
 
     __slots__ = ("_kept", "bytes", "forgotten", "most")

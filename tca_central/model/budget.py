@@ -5,6 +5,8 @@ beyond a part is refused, and who sends informs loses them; answers, outcomes an
 Nothing is asked of requests that free something, or only tell: they get in whatever is full.
 """
 
+from tca_central.model.stored import Stored
+
 MEMORY = 512 << 20
 """Bytes, unless somebody says otherwise."""
 
@@ -25,7 +27,7 @@ AWAITED_BYTES = 200  # a message in a wait until it is handled
 ANSWER_BYTES = 300
 
 
-class Budget:
+class Budget(Stored):
     """The limits, and counts that have no other place."""
 
     __slots__ = ("answers", "awaited", "collected", "declared", "kept", "messages", "outcomes", "refused", "total",

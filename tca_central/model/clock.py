@@ -5,13 +5,14 @@ import math
 from typing import Any
 
 from tca_central.errors import RequestError
+from tca_central.model.stored import Stored
 from tca_wire.vocabulary import LONGEST_TIME, Due, Refusal
 
 VOID_TIMERS = 64
 """Cancelled timers that may be kept beyond as many as there are others."""
 
 
-class Timer:
+class Timer(Stored):
     """Something due at a time."""
 
     __slots__ = ("due", "is_cancelled", "subject", "time")
@@ -21,7 +22,7 @@ class Timer:
         self.is_cancelled = False
 
 
-class Clock:
+class Clock(Stored):
     """Timers, earliest first; those due at the same time in the order in which they were set."""
 
     def __init__(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from tca_central.events import ConnectionId
 from tca_central.model.resources import PendingLimit, Resource
 from tca_central.model.rights import Rights
+from tca_central.model.stored import Stored
 from tca_wire.messages.notices import NOTICES
 from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.packets.routes import Entrance
@@ -51,7 +52,7 @@ class Blocking(NamedTuple):
     together: tuple[int, ...] = ()  #: of a coroutine: all that it awaits; it goes on when one of them is answered
 
 
-class Connection:
+class Connection(Stored):
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
     __slots__ = ("answer_bytes", "answers", "begins", "entrance", "handling", "id", "known_until", "last_number",
@@ -107,7 +108,7 @@ class Connection:
             del tasks[next(iter(tasks))]
 
 
-class Module:
+class Module(Stored):
     """A connected program. It is there as long as one of its connections is."""
 
     def __init__(self, name: str, called: str, incarnation: str, process: str, principal: str = "") -> None:
@@ -133,7 +134,7 @@ class Module:
         return any(resource.capacity for resource in self.resources.values())
 
 
-class Handler:
+class Handler(Stored):
     """A module's handler of a message, in one of its resources."""
 
     __slots__ = ("direct", "message", "module", "pending", "pool", "resource")
@@ -150,7 +151,7 @@ class Handler:
         self.direct = direct  #: senders may do without central, where nothing speaks against it
 
 
-class MessageType:
+class MessageType(Stored):
     """A declared message: its format, users, handlers, and deliveries that wait for a handler."""
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
@@ -207,7 +208,7 @@ class Holder(NamedTuple):
     run: str  #: the incarnation
 
 
-class AttachedHandler:
+class AttachedHandler(Stored):
     """An exception handler, attached to a task or to all tasks of a message."""
 
     __slots__ = ("by", "failure", "handler", "holders", "id", "maximum", "place")
@@ -222,7 +223,7 @@ class AttachedHandler:
         self.holders: dict[str, Holder] = {}  #: by name: the run that did, and those of its copies that had before
 
 
-class Wiretap:
+class Wiretap(Stored):
     """A wiretap: the listener is sent *before* some moments, which it holds back, or *at* others."""
 
     __slots__ = ("at", "before", "condition", "has_fired", "holders", "id", "listener", "place", "watch")
@@ -250,7 +251,7 @@ class Refusals(NamedTuple):
 NOTHING_REFUSED = Refusals()
 
 
-class Delivery:
+class Delivery(Stored):
     """One message on its way to one handler."""
 
     is_task = False

@@ -14,6 +14,8 @@ has passed over too many of these.
 from collections.abc import Iterator
 from typing import Any, Protocol
 
+from tca_central.model.stored import Stored
+
 MOST_IDLE = 16
 """Guards without exception handlers that one search passes over."""
 
@@ -30,7 +32,7 @@ class Guarded(Protocol):
         """Whether any are attached to it or to its message."""
 
 
-class Guard:
+class Guard(Stored):
     """A task that has exception handlers, or had some."""
 
     __slots__ = ("above", "age", "task")
@@ -39,7 +41,7 @@ class Guard:
         self.task, self.above, self.age = task, above, age
 
 
-class Guards:
+class Guards(Stored):
     """The guards of all tasks under a root."""
 
     def __init__(self, root: Guarded) -> None:

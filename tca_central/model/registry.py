@@ -9,6 +9,7 @@ from tca_central.events import ConnectionId
 from tca_central.model.budget import RESOURCE_BYTES, TYPE_BYTES
 from tca_central.model.deliveries import Connection, MessageType, Module, ModuleResource
 from tca_central.model.rights import Permissions
+from tca_central.model.stored import Stored
 from tca_wire.messages.formats import first_difference
 from tca_wire.messages.notices import NOTICES, PREFIX
 from tca_wire.packets.parts import MessageFormat
@@ -21,7 +22,7 @@ MESSAGES = 10_000
 """Names of messages that may be known at a time."""
 
 
-class Registry:
+class Registry(Stored):
     """All connections, modules and messages."""
 
     def __init__(self) -> None:
@@ -146,7 +147,7 @@ class Value(NamedTuple):
     message_id: int  #: of the message that set it
 
 
-class Variables:
+class Variables(Stored):
     """The values that variables have; one that was never set has none. They outlive the module that set them."""
 
     def __init__(self) -> None:

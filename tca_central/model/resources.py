@@ -20,6 +20,8 @@ from collections.abc import Iterator
 from itertools import chain
 from typing import Any, Generic, Protocol, TypeVar
 
+from tca_central.model.stored import Stored
+
 
 class Queueable(Protocol):
     """A message or claim that waits. Its queue entry is void once *ticket* has changed."""
@@ -43,7 +45,7 @@ S = TypeVar("S")  # a slot's type
 Q = TypeVar("Q", bound=Queueable)
 
 
-class PendingLimit(Generic[Q]):
+class PendingLimit(Stored, Generic[Q]):
     """At most *most* deliveries of one message wait for a resource (TCA 8.5: LimitPendingMessages)."""
 
     def __init__(self, most: int) -> None:
@@ -60,7 +62,7 @@ class PendingLimit(Generic[Q]):
         self.waiting.pop(delivery, None)
 
 
-class Queue(Generic[Q]):
+class Queue(Stored, Generic[Q]):
     """Waiting messages and claims: higher priority first, then arrival."""
 
     def __init__(self) -> None:
@@ -95,7 +97,7 @@ class Queue(Generic[Q]):
         return (one for _, _, ticket, one in self._heap if one.ticket == ticket)
 
 
-class Claim(Generic[S]):
+class Claim(Stored, Generic[S]):
     """A lock or reservation that is wanted or held."""
 
     __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource",
@@ -126,7 +128,7 @@ class Claim(Generic[S]):
         return self.resource.held_by is self
 
 
-class Resource(Generic[S, Q]):
+class Resource(Stored, Generic[S, Q]):
     """Slots that handle one message each, and those that wait for one."""
 
     def __init__(self, module: str, name: str) -> None:

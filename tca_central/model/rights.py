@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 
 from tca_central.events import AccessRule
+from tca_central.model.stored import Stored
 from tca_wire.vocabulary import Permission
 
 OWNER = "owner"
@@ -16,7 +17,7 @@ MOST_BARRED = 10_000
 _REMEMBERED = 4096  # names
 
 
-class Rights:
+class Rights(Stored):
     """The patterns that apply to one connection, and what they have said of names."""
 
     __slots__ = ("known", "patterns")
@@ -37,7 +38,7 @@ class Rights:
         return allowed
 
 
-class Permissions:
+class Permissions(Stored):
     """The rules, what they need to know of the past, and the licences to send directly."""
 
     __slots__ = ("barred", "licences", "newest_licence", "outcome_owners", "rules")

@@ -10,13 +10,14 @@ from tca_central.errors import RequestError
 from tca_central.model.budget import TASK_BYTES
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.guards import Guard, Guards
+from tca_central.model.stored import Stored
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, STARTS, TaskId
 from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
 
 _EXCEPTION = Role.EXCEPTION  # to look up an enum's member costs as much as two calls
 
 
-class Rare:
+class Rare(Stored):
     """Attributes that few tasks need: most tasks do without this object."""
 
     __slots__ = (
@@ -176,7 +177,7 @@ class Verdict(NamedTuple):
     failed: TaskId = ROOT  #: the task whose failure nobody handled, if it is for that
 
 
-class KeptTask:
+class KeptTask(Stored):
     """The record of an ended task that is kept."""
 
     __slots__ = ("body", "id", "kept", "kept_by", "message", "outcome", "parent", "role")
@@ -208,7 +209,7 @@ class KeptTask:
             one = one.parent
 
 
-class TaskTree:
+class TaskTree(Stored):
     """All live tasks by id, under a root that is always being achieved."""
 
     def __init__(self, root_message: MessageType) -> None:

@@ -13,6 +13,7 @@ from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Delivery, Wiretap
 from tca_central.model.intervals import delivered_at
+from tca_central.model.stored import Stored
 from tca_central.model.task_tree import Task, TaskTree, Verdict, first_moments, sending_module, taps_of, to_be_fired
 from tca_central.order.holds import SEQ_ACH, Holds, PendingDelay, from_flags, is_held, resolve
 from tca_wire.constraints import Constraint, Flags
@@ -31,7 +32,7 @@ from tca_wire.rules import KILLED
 from tca_wire.text.facts_in_words import kill_reason
 
 
-class Agenda:
+class Agenda(Stored):
     """The temporal side of the tree. The core takes its results: ``startable``, ``ended`` and ``ended_waits``."""
 
     def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:

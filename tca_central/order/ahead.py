@@ -8,6 +8,7 @@ from typing import Protocol
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Module, ModuleResource
 from tca_central.model.resources import Claim, Resource
+from tca_central.model.stored import Stored
 from tca_wire.rules import DELIVERED
 
 QUICK = 0.001
@@ -26,7 +27,7 @@ class WaysAhead(Protocol):
         """A slot is to give back what it has ahead and has not begun."""
 
 
-class MessagesAhead:
+class MessagesAhead(Stored):
     """Sends messages ahead, and recalls them."""
 
     def __init__(self, out: WaysAhead, clock: Clock) -> None:

@@ -12,6 +12,7 @@ from tca_central.model.budget import DELIVERY_BYTES
 from tca_central.model.clock import Clock
 from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType, Module, ModuleResource
 from tca_central.model.resources import Claim, PendingLimit, Resource
+from tca_central.model.stored import Stored
 from tca_central.order.ahead import MessagesAhead, WaysAhead, first_ahead, note_run, take_back
 from tca_wire.journal.facts import HandlerRemoved, Queued, Recalling, Unqueued
 
@@ -27,7 +28,7 @@ class Out(WaysAhead, Protocol):
         """A slot handles a delivery; whether it *is there* already."""
 
 
-class Dispatcher:
+class Dispatcher(Stored):
     """Every delivery between its start and its handler's return."""
 
     def __init__(self, facts: list[object], out: Out, suspects: deque[Any], clock: Clock) -> None:

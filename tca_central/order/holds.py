@@ -11,6 +11,7 @@ from typing import NamedTuple
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock, checked_seconds
 from tca_central.model.intervals import checked_moment, unified
+from tca_central.model.stored import Stored
 from tca_central.model.task_tree import Task, TaskTree
 from tca_central.order.cycles import ALL_ELSE, Place, find_path
 from tca_wire.constraints import (
@@ -55,7 +56,7 @@ VOID_ENTRIES = 32
 _NOW = Point(ROOT, Moment.START_ACHIEVING)  # in the journal: the clock's 0
 
 
-class PendingDelay:
+class PendingDelay(Stored):
     """A delay under way: *moment* of *task* is held until its timer is due."""
 
     __slots__ = ("constraint", "moment", "task")
@@ -64,7 +65,7 @@ class PendingDelay:
         self.task, self.moment, self.constraint = task, moment, constraint
 
 
-class Holds:
+class Holds(Stored):
     """The constraints in force."""
 
     def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:

@@ -14,6 +14,7 @@ from tca_central.errors import RequestError
 from tca_central.model.budget import ATTACHED_BYTES
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.intervals import delivered_at
+from tca_central.model.stored import Stored
 from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
 from tca_central.outgoing import direct_routes
 from tca_central.outgoing.central_messages import data_for, make_statement, make_task
@@ -48,7 +49,7 @@ _PLANNED_BY = {
 """Conditions that hold a goal until the listener is planned, and what to do with one that has nothing to plan."""
 
 
-class Listening:
+class Listening(Stored):
     """The tap and message that a listener was sent for."""
 
     __slots__ = ("tap", "tapped")

@@ -3,6 +3,7 @@
 from tca_central.errors import RequestError
 from tca_central.model.clock import Timer, checked_seconds
 from tca_central.model.deliveries import Delivery, MessageType
+from tca_central.model.stored import Stored
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import data_for, make
 from tca_central.state import State, dropped_fact, involved
@@ -19,7 +20,7 @@ _ACTION = 1  # which part of a monitor
 _CANCEL = 2  # of a demon monitor
 
 
-class Watch:
+class Watch(Stored):
     """A monitor from its birth to its end."""
 
     __slots__ = ("activations", "began", "condition", "count", "fires", "holds", "is_over", "options", "parts",

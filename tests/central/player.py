@@ -25,7 +25,9 @@ ANY = '{"type":"integer"}'
 SAYS_ITSELF = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVariable
 """What else a connection asks, the handler asks that it is running; of these a test says which does."""
 
-IN_PYTHON = pytest.mark.skipif(is_compiled(), reason="machine code can be neither traced nor patched")
+IN_PYTHON = pytest.mark.skipif(
+    is_compiled(), reason="machine code can be neither traced nor patched, nor its objects made one by one"
+)
 
 
 class Player:

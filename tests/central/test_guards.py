@@ -1,9 +1,12 @@
 """A failing task knows the nearest exception handlers above it: they are those that a search up to the root finds."""
 
+from central.player import IN_PYTHON
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tca_central.model.guards import MOST_IDLE, Guard, Guards
+
+pytestmark = IN_PYTHON
 
 
 class Kind:

@@ -27,6 +27,8 @@ from tca_central.image.decoder import decode
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.image.shapes import ObjectShape, ValueShape
 from tca_central.invariants import check_invariants
+from tca_central.model.resources import Resource
+from tca_central.model.stored import Stored
 from tca_wire.constraints import Flags
 
 TRANSCRIPTS = sorted(Path(__file__).parent.glob("transcripts/*.txt"))
@@ -301,6 +303,13 @@ def test_the_layout_is_the_one_of_this_format(rewrite: bool) -> None:
         frozen.write_text(text)
     assert text == frozen.read_text(), "see tca_central/image/layout.py; then pytest --rewrite"
     assert len({shape.name for shape in shapes}) == len(shapes)
+
+
+def test_all_classes_of_the_state_are_in_the_layout() -> None:
+    kinds: list[type] = [Stored]
+    for kind in kinds:  # grows while it is walked
+        kinds += kind.__subclasses__()
+    assert set(layout.OBJECTS) == {Central, *kinds} - {Stored, Resource}
 
 
 def test_images_are_not_dear() -> None:

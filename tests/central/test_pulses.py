@@ -6,7 +6,7 @@ import pytest
 from central.player import Player
 
 from tca_central.events import ConnectionId
-from tca_central.model.deliveries import Connection, Module
+from tca_central.model.deliveries import Connection
 from tca_central.shell.pulses import LATE, Pulses
 from tca_wire.packets.headers import PROTOCOL_VERSION, Hello, Refused
 from tca_wire.vocabulary import Limit, Refusal
@@ -15,10 +15,8 @@ NUMBERS = count(1)
 
 
 def connection_of(pulse: bytes) -> Connection:
-    number = next(NUMBERS)
-    module = Module("legs", "legs", "1", "here:1")
-    connection = Connection(ConnectionId(b"connection %d" % number), f"1/{number}", module, number)
-    connection.pulse = pulse
+    (connection,) = Player.of("legs").central.registry.connections.values()
+    connection.id, connection.pulse = ConnectionId(b"connection %d" % next(NUMBERS)), pulse
     return connection
 
 
