@@ -15,7 +15,7 @@ from module.real_central import until
 from tca_run import guard
 
 SOON = 30.0
-HASTY = "[run]\ndelay = 0.05\nlongest_delay = 0.2\n"
+HASTY = "[run]\ndelay = 0.05\nlongest_delay = 0.2\ngrace = 20\n"
 NO_CENTRAL = "[central]\nstart = false\naddress = 'ipc:///nowhere'\n"
 
 

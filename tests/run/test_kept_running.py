@@ -66,7 +66,7 @@ time.sleep(100)
 def test_an_end_lets_programs_clean_up_and_kills_what_does_not_end(tmp_path: Path) -> None:
     (tmp_path / "cleans.py").write_text(CLEANS_UP)
     stuck = sh("stuck", "trap '' INT TERM; sleep 100 & sleep 100", "grace = 0.2")
-    stopped = sh("stopped", "trap 'exit 0' INT; echo ready; while true; do sleep 0.1; done")
+    stopped = sh("stopped", "trap 'exit 0' INT; echo ready; while true; do sleep 0.1; done", "grace = 20")
     text = NO_CENTRAL + sh("slow", "python cleans.py; true", "grace = 20") + stuck + stopped
     with robot(tmp_path, text) as running:
         for _ in ("slow", "stopped"):
