@@ -8,15 +8,16 @@ import msgspec
 from tca_tools.errors import UnusableLog
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal.facts import Opened
+from tca_wire.journal.frames import payloads
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 
 _MOST_NAMED = 3
 """Files that a line names."""
-INPUTS = ".tcai"
-_HEAD, _LONGEST_HEAD = 10, 1 << 16
-"""Bytes of a record before its payload, and of the payload of a file's first one."""
-_BESIDE = (".draft", ".tcas", INPUTS)
-"""Images of central's state, in the making and whole, and its inputs."""
+_INPUTS = ".tcai"
+_BESIDE = (".draft", ".tcas", _INPUTS)
+"""Images of central's state, in the making and whole, and its inputs, with numbers of their own."""
+_ASIDE = ".aside"
+"""Facts that the inputs did not lead to, when the run went on all the same; with the numbers of segments."""
 
 
 class Folder:
@@ -67,11 +68,11 @@ class Folder:
         """
         paths = segments_in(self.path)
         self._look_into(paths)
-        paths += [path for path in listed(self.path) if path.suffix in _BESIDE and path.stem.isdecimal()]
+        paths += [path for path in listed(self.path) if path.suffix in (*_BESIDE, _ASIDE) and path.stem.isdecimal()]
         found: dict[str, list[Path]] = {one.epoch: [] for one in self._in_order()}
         segments = [(_number_in(path), opening.epoch) for path, opening in self._openings.items()]
-        inputs = [(_number_in(path), epoch) for path in paths if path.suffix == INPUTS if (epoch := _epoch_of(path))]
-        order = (*_BESIDE, SEGMENT_SUFFIX)
+        inputs = [(_number_in(path), epoch) for path in paths if path.suffix == _INPUTS if (epoch := _epoch_of(path))]
+        order = (*_BESIDE, _ASIDE, SEGMENT_SUFFIX)
         for path in sorted(paths, key=lambda path: (order.index(path.suffix), _number_in(path), path.name)):
             opening = self._openings.get(path)
             known = (path.suffix in _BESIDE and inputs) or segments
@@ -172,9 +173,9 @@ def _opening(path: Path) -> Opened | None:
 def _epoch_of(inputs: Path) -> str:
     """The run whose inputs a file has, which its first record says; "" if it does not."""
     with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, LookupError, TypeError), inputs.open("rb") as file:
-        length = int.from_bytes(file.read(_HEAD)[1:5])
-        epoch = msgspec.msgpack.decode(file.read(min(length, _LONGEST_HEAD)))[2]
-        return epoch if isinstance(epoch, str) else ""
+        for _, head in payloads(file):
+            epoch = msgspec.msgpack.decode(head)[2]
+            return epoch if isinstance(epoch, str) else ""
     return ""
 
 

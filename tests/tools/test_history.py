@@ -1,3 +1,4 @@
+import tracemalloc
 from itertools import pairwise
 from typing import Any, get_args, get_type_hints
 
@@ -316,3 +317,17 @@ def test_runs_of_a_slot_never_overlap_whatever_it_says(said: list[float]) -> Non
     runs = story.fold().handlings
     assert all(before.until <= after.start for before, after in pairwise(runs))
     assert all(run.start <= run.until <= 2.0 for run in runs)
+
+
+def test_a_task_that_went_well_takes_little_room() -> None:
+    """A run may have millions of them."""
+    many, story = 500, Story().module("legs", "move")
+    for number in range(many):
+        move = story.at(float(number)).command("move", "user")
+        story.queued(move, "legs").delivered(move, "legs").reached(move, *Moment).returned(move)
+    tracemalloc.start()
+    history = History.until(story.entries, with_turns=False)
+    size, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(history.tasks) == many
+    assert size / many < 1500  # bytes; with a list for all that a task may have twice as many

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 from click.testing import Result
 from integration.programs import central
@@ -12,6 +13,7 @@ from tools.story import walking
 from tools.test_logs import segment
 
 from tca_wire.journal.facts import Closed, Entry
+from tca_wire.journal.frames import framed
 
 Tca = Callable[..., Result]
 DAY = 86400.0
@@ -37,8 +39,7 @@ def aged(paths: list[Path], days: float) -> list[Path]:
 def beside(folder: Path, number: int, epoch: str, days: float) -> list[Path]:
     """Inputs and an image, as central writes them beside the segments, with numbers of their own."""
     made = [folder / f"{number:08d}{suffix}" for suffix in (".tcai", ".tcas", ".draft")]
-    head = b"\x96\xa6inputs\x01" + bytes([0xA0 + len(epoch)]) + epoch.encode() + b"\x01\x02\x03"
-    made[0].write_bytes(b"\xce" + len(head).to_bytes(4) + b"\xce" + bytes(4) + head)
+    made[0].write_bytes(framed(msgspec.msgpack.encode(["inputs", 1, epoch, "0.1.0"])))
     for path in made[1:]:
         path.write_bytes(b"any")
     return aged(made, days)
