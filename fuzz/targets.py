@@ -4,7 +4,7 @@ from collections.abc import Callable
 from random import Random
 from typing import NamedTuple
 
-from fuzz import hostile_central, hostile_files, hostile_image, hostile_peers, hostile_toml
+from fuzz import hostile_central, hostile_files, hostile_image, hostile_inputs, hostile_peers, hostile_toml
 
 
 class Target(NamedTuple):
@@ -26,6 +26,7 @@ TARGETS = {
     "central": Target(hostile_central.attack, _random(400), 800),
     "packets": Target(hostile_central.attack_with_bytes, hostile_central.seeds_of_bytes, 8000),
     "image": Target(hostile_image.attack, _random(40), 60),
+    "inputs": Target(hostile_inputs.attack, _random(400), 800),
     "session": Target(hostile_peers.attack_session, _random(600), 1200),
     "entrance": Target(hostile_peers.attack_entrance, _random(400), 800),
     "path": Target(hostile_peers.attack_path, _random(400), 800),

@@ -8,20 +8,20 @@ from typing import NewType
 
 import msgspec
 
-from tca_wire.journal.facts import Entry
+from tca_wire.journal.facts import Entry, EntryTime
 from tca_wire.packets.headers import ToCentral, ToModule
 from tca_wire.vocabulary import Permission
 
 ConnectionId = NewType("ConnectionId", bytes)
 
 AWAY = b"away "
-"""Begins the id of a connection that is awaited after a restart; no socket gives such an id."""
+"""Begins the id of a connection that is awaited after a restart; a client that calls itself so is turned away."""
 
 
 class RequestReceived(msgspec.Struct, frozen=True):
     """A module's message arrived. *time* in seconds, as in every event, on a clock that never jumps."""
 
-    time: float
+    time: EntryTime
     connection: ConnectionId
     header: ToCentral
     body: bytes = b""
@@ -32,7 +32,7 @@ class RequestReceived(msgspec.Struct, frozen=True):
 class Arrived(msgspec.Struct, frozen=True, array_like=True, tag="p"):
     """A packet has arrived, as an input."""
 
-    time: float
+    time: EntryTime
     connection: ConnectionId
     packet: bytes
     principal: str = ""
@@ -41,7 +41,7 @@ class Arrived(msgspec.Struct, frozen=True, array_like=True, tag="p"):
 class BadBytes(msgspec.Struct, frozen=True, array_like=True, tag="b"):
     """Bytes arrived that are no message."""
 
-    time: float
+    time: EntryTime
     connection: ConnectionId
     why: str
 
@@ -49,7 +49,7 @@ class BadBytes(msgspec.Struct, frozen=True, array_like=True, tag="b"):
 class ConnectionLost(msgspec.Struct, frozen=True, array_like=True, tag="l"):
     """A connection closed without Bye: its process died or the network failed."""
 
-    time: float
+    time: EntryTime
     connection: ConnectionId
     why: str = "its connection closed"
 
@@ -57,19 +57,19 @@ class ConnectionLost(msgspec.Struct, frozen=True, array_like=True, tag="l"):
 class Tick(msgspec.Struct, frozen=True, array_like=True, tag="t"):
     """Time has passed: due timers fire, as they do before any other event."""
 
-    time: float
+    time: EntryTime
 
 
 class TellAll(msgspec.Struct, frozen=True, array_like=True, tag="a"):
     """Those who were not told yet of the quiet tasks that they have sent are to be told now."""
 
-    time: float
+    time: EntryTime
 
 
 class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
     """Keys may connect that might not before, or may no more; their connections are lost with events of their own."""
 
-    time: float
+    time: EntryTime
     allowed: list[str] = []
     revoked: list[str] = []
 
@@ -85,7 +85,7 @@ class AccessRule(msgspec.Struct, frozen=True, array_like=True):
 class PermissionsChanged(msgspec.Struct, frozen=True, array_like=True, tag="c"):
     """From now on these rules say who may do what; None: whoever gets in may do everything."""
 
-    time: float
+    time: EntryTime
     rules: tuple[AccessRule, ...] | None
     source: str = ""
     """Where they come from, for people."""
@@ -108,7 +108,7 @@ class MemorySet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     """Central was away, and is back with all that it knew; every connection has broken meanwhile."""
 
-    time: float
+    time: EntryTime
     away: float
     """Seconds, as far as they are known (0: not)."""
     grace: float

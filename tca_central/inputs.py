@@ -19,6 +19,6 @@ def events_of(event: Input, spared: int = -1) -> Iterable[Event]:
     except ProtocolError as error:
         return (BadBytes(now, connection, str(error)),)
     events: list[Event] = [RequestReceived(now, connection, header, body, principal) for header, body in items]
-    if spared >= 0:
+    if 0 <= spared < len(events):
         events[spared] = BadBytes(now, connection, "central ended by an error of its own in it: it is not tried again")
     return events

@@ -19,6 +19,7 @@ INPUTS = {
     "path": 80,
     "journal": 60,
     "image": 40,
+    "inputs": 40,
     "toml": 40,
 }
 """Random inputs, where 200 would take too long."""

@@ -298,7 +298,7 @@ class Server:
             frame, now = receive(_DONTWAIT, copy=False), self.now()
             until = until or now + SECONDS_PER_TURN
             size += len(frame) if now < until else BYTES_PER_TURN
-            if (principal := self._gate.principal_of(frame)) is None:
+            if (principal := self._gate.principal_of(frame)) is None or connection.startswith(AWAY):
                 self._turn_away(connection, frame)
                 continue
             if self._gate.has_news:

@@ -16,6 +16,7 @@ import zmq
 from integration.commanded import tca as ask
 from integration.programs import Central, central, tca
 
+from tca_central.events import AWAY
 from tca_live.questions import attached, messages, modules, status, variables
 from tca_module import Client, Inform, MisuseError, connect
 from tca_module.errors import BadData
@@ -61,8 +62,10 @@ def friend(daemon: Central) -> Iterator[Client]:
 class Line:
     """A line of somebody who speaks ZeroMQ, and perhaps nothing else."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, routing_id: bytes = b"") -> None:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+        if routing_id:
+            self.socket.setsockopt(zmq.ROUTING_ID, routing_id)
         self.socket.setsockopt(zmq.LINGER, 0)
         self.socket.connect(address)
 
@@ -143,6 +146,13 @@ def test_a_message_of_many_frames_is_refused(rogue: Line, frames: int) -> None:
 def test_another_version_is_refused_and_both_are_named(rogue: Line, version: int) -> None:
     (answer,) = rogue.ask(pack_item(hello(version=version)))
     assert f"speaks protocol {version}, central {PROTOCOL_VERSION}" in answer.text
+
+
+def test_nobody_calls_himself_as_central_calls_those_whom_it_awaits(daemon: Central, friend: Client) -> None:
+    line = Line(daemon.address, AWAY + b"0")
+    (answer,) = line.ask(pack_item(hello()))
+    assert answer.refusal is Refusal.FORBIDDEN
+    line.socket.close()
 
 
 def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> None:
