@@ -181,6 +181,8 @@ class Central(State):
     def _carry_out(self, connection: Connection, header: ToCentral, body: bytes, kind: "_Kind") -> None:
         if kind.origin is not None and (origin := kind.origin(header)):
             self.origin = self._checked_origin(origin, connection)
+            if kind.may_forge and not self.origin and origin in self.dispatcher.running:
+                header = msgspec.structs.replace(header, origin=0)  # that is somebody else's
             connection.known_until = self.clock.now
         if kind.names_tasks:
             header = naming.with_ids(connection, header)
@@ -392,13 +394,14 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
 class _Kind:
     """A message of the protocol, as far as the core needs to know it."""
 
-    __slots__ = ("has_number", "name", "names_tasks", "origin")
+    __slots__ = ("has_number", "may_forge", "name", "names_tasks", "origin")
 
     def __init__(self, header: type[msgspec.Struct]) -> None:
         fields = header.__struct_fields__
         origin = next((name for name in ("origin", "delivery") if name in fields), "")
         self.name: str = header.__name__
         self.has_number = "number" in fields
+        self.may_forge = "origin" in fields and header is not headers.Lock  # that is refused, with better words
         self.names_tasks = bool(naming.NAMING[header])
         self.origin: Callable[[Any], int] | None = attrgetter(origin) if origin else None
         """Reads the delivery whose handler sends such a header; None if it has none."""

@@ -7,6 +7,7 @@ import pytest
 from central.player import Player, point
 
 from tca_central.events import ConnectionId
+from tca_wire.journal.facts import Received
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, Answer, Refused
 from tca_wire.packets.parts import EndedRun
@@ -97,3 +98,14 @@ def test_an_answer_for_another_is_refused_with_the_name_of_him_who_gives_it() ->
     (answer,) = town.receive("thief/1", headers.Reply(delivery))
     assert answer.text == f"module 'thief' answers delivery {delivery}, which it was not given or has answered"
     assert town.delivered("planner/1") == [delivery]
+
+
+def test_nobody_asks_as_the_handler_of_another() -> None:
+    """Monitors, deadlocks and the readers of the journal would believe him."""
+    town = Town()
+    (delivery,) = town.delivered("planner/1")
+    for sender, origin in (("thief/1", 0), ("planner/1", delivery), ("planner", delivery)):
+        town.send(sender, "note", origin=delivery)
+        assert town.facts(Received)[-1].origin == origin
+    (answer,) = town.receive("thief/1", headers.Lock(town.number("thief/1"), "legs", "legs", origin=delivery))
+    assert "is not handled there" in answer.text

@@ -164,6 +164,12 @@ class Oracle:
         else:
             oracle_slots.wait(self.world, job)
 
+    def _own_origin(self, connection: str, origin: int) -> int:
+        """The delivery whose handler asks; 0 if that is somebody else's, whatever a module says."""
+        modules = self.world.modules
+        whose = [modules[job.slot] for job in self.world.everything() if job.slot and job.given_as == origin]
+        return 0 if whose and modules[connection] not in whose else origin
+
     # --- sending -----------------------------------------------------------------------------------------------
 
     def send(self, connection: str, header: headers.Send, body: bytes) -> None:
@@ -187,7 +193,7 @@ class Oracle:
             return
         module = world.modules[connection]
         job = Job(birth.id, header.message, kind, connection, module, header.number, header.priority)
-        job.origin = header.origin
+        job.origin = self._own_origin(connection, header.origin)
         oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
             pending = oracle_slots.copies(world, job)
@@ -208,7 +214,7 @@ class Oracle:
         node = Node(task, header.message, kind, connection, module, priority=header.priority, run=world.gone[module])
         if kind.is_monitor:
             oracle_monitors.born(node, header.watch)
-            node.is_guest = oracle_monitors.is_guest(world, parent, header.origin)
+            node.is_guest = oracle_monitors.is_guest(world, parent, self._own_origin(connection, header.origin))
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
         for one, other in oracle_rules.from_flags(header.flags, node, last):
