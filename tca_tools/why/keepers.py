@@ -170,7 +170,7 @@ def _parts(
     stops = [start, *sorted({time for time in turns if time is not None and start < time < end})]
     found: list[WaitPart] = []
     for stop, after in zip(stops, [*stops[1:], end], strict=True):
-        if after - stop < _NO_TIME and len(stops) > 1:
+        if after - stop < _NO_TIME and (found or after < end):
             continue
         by = keepers(RunAt(run, stop))
         if not found or not by.are(found[-1].by):
