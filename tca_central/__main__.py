@@ -5,6 +5,7 @@ import gc
 import logging
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 from secrets import token_hex
@@ -109,7 +110,16 @@ def _log_lines(*, quiet: bool) -> None:
 def _obey_signals(server: Server) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
-    signal.signal(signal.SIGHUP, lambda *_: server.look_again())
+    has_terminal = os.isatty(sys.stderr.fileno())
+
+    def on_hangup(*_: object) -> None:
+        """Look at keys and permissions again; or end, if the terminal is gone."""
+        if has_terminal and not os.isatty(sys.stderr.fileno()):
+            server.stop(signal.SIGHUP.name)
+        else:
+            server.look_again()
+
+    signal.signal(signal.SIGHUP, on_hangup)
 
 
 @click.command()

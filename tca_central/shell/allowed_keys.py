@@ -41,12 +41,12 @@ def check_folder(folder: Path) -> None:
         raise KeyRefused(f"others may enter {folder}, the folder of keys: chmod 700 it")
 
 
-def write_new(path: Path, text: str) -> None:
+def write_new(path: Path, text: str, advice: str = "choose another name, or revoke that key first") -> None:
     """Write a file that was not there, for its owner's eyes only. Raises KeyRefused."""
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     except FileExistsError:
-        raise KeyRefused(f"{path} is there already: choose another name, or revoke that key first") from None
+        raise KeyRefused(f"{path} is there already: {advice}") from None
     except OSError as error:
         raise KeyRefused(f"can't write {path}: {error.strerror}") from None
     with os.fdopen(file, "w") as opened:

@@ -117,7 +117,7 @@ def use(folder: Path, file: Path) -> None:
         file.chmod(0o600)  # as scp has left it
     key = read_client_key(file)
     make_folder(folder)
-    write_new(folder / f"{DEFAULT}{SUFFIX}", file.read_text())
+    write_new(folder / f"{DEFAULT}{SUFFIX}", file.read_text(), "move it away first")
     click.echo(f"programs of this user are '{key.name}' from now on; ${VARIABLE} names another key for one of them")
 
 

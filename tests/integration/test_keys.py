@@ -15,8 +15,9 @@ from integration.programs import central, tca
 from module.real_central import SOON, RealCentral, soon
 
 from tca_central.shell.authenticator import Authenticator, new_pair
-from tca_central.shell.gate import KeyGate
+from tca_central.shell.gate import Gate, KeyGate
 from tca_central.shell.keys_command import keys as keys_command
+from tca_central.shell.permissions_file import PermissionsFile
 from tca_module import CentralLost, MisuseError, Module, Query, Task, Timeout, connect
 from tca_wire.journal import facts
 from tca_wire.keys import read_client_key
@@ -231,7 +232,7 @@ def test_keys_are_private_and_never_written_over(folder: Path) -> None:
     before = {path: path.read_bytes() for path in folder.rglob("*.*")}
     assert "'arm' has a key" in said("new", "arm", code=1)
     said("use", str(folder / "arm.key"))
-    assert "is there already" in said("use", str(folder / "user.key"), code=1)
+    assert "is there already: move it away first" in said("use", str(folder / "user.key"), code=1)
     assert {path: path.read_bytes() for path in before} == before
     listed = said("list")
     assert read_client_key(folder / "arm.key").public in listed
@@ -291,3 +292,27 @@ def test_another_user_is_turned_away_whatever_the_socket_allows() -> None:
             assert not running.facts(facts.ModuleJoined)
             with connect("user", running.address) as user:
                 assert user.status()["modules"] == 1
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
+def test_another_user_is_let_in_by_number_while_the_permissions_say_so() -> None:
+    owner, nobody = '[[allow]]\nkey = "owner"\nadminister = "*"\n', '[[allow]]\nkey = "uid:65534"\nmodule = "knocker"\n'
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        rules, file = Path(folder, "robot.toml"), Path(folder, "central.sock")
+        rules.write_text(owner + nobody)
+        with RealCentral(f"ipc://{file}", gate=Gate(PermissionsFile(rules), file)) as running:
+            command = [sys.executable, "-c", KNOCK, running.address]
+            answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            assert "Welcome" in answer.stdout, answer
+            joined = [(fact.module, fact.principal) for fact in running.facts(facts.ModuleJoined)]
+            assert joined == [("knocker", "uid:65534")]
+            rules.write_text(owner)
+            running.server.look_again()
+            with soon("the rules are read") as may_go_on:
+                while len(running.facts(facts.PermissionsChanged)) < 2:
+                    may_go_on()
+            assert file.stat().st_mode & 0o077 == 0
+            file.chmod(0o777)
+            answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            assert "central lets in no programs of other users" in answer.stdout, answer

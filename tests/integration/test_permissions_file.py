@@ -1,7 +1,10 @@
 """The permissions file, from its text to a running central."""
 
 import os
+import pty
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -171,3 +174,18 @@ def test_a_signal_makes_central_look_at_once(tmp_path: Path, path: Path) -> None
                     continue
                 break
         assert "who may do what is said by" in daemon.stop()
+
+
+def test_central_ends_with_its_terminal(tmp_path: Path) -> None:
+    """Where there is one: a hangup is no signal to look again then."""
+    near, far = pty.openpty()
+    command = [sys.executable, "-m", "tca_central", "--bind", f"ipc://{tmp_path}/central.sock", "--no-journal"]
+    with subprocess.Popen(command, stdin=far, stdout=far, stderr=far, start_new_session=True) as daemon:
+        os.close(far)
+        assert b"listening" in os.read(near, 100)
+        os.kill(daemon.pid, signal.SIGHUP)
+        connect("user", f"ipc://{tmp_path}/central.sock").close()
+        assert daemon.poll() is None
+        os.close(near)
+        os.kill(daemon.pid, signal.SIGHUP)  # the kernel sends it to whom the terminal controls
+        assert daemon.wait(SOON) == 0
