@@ -49,18 +49,24 @@ def keys() -> None:
 
 @keys.command()
 @click.argument("name")
+@click.option("--central", metavar="PUBLIC", help="For a central elsewhere, by its public key ('tca keys list' there).")
 @_explained
-def new(folder: Path, name: str) -> None:
+def new(folder: Path, name: str, central: str | None) -> None:
     """Make a key for the program (or person, or machine) NAME, and allow it."""
     check_name(name)
-    own, pair = own_pair(folder), new_pair()
-    secret = folder / f"{name}{SUFFIX}"
-    text = f"# The key of '{name}'. Secret: who has it is '{name}'.\nname = \"{name}\"\npublic = \"{pair.public}\"\n"
+    if central is not None:
+        check_key(central)
+        make_folder(folder)
     if (allowed_folder(folder) / f"{name}{PUBLIC}").exists():
         raise KeyRefused(f"'{name}' has a key: choose another name, or 'tca keys revoke {name}' first")
-    write_new(secret, f'{text}secret = "{pair.secret}"\ncentral = "{own.public}"\n')
-    _allow(folder, name, pair.public)
-    click.echo(str(secret))
+    pair, path = new_pair(), folder / f"{name}{SUFFIX}"
+    text = f"# The key of '{name}'. Secret: who has it is '{name}'.\nname = \"{name}\"\npublic = \"{pair.public}\"\n"
+    write_new(path, f'{text}secret = "{pair.secret}"\ncentral = "{central or own_pair(folder).public}"\n')
+    click.echo(str(path))
+    if central is None:
+        _allow(folder, name, pair.public)
+    else:
+        click.echo(f"allow it where central runs: tca keys allow {name} '{pair.public}'")
 
 
 @keys.command()

@@ -24,7 +24,7 @@ class Entrance(_Header, frozen=True):
     """A slot's entrance for direct messages: the ZeroMQ address of a ROUTER socket, and its key.
 
     In a slot's Hello the key is a secret of the slot's. Central gives those who send such messages licences that it
-    makes of it (licences.py), and nothing to anybody else; no journal has them.
+    makes of it (licences.py), and nothing to anybody else; no journal has them, but the log of inputs.
     """
 
     endpoint: str

@@ -247,6 +247,20 @@ def test_a_key_made_elsewhere_is_allowed_by_its_public_half(folder: Path) -> Non
     assert "is no public key" in said("allow", "other", "short", code=1)
 
 
+def test_a_key_whose_secret_never_leaves_its_machine(
+    folder: Path, tmp_path: Path, as_key: Callable[[str], None]
+) -> None:
+    there = tmp_path / "laptop"
+    central_key = said("list").split()[1]
+    path, advice = said("new", "laptop", "--central", central_key, "--folder", str(there)).splitlines()
+    assert said("list", "--folder", str(there)).count("\n") == 1, "it is not allowed there"
+    name, public = advice.split()[-2:]
+    said("allow", name, public.strip("'"))
+    as_key(path)
+    with RealCentral(TCP, gate=KeyGate(folder)) as running, connect("x", running.address):
+        assert [fact.principal for fact in running.facts(facts.ModuleJoined)] == ["laptop"]
+
+
 @pytest.mark.parametrize("name", ["", "../arm", "a b", "central", "owner", "none", "x" * 65, ".hidden", "uid:0"])
 def test_names_that_keys_cannot_have(folder: Path, name: str) -> None:
     assert "can't be the name of a key" in said("new", "--", name, code=1)
