@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -91,7 +92,7 @@ def test_the_wrong_key_no_key_and_the_wrong_central(keyed: RealCentral, folder: 
     said("new", "--folder", str(stranger), "arm")
     other = read_client_key(stranger / "arm.key")
     as_key(str(stranger / "arm.key"))
-    assert "it is not the central that 'arm' is a key for" in refusal(keyed.address)
+    assert "is not the central that this is a key for" in refusal(keyed.address)
     ours = read_client_key(folder / "arm.key")
     forged = stranger / "forged.key"
     forged.write_text(
@@ -103,6 +104,21 @@ def test_the_wrong_key_no_key_and_the_wrong_central(keyed: RealCentral, folder: 
     with RealCentral(TCP) as open_to_all:
         assert "or asks for none" in refusal(open_to_all.address)
     assert not keyed.facts(facts.ModuleJoined)
+
+
+def test_a_program_whose_key_is_allowed_later_gets_in_by_itself(
+    keyed: RealCentral, folder: Path, as_key: Callable[[str], None], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    central_key = read_client_key(folder / "arm.key").central
+    path, _ = said("new", "late", "--central", central_key, "--folder", str(tmp_path / "there")).splitlines()
+    as_key(path)
+    with ThreadPoolExecutor() as threads:
+        late = threads.submit(lambda: connect("late", keyed.address, patience=30).close())
+        with soon("it is refused") as may_go_on:
+            while "refused a key from 127.0.0.1" not in caplog.text:
+                may_go_on()
+        said("allow", "late", read_client_key(Path(path)).public)
+        late.result(timeout=30)
 
 
 def test_when_keys_cannot_be_checked_nobody_gets_in(keyed: RealCentral, as_key: Callable[[str], None]) -> None:
