@@ -211,11 +211,9 @@ def _check_resources(central: State) -> None:
         assert attending[resource] + resource.free == resource.capacity, f"{name}: {attending[resource]} attending"
         assert resource.slots.keys() == resource.numbers.keys(), f"{name}: slots without a number"
         assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
-        following = resource.next_queued()
+        following = central.dispatcher.next_in(resource)
         is_message = isinstance(following, Delivery)
-        is_held = isinstance(following, Delivery) and central.dispatcher.is_holding and following.is_task
-        may_wait = following is None or is_held or (is_message and not resource.free)
-        assert may_wait, f"{name}: {following} waits, it could go on"
+        assert following is None or (is_message and not resource.free), f"{name}: {following} waits, it could go on"
         _check_ahead(resource, name)
         _check_limits(resource, name)
         _check_claims(central, resource, name)

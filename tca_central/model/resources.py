@@ -29,6 +29,7 @@ class Queueable(Protocol):
     ticket: int
     priority: int
     arrival: int
+    is_task: bool
 
     @property
     def sent_by(self) -> object:
@@ -99,6 +100,8 @@ class Queue(Stored, Generic[Q]):
 
 class Claim(Stored, Generic[S]):
     """A lock or reservation that is wanted or held."""
+
+    is_task = False
 
     __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource",
                  "since", "slot", "ticket", "timer")  # fmt: skip
@@ -265,6 +268,12 @@ class Resource(Stored, Generic[S, Q]):
         if isinstance(first, Claim) and not self._may_have(first):
             return None
         return first
+
+    def next_question(self) -> Q | None:
+        """The next that may be let in where tasks may not; none that is behind a claim."""
+        others = [one for one in self._queue if not one.is_task and (isinstance(one, Claim) or self.admits(one))]
+        first = min(others, key=lambda one: (-one.priority, one.arrival), default=None)
+        return None if isinstance(first, Claim) or self.is_recalling else first
 
     # --- messages ahead --------------------------------------------------------------------------------------------
 

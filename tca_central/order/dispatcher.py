@@ -73,7 +73,7 @@ class Dispatcher(Stored):
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         delivery.queues = resources
         if not delivery.is_task:
-            self.bytes += DELIVERY_BYTES + len(delivery.body)
+            self._count_in(delivery, resources)
         delivery.since = self._clock.now
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
@@ -95,6 +95,12 @@ class Dispatcher(Stored):
         for resource in resources:
             if resource.limits and (limit := resource.limits.get(delivery.message.name)):
                 self._keep_within(limit, delivery, resource)
+
+    def _count_in(self, question: Delivery, resources: tuple[ModuleResource, ...]) -> None:
+        """A message that is no task waits; while no task starts, it goes before them."""
+        self.bytes += DELIVERY_BYTES + len(question.body)
+        if self.is_holding:
+            self.to_offer.extend((resource, None) for resource in resources)
 
     def route_all(self, deliveries: Sequence[Delivery]) -> None:
         """Deliver or queue several: slots go by priority, then arrival; the rest queue in order of arrival."""
@@ -160,12 +166,12 @@ class Dispatcher(Stored):
         resource, slot = self.to_offer.popleft()
         if slot is not None and slot in resource.slots and slot.has_room:
             resource.free_slot(slot)
-        following = resource.next_queued()
+        following = self.next_in(resource)
         if isinstance(following, Claim):
             resource.grant(following)
             self.granted.append(following)
             self.to_offer.extend((copy, None) for copy in resource.copies)
-        elif following is not None and resource.free and not (self.is_holding and following.is_task):
+        elif following is not None and resource.free:
             self._give_next(following, resource)
             if resource.free or resource.called_back:
                 self.to_offer.append((resource, None))
@@ -175,6 +181,13 @@ class Dispatcher(Stored):
                     self._leave_queues(delivery)
                     self._give_back(delivery, sender)
             resource.called_back.clear()
+
+    def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | Claim[Connection] | None:
+        """The next that a resource lets in; while no task starts, questions go before them."""
+        following = resource.next_queued()
+        if self.is_holding and following is not None and following.is_task:
+            return resource.next_question()
+        return following
 
     def _give_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
         """Give a delivery that waits to a free slot, and send that ahead what follows."""
@@ -278,7 +291,7 @@ class Dispatcher(Stored):
     def _leave_queues(self, delivery: Delivery) -> None:
         """A delivery waits no longer; a claim that was behind it may be the next now."""
         for resource in delivery.queues or ():
-            if resource.claims:
+            if resource.claims or self.is_holding:
                 self.to_offer.append((resource, None))
         if not delivery.is_task:
             self.bytes -= DELIVERY_BYTES + len(delivery.body)

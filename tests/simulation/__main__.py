@@ -46,6 +46,8 @@ def main() -> int:
             {
                 "lives": 1,
                 "crashes of central": life.daemon.crashes,
+                "images": life.daemon.images,
+                "recovered from files": life.daemon.read_again,
                 "crashes of modules": life.crashes,
                 "breaks": life.network.breaks,
                 "writes": life.daemon.log.writes,

@@ -12,6 +12,7 @@ from simulation.disk import SimulatedFile, as_record, inputs_in
 from simulation.likeness import difference
 from simulation.network import PROBE, Network, Wire
 from simulation.options import Options
+from simulation.real_files import recovered
 
 from tca_central.core import Central
 from tca_central.events import (
@@ -55,10 +56,11 @@ class Daemon:
         self.log = SimulatedFile()
         self.journal: list[Entry] = []  #: the facts that were written, none without its input
         self.image: tuple[bytes, int, int] | None = None  #: the newest, and how many inputs and entries led to it
+        self._has_image = False  #: it is used
         self._is_half = False  #: an input is written, perhaps, and has not happened
         self._expected: Central | None = None  #: the state that the disk should give
         self.core: Central | None = None
-        self.crashes = self.steps = self.replayed = self.images = 0
+        self.crashes = self.steps = self.replayed = self.images = self.read_again = 0
         self._synced_at = 0.0  #: when another thread last asked the disk
         self._life = 0  #: which process it is
         self._arrived: deque[tuple[Wire, bytes]] = deque()
@@ -108,10 +110,12 @@ class Daemon:
     def _recovered(self) -> Central:
         """The newest image of the state, and the inputs since: what comes out is what the journal has, and goes on."""
         inputs, size = inputs_in(self.log.content)
+        log = bytes(self.log.content)
         del self.log.content[size:]
         self.log.sync()
         core, since, before = self._empty(), 0, 0
-        if self.image is not None and not self._clockwork.chance(0.1):  # else it is damaged, or was never finished
+        self._has_image = not self._clockwork.chance(0.1)  # else it is damaged, or was never finished
+        if self.image is not None and self._has_image:
             core, since, before = decode(self.image[0]), self.image[1], self.image[2]
         again: list[Entry] = []
         for given in inputs[since:]:
@@ -127,7 +131,21 @@ class Daemon:
         if self._expected is not None and (unlike := difference(self._expected, core)):
             raise Broken(f"the state that was lost, and the one that was recovered: {unlike}")
         self._record(again[known:])
+        if inputs and self._clockwork.chance(self._options.reads_files):
+            self._compare_with_files(core, log)
         return core
+
+    def _compare_with_files(self, core: Central, log: bytes) -> None:
+        """Have the daemon's own code recover the same state from files."""
+        image = self.image if self._has_image else None
+        if self._options.trusts_all and image is None:
+            return
+        run, known = recovered(log, image, self.journal, self._clockwork.dice, is_behind=self._options.is_lossy)
+        self.read_again += 1
+        if unlike := difference(run.central, core):
+            raise Broken(f"the state that the daemon recovers, and the one that was recovered: {unlike}")
+        if run.missing != self.journal[known:] and not self._options.is_lossy:
+            raise Broken(f"the daemon's journal lacks {len(self.journal) - known} entries, it says {len(run.missing)}")
 
     def _empty(self) -> Central:
         core = Central("simulated")

@@ -8,8 +8,8 @@ from tca_central.core import Central
 from tca_central.model.clock import Clock
 from tca_central.model.resources import Queue
 
-_MADE_ANEW = frozenset(("_outputs", "_output_queues"))
-"""Attributes that hold functions of central itself."""
+_MADE_ANEW = frozenset(("_outputs", "_output_queues", "_sent_by"))
+"""Attributes that hold functions of central itself, or are made when somebody looks."""
 _ATOMS = (int, float, str, bytes, type(None), type)
 
 

@@ -33,6 +33,8 @@ class Options(msgspec.Struct):
     sees_processes: bool = False
     """A central that starts again knows which processes are gone."""
     snapshots: float = 0.0
+    reads_files: float = 0.0
+    """The chance, at each start of central, that the daemon's own recovery is tried as well, from real files."""
     ids_again: bool = False
     """A new central counts routing ids from the beginning."""
     away: float = 2.0
@@ -84,6 +86,7 @@ def drawn(dice: random.Random) -> Options:
         central_crashes=dice.choice((0.0, 0.0, 0.003, 0.01, 0.02)),
         power_cuts=some() < 0.5,
         snapshots=dice.choice((0.0, 0.005, 0.02)),
+        reads_files=dice.choice((0.0, 0.02, 0.1)),
         ids_again=some() < 0.3,
         sync=Sync.ALWAYS if some() < 0.8 else Sync.BATCH,
         hold=some() < 0.1,
