@@ -378,6 +378,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Keep: keeping.on_keep,
     headers.Recalled: joining.on_recalled,
     headers.Bye: joining.on_bye,
+    headers.Receipt: lambda *_: None,  # the server's business
     headers.GetVariable: variables.on_get_variable,
     headers.SetVariable: variables.on_set_variable,
     headers.WaitUntilHandled: availability.on_wait_until_handled,

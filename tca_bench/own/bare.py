@@ -12,6 +12,7 @@ from tca_bench.own.zeromq import Socket, socket
 from tca_bench.processes import address_in
 from tca_wire.constraints import Flags
 from tca_wire.packets import codec, headers
+from tca_wire.packets.credit import Receipts
 from tca_wire.packets.parts import EndedRun, HandlerFormat
 from tca_wire.points import Moment, Point, TaskId
 
@@ -23,12 +24,24 @@ _COUNTS = {one.name for one in (SEEN, *HEARD)}
 _KINDS = (headers.Accepted, headers.Answer)
 
 
+_readings: dict[Socket, Receipts] = {}
+
+
+def read(line: Socket) -> bytes:
+    """The next packet, whose receipt central gets."""
+    reading, packet = _readings.setdefault(line, Receipts()), line.recv()
+    if receipt := reading.due(packet):
+        line.send(receipt)
+        reading.sent()
+    return packet
+
+
 def joined(address: str, module: str, number: int = 0, resource: str = "") -> Socket:
     """A connection that central has welcomed."""
     line = socket(zmq.DEALER, connect=address)
     hello = headers.Hello(1, headers.PROTOCOL_VERSION, module, module, number, resource, prefetch=AHEAD)
     line.send(codec.pack_item(hello))
-    codec.unpack_to_module(line.recv())
+    codec.unpack_to_module(read(line))
     return line
 
 
@@ -38,7 +51,7 @@ def registered(address: str, module: str, handlers: dict[Any, str]) -> list[Sock
     formats = [message.format for message in handlers]
     handled = [HandlerFormat(message.name, resource) for message, resource in handlers.items()]
     own.send(codec.pack_item(headers.Register(2, formats, handled)))
-    own.recv()
+    read(own)
     names = [name for name in dict.fromkeys(handlers.values()) for _ in range(16 if name == SLOTS[16] else 1)]
     return [own, *(joined(address, module, number, name) for number, name in enumerate(names, 1))]
 
@@ -72,7 +85,7 @@ def answers(line: Socket, counts: dict[Socket, int]) -> list[tuple[Any, bytes]]:
     said: list[tuple[Any, bytes]] = []
     ended: list[EndedRun] = []
     replies: list[bytes] = []
-    for header, body in codec.unpack_to_module(line.recv()):
+    for header, body in codec.unpack_to_module(read(line)):
         if isinstance(header, headers.Recall):
             said.append((headers.Recalled([]), b""))  # it has begun with all
         elif isinstance(header, headers.Deliver):
@@ -124,7 +137,7 @@ class BareEnds(Contestant):
     def _answers(self, number: int) -> list[tuple[Any, bytes]]:
         found: list[tuple[Any, bytes]] = []
         while len(found) < number:
-            for header, body in codec.unpack_to_module(self.line.recv()):
+            for header, body in codec.unpack_to_module(read(self.line)):
                 if isinstance(header, _KINDS) and not getattr(header, "more", False):
                     found.append((header, body))
                 assert not isinstance(header, headers.Refused), header

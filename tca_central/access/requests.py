@@ -260,6 +260,7 @@ NEEDS: dict[type, Callable[[State, Connection, Any], None] | None] = {
     headers.Keep: lambda central, connection, header: _see(central, connection, header.task),
     headers.Recalled: None,
     headers.Bye: None,
+    headers.Receipt: None,
     headers.GetVariable: _get_variable,
     headers.SetVariable: lambda _, connection, header: _need(connection, SEND, header.variable),
     headers.WaitUntilHandled: None,

@@ -13,6 +13,8 @@ from tca_wire.rules import DELIVERED
 
 QUICK = 0.001
 """Seconds: messages are sent ahead to slots whose handlers have taken no longer of late."""
+LARGEST = 16 << 10
+"""Bytes of data: larger messages are not sent ahead, for what is on its way to a slot takes room until it is read."""
 QUICK_RUNS = 8
 """So many messages must have been handled quickly, one after the other, before one is sent ahead."""
 
@@ -104,6 +106,7 @@ def _may_go_ahead(delivery: Delivery, resource: ModuleResource) -> bool:
     """
     message = delivery.message
     is_plain = not delivery.is_task and not delivery.role and not any(tap.at & DELIVERED for tap in message.taps)
+    is_plain = is_plain and len(delivery.body) <= LARGEST
     return is_plain and delivery.queues == (resource,) and message.name not in resource.limits
 
 

@@ -10,7 +10,6 @@ import logging
 import os
 import socket as sockets
 import time
-from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +39,12 @@ from tca_central.model.budget import MEMORY
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
 from tca_central.shell.log_lines import LogLines
+from tca_central.shell.outboxes import Outboxes
 from tca_central.shell.pulses import Pulses
 from tca_central.shell.run_log import RunLog
 from tca_wire.endpoint import default_folder
 from tca_wire.packets import codec
-from tca_wire.packets.headers import Beat, Bye, Closing, Refused, ToModule, Unknown
+from tca_wire.packets.headers import Beat, Bye, Closing, Receipt, Refused, ToModule, Unknown
 from tca_wire.vocabulary import Limit, Refusal
 
 log = logging.getLogger("tca.central")
@@ -58,7 +58,7 @@ LIVELY = 20  # milliseconds after a packet in which the next one is likely to co
 _OPTIONS = (
     (zmq.ROUTER_MANDATORY, 1),
     (zmq.SNDHWM, 1000),
-    (zmq.RCVHWM, 1000),
+    (zmq.RCVHWM, 16),
     (zmq.RCVTIMEO, LIVELY),
     (zmq.MAXMSGSIZE, int(Limit.PACKET)),
     (zmq.LINGER, 1000),
@@ -81,28 +81,6 @@ BYTES_PER_TURN = 1 << 20
 SECONDS_PER_TURN = 0.02
 """A turn that has taken in so much, or so long, ends after the packet: others wait for their answers."""
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
-OUTBOX_BYTES = 64 << 20
-PACKET_BYTES = 64 << 10  # a packet is closed when it holds this much
-
-
-class Outbox:
-    """Packets that wait for one connection."""
-
-    __slots__ = ("packets", "room", "size")
-
-    def __init__(self) -> None:
-        self.packets: deque[list[bytes]] = deque()  #: the items of each
-        self.room = 0  #: bytes that go into the last one
-        self.size = 0  #: bytes of all
-
-    def put(self, item: bytes) -> None:
-        """Add an item to the last packet, or begin another one."""
-        if len(item) > self.room:
-            self.packets.append([])
-            self.room = PACKET_BYTES
-        self.packets[-1].append(item)
-        self.room -= len(item)
-        self.size += len(item)
 
 
 class Server:
@@ -122,8 +100,7 @@ class Server:
         self.stopping = ""  #: why the loop shall end
         self._is_told_to_end = False  #: so that it does not go on when central starts again
         self._began = time.monotonic() - central.clock.now
-        self._outboxes: dict[ConnectionId, Outbox] = {}
-        self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
+        self._outboxes = Outboxes(self._send)
         self._too_slow: dict[ConnectionId, str] = {}
         self._lines = LogLines(log, central)
         self._next_pulse, self._next_beat, self._next_sweep = PULSE_PERIOD, BEAT_PERIOD, SWEEP_PERIOD
@@ -191,13 +168,19 @@ class Server:
             self.log.take(event)
         handle = self.central.handle
         for index, one in enumerate(events_of(event)):
-            if isinstance(one, RequestReceived) and isinstance(one.header, Bye):
-                self._expected += self._lines_of(one.connection)
+            if isinstance(one, RequestReceived) and isinstance(one.header, Bye | Receipt):
+                self._note(one.connection, one.header)
             try:
                 effects = handle(one)
             except Exception as error:
                 raise self._own_error(one, error, index) from error
             self._perform(effects)
+
+    def _note(self, connection: ConnectionId, header: Bye | Receipt) -> None:
+        if isinstance(header, Bye):
+            self._expected += self._lines_of(connection)
+        else:
+            self._outboxes.got(connection, header.size)
 
     def _own_error(self, event: Event, error: Exception, index: int) -> CentralError:
         """An error of central's own ends it (decision 52). What brought it about is left out when it comes back."""
@@ -239,15 +222,15 @@ class Server:
                 self.log.flush(self.central)
             except CentralError as error:
                 self._log_lost(error)
-        dirty, self._dirty = self._dirty, {}
-        for connection, outbox in dirty.items():
-            self._send(connection, outbox)
+        for connection in self._outboxes.send_all():  # the next beat tells the core
+            self._has_lost |= connection in self.central.registry.connections
+        for connection, size in self._outboxes.give_up_beyond(self.central.budget.unread).items():
+            self._too_slow[connection] = f"it reads too slowly: {size} bytes wait for it"
 
     def _log_lost(self, error: CentralError) -> None:
         """What is done is not recorded any more. Raises the error, unless central is to go on all the same."""
         if self.log is None or not self.goes_on_unrecorded:
-            self._outboxes.clear()  # nothing unrecorded may be sent
-            self._dirty.clear()
+            self._outboxes.forget_all()  # nothing unrecorded may be sent
             raise error
         advice = "" if self.log.abandon() else f"; remove {self.log.folder} before central is started again"
         log.error("%s; it goes on without a journal, as it was told: if it crashes, all is lost%s", error, advice)
@@ -281,7 +264,7 @@ class Server:
         left = until - self.now()
         if left <= 0 or self._has_lost or self._too_slow or self._closed > self._expected:
             return 0
-        return 10 if self._dirty else int(left * 1000) + 1
+        return 10 if self._outboxes.are_waiting else int(left * 1000) + 1
 
     # --- receiving -------------------------------------------------------------------------------------------------
 
@@ -358,8 +341,8 @@ class Server:
             self._next_sweep = now + SWEEP_PERIOD
             self._expected = min(self._expected, self._closed)  # some say that they leave, and stay
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
-        for stranger in [one for one in self._outboxes if one not in known and one not in self._dirty]:
-            self._forget(stranger)
+        for stranger in [one for one in self._outboxes.connections() if one not in known]:
+            self._outboxes.forget(stranger, is_gone=not self._beat(stranger))
         if self.central.untold:
             self.take(TellAll(now))
         for connection, why in self._too_slow.items():
@@ -426,37 +409,18 @@ class Server:
     def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         if self.central.hold.awaited and connection.startswith(AWAY):
             return  # whoever comes back is told anew
-        outbox = self._outboxes.get(connection)
-        if outbox is None:
-            self._outboxes[connection] = outbox = Outbox()
-        outbox.put(codec.pack_item(header, body))
-        self._dirty[connection] = outbox
+        self._outboxes.put(connection, codec.pack_item(header, body))
 
-    def _send(self, connection: ConnectionId, outbox: Outbox) -> None:
-        send, packets = self.socket.send, outbox.packets
+    def _send(self, connection: ConnectionId, packet: bytes) -> bool:
+        """Send a packet; False if the line takes no more now. Raises ConnectionError if there is none."""
         try:
-            while packets:
-                packet = b"".join(packets[0])
-                send(connection, _SNDMORE)
-                send(packet, _DONTWAIT)
-                packets.popleft()
-                outbox.size -= len(packet)
-            outbox.room = 0
+            self.socket.send(connection, _SNDMORE)
+            self.socket.send(packet, _DONTWAIT)
         except zmq.Again:
-            if outbox.size > OUTBOX_BYTES:
-                self._too_slow[connection] = f"it reads too slowly: {outbox.size} bytes wait for it"
-                self._forget(connection)
-            elif connection in self.central.registry.connections:
-                self._dirty[connection] = outbox
-            else:
-                self._forget(connection)  # for a stranger nothing is kept
-        except zmq.ZMQError:  # gone; the next beat tells the core
-            self._has_lost |= connection in self.central.registry.connections
-            self._forget(connection)
-
-    def _forget(self, connection: ConnectionId) -> None:
-        self._outboxes.pop(connection, None)
-        self._dirty.pop(connection, None)
+            return connection not in self.central.registry.connections  # for a stranger nothing is kept
+        except zmq.ZMQError as error:
+            raise ConnectionError from error
+        return True
 
     # --- beginning and end -----------------------------------------------------------------------------------------
 

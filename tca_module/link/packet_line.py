@@ -9,6 +9,7 @@ from tca_module.session.session import QUIET, Session
 from tca_module.sockets.transport import Transport, is_anybody_there, is_turned_away, what_keys_lack
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
+from tca_wire.packets.credit import Receipts
 
 SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds at a time that a wait listens while central is not there
@@ -27,6 +28,7 @@ class PacketLine:
         self._direct = direct
         self._clock = clock
         self._log = logging.getLogger(f"tca.{session.module}")
+        self._receipts = Receipts()
 
     @property
     def silence(self) -> str:
@@ -86,6 +88,8 @@ very long; or no central listens there, but another program"
         return packet is not None
 
     def _take_in(self, packet: bytes) -> None:
+        if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
+            self._receipts.sent()
         now = self._clock()
         try:
             for header, body in unpack_to_module(packet):

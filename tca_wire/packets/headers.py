@@ -214,6 +214,14 @@ class Ask(_Header, frozen=True, tag=11):
     topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 
 
+class Receipt(_Header, frozen=True, tag=50):
+    """This connection has read so many bytes of packets, beats left out, since it said so last: central sends nobody
+    more than so much that was not read.
+    """
+
+    size: int
+
+
 class Bye(_Header, frozen=True, tag=12):
     """This connection closes: of its own will, nothing failed."""
 
@@ -425,7 +433,7 @@ class GoOn(_Header, frozen=True, tag=54):
 
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | AwaitPoint | GiveUp | Kill | Ask | Bye
-    | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
+    | Receipt | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
     | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
     | WatchEntrance | Recalled | Replies | GoOn
 )  # fmt: skip
