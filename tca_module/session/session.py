@@ -452,6 +452,7 @@ class Session:
         """Repeat a request that central dropped when the connection broke."""
         if isinstance(request.header, HARMLESS):
             del self._requests[request.header.number]
+            request.taken = ""
             self._number(request)
             self._send(request)
         else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
@@ -506,7 +507,8 @@ class Session:
         (self.ahead if header.ahead else self.deliveries).append((header, body))
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
-        if (lock := self._locks.pop(header.number, None)) is not None:
+        lock = self._locks.pop(header.number, None) or self._requests.get(header.number)
+        if lock is not None:  # the answer that grants it may have been lost, and comes again after this
             lock.taken = header.text
 
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:

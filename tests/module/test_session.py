@@ -391,6 +391,22 @@ def test_a_lock_that_is_taken_away_is_known_by_its_number_and_a_restarted_centra
     assert other.taken == "central was restarted and has forgotten it"
 
 
+def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(session: Session) -> None:
+    (lock,) = asked(session, Lock(0, "legs"))
+    session.break_off()
+    hear(session, welcome(), Taken(lock.header.number, "its module has gone"), Answer(lock.header.number))
+    assert lock.is_over
+    assert lock.taken == "its module has gone"
+
+
+def test_a_lock_that_central_does_not_remember_is_asked_for_anew(session: Session) -> None:
+    (lock,) = asked(session, Lock(0, "legs"))
+    session.break_off()
+    hear(session, welcome(), Taken(2, "its module has gone"), TOO_LATE)
+    hear(session, Answer(lock.header.number))
+    assert (lock.is_over, lock.taken) == (True, "")
+
+
 def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(session: Session) -> None:
     release = session.request(Release(0, granted(session).header.number))
     session.abandon(release)
