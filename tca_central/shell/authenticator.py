@@ -35,8 +35,10 @@ class KeyPair(NamedTuple):
 
 
 def new_pair() -> KeyPair:
-    """A pair that nobody has had before."""
+    """A pair that nobody has had before. Its public half looks like no option of a command line."""
     public, secret = zmq.curve_keypair()
+    while public.startswith(b"-"):
+        public, secret = zmq.curve_keypair()
     return KeyPair(public.decode(), secret.decode())
 
 

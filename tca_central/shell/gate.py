@@ -127,6 +127,7 @@ class KeyGate(Gate):
         self._authenticator: Authenticator | None = None
         self._was_alive = True
         self._news: tuple[list[str], list[str]] = ([], [])  #: names that have come, and gone, and are not told of
+        self._is_first_look = True
         self._refused: set[str] = set()  #: keys that were allowed, and are no more; or none
         if not self._allowed.names:
             msg = f"no key is allowed in {folder}, so nobody could connect: make one with 'tca keys new NAME'"
@@ -155,6 +156,9 @@ class KeyGate(Gate):
             log.error("nobody can connect any more: the authenticator has ended; start central again")
         self._look()
         (allowed, revoked), self._news, self.has_news = self._news, ([], []), False
+        if self._is_first_look:  # keys may have gone while central was away
+            self._is_first_look = False
+            revoked += sorted(key_owners(central).difference(self._allowed.names.values(), revoked))
         if allowed or revoked:
             yield KeysChanged(now, allowed, revoked)
         for connection in [one for one in central.registry.connections.values() if one.principal in revoked]:
@@ -178,6 +182,13 @@ class KeyGate(Gate):
             if (name := self._allowed.names.get(key)) is None:
                 self._refused.add(key)
         return name
+
+
+def key_owners(central: Central) -> set[str]:
+    """The keys whose owners central knows: they are, or were, connected."""
+    registry = central.registry
+    owners = {module.principal for module in registry.modules.values()} | {*registry.permissions.licences.values()}
+    return {owner for owner in owners if owner and not owner.startswith("uid:")}
 
 
 def _said_of(frame: zmq.Frame, what: str) -> str:

@@ -15,6 +15,8 @@ from click.testing import CliRunner
 from integration.programs import central, tca
 from module.real_central import SOON, RealCentral, soon
 
+from tca_central.core import Central
+from tca_central.events import ConnectionId, ConnectionLost, KeysChanged, RequestReceived
 from tca_central.shell.authenticator import Authenticator, new_pair
 from tca_central.shell.gate import Gate, KeyGate
 from tca_central.shell.keys_command import keys as keys_command
@@ -169,6 +171,20 @@ def test_a_revoked_key_is_cut_off_at_once(keyed: RealCentral, folder: Path, as_k
     arm.close()
 
 
+def test_keys_that_went_while_central_was_away_are_revoked_when_it_is_back(folder: Path) -> None:
+    known = Central()
+    for name in ("arm", "ghost"):
+        hello = headers.Hello(1, headers.PROTOCOL_VERSION, name, f"run of {name}")
+        known.handle(RequestReceived(0.0, ConnectionId(name.encode()), hello, principal=name))
+    gate = KeyGate(folder)
+    changed, lost = gate.news(1.0, known)
+    assert changed == KeysChanged(1.0, [], ["ghost"])
+    assert isinstance(lost, ConnectionLost)
+    assert lost.connection == b"ghost"
+    known.handle(lost)
+    assert list(gate.news(2.0, known)) == []
+
+
 def test_a_central_without_allowed_keys_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
     for bind in ("tcp://127.0.0.1:*", "tcp://0.0.0.0:*"):
@@ -253,6 +269,12 @@ def test_keys_are_private_and_never_written_over(folder: Path) -> None:
     listed = said("list")
     assert read_client_key(folder / "arm.key").public in listed
     assert read_client_key(folder / "arm.key").secret not in listed
+
+
+def test_no_public_key_looks_like_an_option(monkeypatch: pytest.MonkeyPatch) -> None:
+    pairs = iter([(b"-" + b"x" * 39, b"s" * 40), (b"y" * 40, b"t" * 40)])
+    monkeypatch.setattr(zmq, "curve_keypair", lambda: next(pairs))
+    assert new_pair() == ("y" * 40, "t" * 40)
 
 
 def test_a_key_made_elsewhere_is_allowed_by_its_public_half(folder: Path) -> None:
