@@ -22,6 +22,7 @@ TEXTS = (
     "{" * 50, '{"$ref":"#/$defs/a","$defs":{"a":{"$ref":"#/$defs/a"}}}', "[" * 600,
 )  # fmt: skip
 MOST_ITEMS = 4
+MOST_CHANGED = 4
 
 Pools = Mapping[str, Callable[[], Sequence[Any]]]
 """By the name of a field: what makes sense there now."""
@@ -56,10 +57,13 @@ class Grammar:
         return tuple(self.make(one, name) for one in parts)
 
     def header(self, kind: type[msgspec.Struct]) -> Any:
-        """A struct. The fields at its end are often left as they are by default."""
+        """A struct. Of the fields that have a default most are left as they are."""
         hints, required = _fields(kind)
-        count = len(hints) if self._choices.is_one_in(2) else required + self._choices.below(len(hints) - required + 1)
-        return kind(*(self.make(hint, name) for name, hint in hints[:count]))
+        made = {name: self.make(hint, name) for name, hint in hints[:required]}
+        for _ in range(self._choices.below(MOST_CHANGED) if len(hints) > required else 0):
+            name, hint = self._choices.one_of(hints[required:])
+            made[name] = self.make(hint, name)
+        return kind(**made)
 
     def _leaf(self, kind: type, name: str) -> Any:
         choices = self._choices

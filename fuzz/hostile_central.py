@@ -39,11 +39,11 @@ from tca_wire.journal.facts import JOURNAL_VERSION, Entry, Opened
 from tca_wire.journal.records import JournalReader, record
 from tca_wire.packets import headers
 from tca_wire.packets.codec import pack_item, unpack_to_module
-from tca_wire.packets.headers import PROTOCOL_VERSION, Hello, Register, Send, ToCentral
-from tca_wire.packets.parts import HandlerFormat, MessageFormat
+from tca_wire.packets.headers import PROTOCOL_VERSION, Attach, Hello, Register, Send, Tap, ToCentral
+from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, WatchOptions
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import Condition, MessageClass
 
 MOST_STEPS = 40
 _HEADERS = tuple(kind for kind in ToCentral.__args__ if kind is not Hello)
@@ -81,7 +81,9 @@ def beginning() -> list[tuple[bytes, bytes]]:
     declares = Register(2, list(_DECLARED))
     handles = {
         b"legs": [HandlerFormat("move", "legs", "", 2), HandlerFormat("note", "legs", direct=True)],
-        b"planner": [HandlerFormat(name, "planner", "all") for name in ("walk", "where", "all", "pose", "mode")],
+        b"planner": [
+            HandlerFormat(name, "planner", "all") for name in ("walk", "where", "all", "pose", "mode", "recover")
+        ],
     }
     packets = [(b"user", packed(_hello("user"), declares))]
     for module, handlers in handles.items():
@@ -90,7 +92,13 @@ def beginning() -> list[tuple[bytes, bytes]]:
         packets.append((module + b"/1", packed(_hello(name, 1))))
     packets.append((b"legs/2", packed(_hello("legs", 2))))
     sends = [(Send(3 + number, name, TaskId(0)), b"\x07") for number, name in enumerate(("walk", "move", "where"))]
-    packets.append((b"user", packed(*sends)))
+    asides = (
+        Attach(6, Attachment("", "recover")),
+        Tap(7, Condition.BEFORE_HANDLING, "note", "move"),
+        Send(8, "watch", watch=WatchOptions(period=1.0)),
+        Send(9, "guard"),
+    )
+    packets.append((b"user", packed(*sends, *asides)))
     return packets
 
 
@@ -228,7 +236,9 @@ class Attack:
             if choices.is_one_in(12):
                 header = grammar.header(Hello)
             elif choices.is_one_in(3) and (given := self._given_to(line)):
-                header = headers.Reply(choices.one_of(given))
+                delivery = choices.one_of(given)
+                is_done = choices.below(3)
+                header = headers.Reply(delivery) if is_done else headers.Fail(delivery, choices.one_of(_FAILURES))
             else:
                 header = grammar.header(choices.one_of(_HEADERS))
             yield header, choices.take(choices.below(6))
