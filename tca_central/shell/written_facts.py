@@ -50,9 +50,8 @@ class WrittenFacts:
         for entry in given:
             if self._next is None:
                 missing.append(entry)
-                self.last = entry
                 continue
-            place, written = self._place, self._next
+            place, written, before = self._place, self._next, self.last
             if written.number == entry.number:
                 whole = self._whole()
                 if whole == entry:
@@ -62,6 +61,7 @@ class WrittenFacts:
             elif written.number > entry.number and self._has_holes:
                 continue
             missing.append(entry)
+            self.last = before
             return Difference(*place, written, entry)
         return Difference(*self._place, self._next, None) if self._next is not None else None
 
@@ -83,7 +83,6 @@ class WrittenFacts:
             stream.seek(offset)
             path.with_suffix(".aside").write_bytes(stream.read())
             stream.truncate(offset)
-        self.last = difference.given or self.last
         self._next, self._paths = None, []
 
     def cut_tail(self) -> None:

@@ -333,3 +333,13 @@ def test_whoever_came_while_central_came_back_is_greeted_at_once(tmp_path: Path)
         serving.join()
     server.close()
     assert is_greeted
+
+
+def test_entries_that_the_journal_lacked_follow_those_that_it_has(broken_run: Path) -> None:
+    journal = broken_run / "00000001.tcaj"
+    whole = journal.read_bytes()
+    journal.write_bytes(whole[: len(whole) // 2])
+    with central(broken_run.parent) as again, connect("user", again.address, patience=20):
+        assert "goes on" in again.first_line
+    checked = tca("check", str(broken_run))
+    assert checked.returncode == 0, checked.stdout

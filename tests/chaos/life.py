@@ -1,0 +1,201 @@
+"""A life: a robot under load whose central and modules are killed and stopped, at random, again and again."""
+
+import os
+import signal
+import time
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+
+from chaos.nursery import Nursery
+from chaos.robot import MODULES
+
+from tca_module import connect
+
+HEALED = 120.0
+"""Seconds in which all that was begun must have ended when nothing is killed any more."""
+
+
+class Broken(Exception):
+    """Something went wrong that must not."""
+
+
+class Life:
+    """One life, of so many kills of central."""
+
+    def __init__(self, folder: Path, seed: int, kills: int, *, users: int = 2, inputs_between: int = 500) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder, self.kills, self.users = folder, kills, users
+        self.random = Random(seed)
+        self.counts = Counter[str]()
+        self.address = f"ipc://{folder}/c.sock"
+        self._inputs_between = inputs_between
+        self._seed = seed
+        self._nursery = Nursery(folder, self.address)
+        self._central = 0
+        self._modules: dict[str, int] = {}
+        self._users: dict[str, int] = {}
+        self._resume: list[tuple[float, int]] = []  # processes that stand still, and until when
+        self._doom: dict[str, float] = {}  # when what happens to a module
+
+    def run(self) -> None:
+        """Live, heal, end. Raises Broken."""
+        try:
+            self._begin()
+            while self.counts["kills of central"] < self.kills:
+                self._central_dies()
+            self._heal()
+        finally:
+            self._end()
+
+    # --- chaos -----------------------------------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        self._start_central()
+        for name in MODULES:
+            self._start_module(name)
+        for number in range(self.users):
+            self._start_user(f"user{number}")
+        self._start_user("guest")
+
+    def _start_central(self) -> None:
+        log = self.folder / "central.log"
+        self._logged = log.stat().st_size if log.exists() else 0
+        self._central = self._nursery.start("central", self._inputs_between)
+
+    def _start_module(self, name: str) -> None:
+        self._modules[name] = self._nursery.start("module", name)
+        self._doom[name] = time.monotonic() + self.random.expovariate(1 / 6)
+
+    def _start_user(self, name: str) -> None:
+        self._users[name] = self._nursery.start("user", name, self.random.getrandbits(32))
+
+    def _central_dies(self) -> None:
+        """Once; it may stand still for a while before."""
+        if self.random.random() < 0.2:  # while it starts
+            self._pass(self.random.random() * 0.3)
+        else:
+            self._until_it_listens()
+            self._pass(self.random.random() ** 2)
+        if self.random.random() < 0.1:
+            os.kill(self._central, signal.SIGSTOP)
+            self._tell("central stops")
+            self._pass(self.random.random() * 2)
+            os.kill(self._central, signal.SIGCONT)
+            self._tell("central goes on")
+            self.counts["stops of central"] += 1
+            self._pass(self.random.random() * 0.3)
+        self._check_central()
+        os.kill(self._central, signal.SIGKILL)
+        self._nursery.wait(self._central)
+        self._tell("central killed")
+        self.counts["kills of central"] += 1
+        if self.random.random() < 0.2:
+            self._pass(self.random.random())
+        self._start_central()
+
+    def _check_central(self) -> None:
+        if (status := self._nursery.look(self._central)) is not None:
+            self._central = 0
+            raise Broken(f"central has ended by itself with {status}; see {self.folder / 'central.log'}")
+
+    def _until_it_listens(self) -> None:
+        log = self.folder / "central.log"
+        until = time.monotonic() + HEALED
+        while True:
+            if log.exists() and b"listening on" in log.read_bytes()[self._logged :]:
+                self._tell("central listens")
+                return
+            self._check_central()
+            if time.monotonic() > until:
+                raise Broken("central does not listen")
+            self._pass(0.01)
+
+    def _pass(self, seconds: float) -> None:
+        """Time passes, in which modules die, stand still and go on."""
+        until = time.monotonic() + seconds
+        while True:
+            now = time.monotonic()
+            for due, process in [one for one in self._resume if one[0] <= now]:
+                self._resume.remove((due, process))
+                with suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGCONT)
+                    self._tell(f"process {process} goes on")
+            for name in [name for name, due in self._doom.items() if due <= now]:
+                self._meets_fate(name)
+            if now >= until:
+                return
+            time.sleep(min(0.01, until - now))
+
+    def _meets_fate(self, name: str) -> None:
+        process = self._modules[name]
+        if (status := self._nursery.look(process)) is not None:
+            raise Broken(f"{name} has ended by itself with {status}; see {self.folder / 'module.log'}")
+        self._doom[name] = time.monotonic() + self.random.expovariate(1 / 6)
+        if self.random.random() < 0.4:
+            os.kill(process, signal.SIGSTOP)
+            self._resume.append((time.monotonic() + self.random.choice([0.2, 1.0, 7.0]), process))
+            self.counts["stops of modules"] += 1
+            self._tell(f"process {process}, {name}, stops")
+            return
+        os.kill(process, signal.SIGKILL)
+        self._nursery.wait(process)
+        self.counts["kills of modules"] += 1
+        self._tell(f"process {process}, {name}, killed")
+        self._start_module(name)
+        if self.random.random() < 0.3:
+            guest = self._users.pop("guest")
+            os.kill(guest, signal.SIGKILL)
+            self._nursery.wait(guest)
+            self.counts["kills of users"] += 1
+            self._tell(f"process {guest}, guest, killed")
+            self._start_user("guest")
+
+    def _tell(self, what: str) -> None:
+        with (self.folder / "chronicle").open("a") as chronicle:
+            print(time.strftime("%H:%M:%S"), f"{time.monotonic():.3f}", what, file=chronicle)
+
+    # --- the end ---------------------------------------------------------------------------------------------------
+
+    def _heal(self) -> None:
+        """Nothing is killed any more: all that was begun ends, and everybody is answered."""
+        self._tell("nothing more dies")
+        self._doom.clear()
+        while self._resume:
+            self._pass(0.05)
+        (self.folder / "over").touch()
+        began = time.monotonic()
+        until = began + HEALED
+        while self._users:
+            for name, process in list(self._users.items()):
+                if (status := self._nursery.look(process)) is not None:
+                    del self._users[name]
+                    if status:
+                        raise Broken(f"{name} ended with {status}; see {self.folder / 'user.log'}")
+            self._check_central()
+            if self._users and time.monotonic() > until:
+                raise Broken(f"{', '.join(self._users)} waits for an answer")
+            time.sleep(0.02)
+        with connect("judge", self.address, patience=20) as judge:
+            while rest := judge.tasks():
+                if time.monotonic() > until:
+                    raise Broken(f"these tasks never end: {rest}")
+                time.sleep(0.02)
+        self.counts["ms to heal"] += round((time.monotonic() - began) * 1000)
+        for name in list(self._modules):
+            process = self._modules.pop(name)
+            os.kill(process, signal.SIGTERM)
+            if status := self._nursery.wait(process):
+                raise Broken(f"{name} ended with {status}; see {self.folder / 'module.log'}")
+        os.kill(self._central, signal.SIGTERM)
+        status, self._central = self._nursery.wait(self._central), 0
+        if status:
+            raise Broken(f"central ended with {status}")
+
+    def _end(self) -> None:
+        for process in filter(None, (self._central, *self._modules.values(), *self._users.values())):
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+                self._nursery.wait(process)
+        self._nursery.close()

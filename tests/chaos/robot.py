@@ -1,0 +1,311 @@
+"""The programs of a robot that is to survive chaos: modules, and users who never stop asking for things.
+
+Each writes what it does into a notebook of its own, a line at a time: the time on the machine's clock, a word, and what
+it was about. A line that was written is there whatever becomes of the program.
+"""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from tca_module import (
+    Client,
+    Command,
+    ExceptionHandler,
+    Goal,
+    Inform,
+    LockLost,
+    Module,
+    MultiQuery,
+    NotSent,
+    PollingMonitor,
+    Query,
+    QueryFailed,
+    Refused,
+    SentTask,
+    Task,
+    TaskFailed,
+    TaskKilled,
+    Variable,
+    connect,
+)
+
+STEP, GRIP = Command("step", str, result=str), Command("grip", str, result=str)
+WALK = Goal("walk", int)
+WHERE, SEEN = Query("where", str, reply=str), Query("seen", reply=bool)
+HEALTH = MultiQuery("health", str, reply=str)
+NOTE = Inform("note", str)
+LOOK = PollingMonitor("look", condition=SEEN)
+RECOVER = ExceptionHandler("recover")
+
+DOUBTFUL = ("module lost", "uncertain")
+"""Failures after which a task is tried again."""
+
+PATIENCE = 300.0
+"""Seconds: nobody here loses faith in central before the life is over."""
+
+
+class Notebook:
+    """What a program did; each process begins a new one."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        path = folder / f"{name.replace(' ', '-')}.{os.getpid()}.notes"
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+
+    def note(self, word: str, *about: object) -> None:
+        """Write a line."""
+        line = f"{time.monotonic_ns()}\t{word}\t" + "\t".join(map(str, about)) + "\n"
+        os.write(self._file, line.encode())
+
+    def handling(self, task: Task) -> "Handling":
+        """A block around what a handler does."""
+        return Handling(self, task)
+
+
+class Handling:
+    """Notes when a handler begins and ends with a delivery."""
+
+    def __init__(self, notebook: Notebook, task: Task) -> None:
+        self._notebook, self._task = notebook, task
+
+    def __enter__(self) -> None:
+        self._notebook.note("begin", self._task.delivery, self._task.id, self._task.message)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._notebook.note("end", self._task.delivery, self._task.id, kind.__name__ if kind else "")
+
+
+# --- modules ---------------------------------------------------------------------------------------------------------
+
+
+def legs(notebook: Notebook) -> Module:
+    """Takes steps, one after the other."""
+    module = Module("legs")
+
+    @module.handles(STEP)
+    def step(task: Task, name: str) -> str:
+        with notebook.handling(task):
+            time.sleep(0.002)
+        return name.upper()
+
+    return _healthy(module, notebook)
+
+
+def hand(notebook: Notebook) -> Module:
+    """Grips things while the eyes are its own."""
+    module = Module("hand")
+
+    @module.handles(GRIP)
+    def grip(task: Task, name: str) -> str:
+        with notebook.handling(task):
+            with task.lock("eyes"):
+                notebook.note("locked", name)
+                time.sleep(0.003)
+                notebook.note("unlocked", name)
+            notebook.note("released", name)
+        return name.upper()
+
+    return _healthy(module, notebook)
+
+
+def eyes(notebook: Notebook) -> Module:
+    """Answers questions."""
+    module = Module("eyes")
+
+    @module.handles(WHERE)
+    def where(task: Task, name: str) -> str:
+        with notebook.handling(task):
+            return name.upper()
+
+    @module.handles(SEEN)
+    def seen(task: Task) -> bool:
+        with notebook.handling(task):
+            return task.delivery % 2 == 0
+
+    return _healthy(module, notebook)
+
+
+def planner(notebook: Notebook) -> Module:
+    """Walks are sequences of steps, watched by a monitor."""
+    module = Module("planner")
+
+    @module.handles(WALK)
+    def walk(task: Task, steps: int) -> None:
+        with notebook.handling(task):
+            task.monitor(LOOK, period=0.05, maximum=2)
+            with task.sequence():
+                for number in range(steps):
+                    task.command(STEP, f"{task.delivery}-{number}", delay=0.02 * (number % 2))
+
+    return _healthy(module, notebook)
+
+
+def expert(notebook: Notebook) -> Module:
+    """Has what was lost tried again."""
+    module = Module("expert")
+
+    @module.at_start
+    def attach(started: Module) -> None:
+        started.on_failure(None, RECOVER)
+
+    @module.handles(RECOVER)
+    def recover(task: Task) -> None:
+        trouble = task.trouble
+        if trouble.failure not in DOUBTFUL or trouble.attempts > 9:
+            raise trouble.reissue()
+        if trouble.failing.message == WALK.name:
+            for child in trouble.failing.children():
+                child.kill("walked again")
+        trouble.failing.retry()
+
+    @module.handles(NOTE)
+    def note(task: Task, name: str) -> None:
+        with notebook.handling(task):
+            notebook.note("noted", name)
+
+    return _healthy(module, notebook)
+
+
+def _healthy(module: Module, notebook: Notebook) -> Module:
+    module.resource("health")
+
+    @module.handles(HEALTH, resource="health")
+    def health(task: Task, name: str) -> str:
+        with notebook.handling(task):
+            return f"{name} {module.name}"
+
+    return module
+
+
+MODULES: dict[str, Callable[[Notebook], Module]] = {one.__name__: one for one in (legs, hand, eyes, planner, expert)}
+
+
+def serve(name: str, folder: Path) -> None:
+    """Be a module until told to end."""
+    MODULES[name](Notebook(folder, name)).run()
+
+
+# --- users -----------------------------------------------------------------------------------------------------------
+
+
+class User:
+    """Asks for things, a few of them at a time, and notes what comes of each."""
+
+    def __init__(self, name: str, folder: Path, seed: int) -> None:
+        self.name = name
+        self.random = Random(seed)
+        self.notebook = Notebook(folder, name)
+        self.speed = Variable(f"speed of {name}", int)
+        self.count = 0
+        self.sent: list[tuple[str, SentTask[Any]]] = []
+
+    def live(self, until: Path) -> None:
+        """Ask until a file is there, and see to the end what was begun."""
+        deeds: list[Callable[[Client, str], None]] = [self.step, self.walk, self.grip, self.where, self.tell, self.set]
+        deeds += [self.step, self.walk, self.step, self.where, self.step, self.ask_all, self.step, self.lock]
+        if self.name != "guest":  # who dies before what it has suspended may start leaves that for ever
+            deeds.append(self.suspend)
+        try:
+            with connect(self.name, patience=PATIENCE, linger=60.0) as user:
+                while not until.exists():
+                    self.random.choice(deeds)(user, self._next())
+                    while len(self.sent) > self.random.randrange(12):
+                        self.hear()
+                    time.sleep(self.random.random() * 0.01)
+                while self.sent:
+                    self.hear()
+        except NotSent as error:
+            self.notebook.note("not sent", error.number)
+        self.notebook.note("over")
+
+    def _next(self) -> str:
+        self.count += 1
+        return f"{self.name}{os.getpid()}n{self.count}"
+
+    def _send(self, name: str, task: SentTask[Any]) -> None:
+        self.sent.append((name, task))
+        if self.random.random() < 0.5:
+            self.notebook.note("taken", name, task.id)
+
+    def hear(self) -> None:
+        """Wait for the oldest task."""
+        name, task = self.sent.pop(0)
+        self.notebook.note("awaits", name)
+        try:
+            result = task.result()
+        except (TaskFailed, TaskKilled) as error:
+            failure = error.failure if isinstance(error, TaskFailed) else "killed"
+            self.notebook.note("failed", name, task.id, failure)
+            return
+        assert result in (name.upper(), None), (name, result)
+        self.notebook.note("done", name, task.id)
+
+    def step(self, user: Client, name: str) -> None:
+        """One step, after those before it or beside them."""
+        self._send(name, user.command(STEP, name, sequential=self.random.random() < 0.5))
+
+    def grip(self, user: Client, name: str) -> None:
+        """One grip."""
+        self._send(name, user.command(GRIP, name, sequential=False))
+
+    def walk(self, user: Client, name: str) -> None:
+        """One walk, beside all else."""
+        self._send(name, user.goal(WALK, self.random.randrange(1, 5), sequential=False))
+
+    def suspend(self, user: Client, name: str) -> None:
+        """A step that is suspended at first."""
+        task = user.command(STEP, name, sequential=False, suspended=True)
+        task.resume()
+        self._send(name, task)
+
+    def where(self, user: Client, name: str) -> None:
+        """A question."""
+        self.notebook.note("asks", name)
+        try:
+            reply = user.query(WHERE, name, timeout=None)
+        except QueryFailed as error:
+            self.notebook.note("unanswered", name, error.failure)
+            return
+        assert reply == name.upper(), (name, reply)
+        self.notebook.note("answered", name)
+
+    def ask_all(self, user: Client, name: str) -> None:
+        """A question to all."""
+        self.notebook.note("asks", name)
+        try:
+            replies = user.multi_query(HEALTH, name)
+        except QueryFailed as error:
+            self.notebook.note("unanswered", name, error.failure)
+            return
+        assert all(reply.split()[0] == name for reply in replies), (name, replies)
+        assert len(set(replies)) == len(replies), replies
+        self.notebook.note("answered", name, len(replies))
+
+    def tell(self, user: Client, name: str) -> None:
+        """Say something that nobody answers."""
+        user.inform(NOTE, name)
+        self.notebook.note("told", name)
+
+    def set(self, user: Client, _name: str) -> None:
+        """Nobody else sets this variable."""
+        user.set_variable(self.speed, self.count)
+        assert user.get_variable(self.speed) == self.count
+
+    def lock(self, user: Client, name: str) -> None:
+        """Nobody gets in while this lasts."""
+        try:
+            with user.lock("eyes"):
+                self.notebook.note("locked", name)
+                time.sleep(0.002)
+                self.notebook.note("unlocked", name)
+            self.notebook.note("released", name)
+        except (LockLost, Refused):  # no module has eyes just now
+            pass
+
+
+def use(name: str, folder: Path, seed: int) -> None:
+    """Be a user until the file "over" is there."""
+    User(name, folder, seed).live(folder / "over")
