@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -343,3 +344,15 @@ def test_entries_that_the_journal_lacked_follow_those_that_it_has(broken_run: Pa
         assert "goes on" in again.first_line
     checked = tca("check", str(broken_run))
     assert checked.returncode == 0, checked.stdout
+
+
+@pytest.mark.parametrize("jump", [-86_400, 31_536_000])
+def test_a_wall_clock_that_has_jumped_changes_nothing(
+    broken_run: Path, monkeypatch: pytest.MonkeyPatch, jump: float
+) -> None:
+    run = recover(broken_run, unfinished(broken_run))
+    now = time.time() + jump
+    monkeypatch.setattr(time, "time", lambda: now)
+    restarted = run.restarted(hold=False)
+    assert restarted.time == run.central.clock.now
+    assert restarted.away == pytest.approx(max(jump, 0), abs=60)
