@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tca_wire.errors import JournalDamaged
+from tca_wire.journal import frames
 from tca_wire.journal.facts import JOURNAL_VERSION, Delivered, Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
 from tca_wire.journal.frames import MAX_RECORD
 from tca_wire.journal.records import JournalReader, record
@@ -337,3 +338,23 @@ def test_an_entry_too_big_for_a_record_becomes_several_of_the_same_number() -> N
     assert len(parts) == 2
     assert [fact for part in parts for fact in part.facts] == told
     assert {(part.number, part.time) for part in parts} == {(3, 1.0)}
+
+
+def test_a_record_among_a_thousand_that_look_like_one_is_not_looked_for_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A client may fill a packet with them: a recovery that reads its torn end would take hours."""
+    fake = struct.pack(">BIBI", 0xCE, 4000, 0xCE, 7) * 1000
+    looked_at = 0
+
+    def counted(data: memoryview) -> int:
+        nonlocal looked_at
+        looked_at += len(data)
+        return zlib.crc32(data)
+
+    monkeypatch.setattr(frames, "crc32", counted)
+    monkeypatch.setattr(frames, "MAX_RECORD", 0)
+    assert frames.has_record(fake)  # perhaps: that is told, and people decide
+    assert looked_at <= 9 * len(fake)
+    assert not frames.has_record(fake[:2000])
+    assert frames.has_record(fake[:2000] + frames.framed(b"an input"))
