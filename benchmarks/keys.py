@@ -1,4 +1,5 @@
-"""What keys cost: round trips and messages a second over TCP with CURVE and without, in turns, and their ratios.
+"""What keys and the log of inputs cost: round trips and messages a second over TCP with them and without, in turns, and
+the ratios. Each has a journal.
 
 python benchmarks/keys.py [rounds]
 """
@@ -32,7 +33,7 @@ module.run()
 
 
 def start(stack: ExitStack, *options: str) -> Client:
-    command = [sys.executable, "-m", "tca_central", "--bind", "tcp://127.0.0.1:*", "--no-journal", *options]
+    command = [sys.executable, "-m", "tca_central", "--bind", "tcp://127.0.0.1:*", *options]
     central = stack.enter_context(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
     stack.callback(central.terminate)
     assert central.stderr
@@ -81,9 +82,12 @@ def main(rounds: int) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         os.environ |= {"TCA_KEYS": str(folder / "keys"), "TCA_KEY": "user"}
         subprocess.run([sys.executable, "-m", "tca_central.shell.keys_command", "new", "user"], check=True)
-        keyed = start(stack)
+        clients = {
+            "keys": start(stack, "--journal", str(folder / "keys only"), "--no-inputs"),
+            "keys, inputs": start(stack, "--journal", str(folder / "both")),
+        }
         os.environ["TCA_KEY"] = "none"
-        clients = {"keys": keyed, "none": start(stack, "--insecure")}
+        clients["none"] = start(stack, "--insecure", "--journal", str(folder / "none"), "--no-inputs")
         for turn in range(rounds + 1):
             for name, client in clients.items():
                 for measure in (round_trip, queries, informs):
@@ -91,9 +95,9 @@ def main(rounds: int) -> None:
                     if turn:  # the first warms up
                         measured[measure.__name__][name].append(figure)
     for what, by_name in measured.items():
-        with_keys, without = statistics.median(by_name["keys"]), statistics.median(by_name["none"])
-        ratios = [one / other for one, other in zip(by_name["keys"], by_name["none"], strict=True)]
-        print(f"{what:11} keys {shown(with_keys)}  none {shown(without)}  ratio {statistics.median(ratios):.2f}")
+        for name, figures in by_name.items():
+            ratio = statistics.median(one / other for one, other in zip(figures, by_name["none"], strict=True))
+            print(f"{what:11} {name:12} {shown(statistics.median(figures))}  ratio {ratio:.2f}")
 
 
 def shown(figure: float) -> str:
