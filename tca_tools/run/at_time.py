@@ -311,15 +311,12 @@ class _Tasks(Mapping[int, TaskAt]):
         self._run = run
         self._moment = moment
         self._count = bisect_right(run.births, moment)
-        self._seen: dict[int, TaskAt] = {}
 
     def __getitem__(self, task: int) -> TaskAt:
-        if (seen := self._seen.get(task)) is not None:
-            return seen
         record = self._run.tasks[task]
         if record.received > self._moment:
             raise KeyError(task)
-        return self._seen.setdefault(task, TaskAt(self._run, record, self._moment))
+        return TaskAt(self._run, record, self._moment)
 
     def __len__(self) -> int:
         return self._count

@@ -110,7 +110,7 @@ def standing(run: Run, task: Task, state: TaskState, moment: float = inf) -> str
 
 def watches(task: Task, state: TaskState, moment: float = inf) -> bool:
     """Whether it is a monitor that has begun to watch, and goes on."""
-    if not task.message_class.is_monitor or state not in (TaskState.ACHIEVING, TaskState.PLANNING):
+    if state not in (TaskState.ACHIEVING, TaskState.PLANNING) or not task.message_class.is_monitor:
         return False
     if task.time_of(Moment.START_HANDLING) > moment:
         return False
