@@ -26,7 +26,7 @@ _TO_NUMBER = frozenset((int, float, str, bytes))
 
 
 def may_be_taken(central: Central) -> bool:
-    """Whether an image can hold the state now: not while a look for deadlocks goes on, which ends within seconds."""
+    """Whether an image can hold the state now: not while a look for deadlocks goes on, which comes to its end."""
     return central.scan is None
 
 
