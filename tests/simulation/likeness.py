@@ -4,6 +4,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
+
 from tca_central.core import Central
 from tca_central.model.clock import Clock
 from tca_central.model.resources import Queue
@@ -26,7 +28,7 @@ def difference(one: Central, other: Central) -> str:
             if left != right and not callable(left):
                 return f"{way}: {left!r:.200} and {right!r:.200}"
             continue
-        if not isinstance(left, tuple):
+        if not isinstance(left, tuple | msgspec.Struct):
             if (known := met.get(id(left))) is not None:
                 if known != id(right):
                     return f"{way}: {left!r:.200} is shared otherwise"
