@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from robots.ambler_sim import task_manager
+from robots.ambler_sim.killing import Killings, schedule
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.processes import Processes
@@ -48,8 +50,8 @@ REACTIONS_READY = (STABILITY_CHECK, FOOTFALL_CHECK, RAISE_LEG, REPLAN_MOVE, SHUF
 START_TIME = 60.0
 """Seconds within which they must be there."""
 
-LOOK_PERIOD = 3.0
-"""Seconds between two looks at whether all programs are still there."""
+LOOK_PERIOD = 0.5
+"""Seconds between two looks at whether all programs are still there, and whether one is to be killed."""
 
 MARKER = ".ambler-walk"
 """A file by which a folder is known to hold a walk, and locked while the walk goes on."""
@@ -64,6 +66,11 @@ class Walk:
     options: argparse.Namespace
     folder: Path
     outputs: list[tuple[str, Path]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        options = self.options
+        victims = schedule(options.kill_central, [*self.modules, "controller"] if options.kill_modules else [])
+        self.killings = Killings(victims, options.metres, options.seed)
 
     @property
     def bends(self) -> tuple[Bend, ...]:
@@ -113,7 +120,7 @@ class Walk:
         with Progress(*map(_column, columns), TimeElapsedColumn(), console=console) as progress:
             bar = progress.add_task("walking", total=self.options.metres)
             module = task_manager.make_module(
-                lambda metres: progress.update(bar, completed=min(metres, self.options.metres)),
+                lambda metres: self.show(metres, progress, bar),
                 lambda number: self.confirm(number, progress, processes),
             )
             module.central = address
@@ -121,11 +128,19 @@ class Walk:
                 if not self.options.bare:
                     module.wait_until_handled(*REACTIONS_READY, timeout=START_TIME)
                 goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
-                code = _watch(goal, processes, progress, bar)
+                code = _watch(
+                    goal, processes, progress, bar,
+                    lambda: self.killings.kill_next(processes, module, progress.console.print),
+                )  # fmt: skip
                 if code == 0:
                     picture = module.query(PICTURE, str(self.folder / "robot.png"))
                     self.outputs.append(("the robot", Path(picture)))
         return code
+
+    def show(self, metres: float, progress: Progress, bar: TaskID) -> None:
+        """The robot has come so far."""
+        self.killings.walked = metres
+        progress.update(bar, completed=min(metres, self.options.metres))
 
     def confirm(self, number: int, progress: Progress, processes: Processes) -> None:
         """Between two arcs: what --between-arcs asked for."""
@@ -153,13 +168,16 @@ class Walk:
         self.outputs.append(("journal", self.folder / "journal"))
 
 
-def _watch(goal: SentTask[None], processes: Processes, progress: Progress, bar: TaskID) -> int:
-    """Wait for the end of the walk, and for anything that ends before its time."""
+def _watch(
+    goal: SentTask[None], processes: Processes, progress: Progress, bar: TaskID, look: Callable[[], None]
+) -> int:
+    """Wait for the end of the walk, and for anything that ends before its time; *look* now and then what is due."""
     while True:
         try:
             outcome = goal.wait(timeout=LOOK_PERIOD)
         except Timeout:
             if (name := processes.ended()) is None:
+                look()
                 continue
             progress.console.print(f"{name} ended before the walk did; see {processes.log(name)}", style="red")
             return 1
@@ -210,6 +228,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rock", nargs=4, type=float, action="append", default=[],
                         metavar=("X", "Y", "RADIUS", "HEIGHT"), help="one more; may be repeated")  # fmt: skip
     parser.add_argument("--bare", action="store_true", help="without the monitors and the error recovery")
+    parser.add_argument("--kill-central", type=int, default=0, metavar="TIMES",
+                        help="kill central so many times on the way; it comes back on the same journal")  # fmt: skip
+    parser.add_argument(
+        "--kill-modules", action="store_true", help="kill each module once on the way, and start it again"
+    )
     parser.add_argument("--between-arcs", choices=("swap", "ask"),
                         help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
     return parser

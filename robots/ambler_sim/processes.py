@@ -18,6 +18,7 @@ class Processes:
         self._folder = folder
         self._environment = {**os.environ, **environment}
         self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._commands: dict[str, tuple[str, ...]] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -28,6 +29,7 @@ class Processes:
 
     def start(self, name: str, module: str, *arguments: str) -> None:
         """Run a Python module under this name."""
+        self._commands[name] = module, *arguments
         with self.log(name).open("ab") as log:
             # A session of its own: Ctrl-C in the terminal is for the one who started it, who stops the others in order.
             self._running[name] = subprocess.Popen(
@@ -45,6 +47,14 @@ class Processes:
         except subprocess.TimeoutExpired:
             process.kill()
             return process.wait()
+
+    def kill_and_restart(self, name: str) -> int:
+        """Kill a program, and run it once more; the number of the new process."""
+        process = self._running.pop(name)
+        process.kill()
+        process.wait()
+        self.start(name, *self._commands[name])
+        return self._running[name].pid
 
     def ended(self) -> str | None:
         """The name of a program that ended by itself, if any has."""

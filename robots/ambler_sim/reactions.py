@@ -33,7 +33,11 @@ UNSTABLE_FOOTHOLD = Failure("unstable foothold", Contact)
 RAISE_LEG = ExceptionHandler("raise leg", Contact)
 REPLAN_MOVE = ExceptionHandler("replan move", Contact)
 SHUFFLE_FEET = ExceptionHandler("shuffle feet")
+DO_AGAIN = ExceptionHandler("do again")
 GIVE_UP = ExceptionHandler("give up")
+
+LOST = Failure("module lost")
+"""Raised by central: a module died with something in hand; also where it can't be known how far that had come."""
 
 STUCK = Failure("stuck", str)
 WALK_GIVEN_UP = Failure("walk given up", str)

@@ -24,7 +24,9 @@ from robots.ambler_sim.messages import (
     Bend,
 )
 from robots.ambler_sim.reactions import (
+    DO_AGAIN,
     GIVE_UP,
+    LOST,
     RAISE_LEG,
     REPLAN_MOVE,
     SHUFFLE_FEET,
@@ -40,6 +42,9 @@ from tca_module import Module, Scope, Task, TaskRef, Trouble
 RAISED_AT_MOST, REPLANNED_AT_MOST, SHUFFLED_AT_MOST = 2, 2, 2
 """How often each is tried for one leg move, one step, one arc."""
 
+DONE_AT_MOST = 5
+"""How often a handler may die of the same task before that fails."""
+
 MOST_REMEMBERED = 30
 """Places: older ones are behind."""
 
@@ -54,6 +59,7 @@ def attach(module: Module) -> None:
     module.on_failure(UNSTABLE_FOOTHOLD, REPLAN_MOVE, of=TAKE_STEPS)
     module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
     module.on_failure(UNSTABLE_MOVE, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
+    module.on_failure(LOST, DO_AGAIN, of=TRAVERSE_ARC)
     module.on_failure(None, GIVE_UP, of=TRAVERSE_PATH, maximum=1)
 
 
@@ -120,6 +126,28 @@ def shuffle_feet(task: Task) -> None:
     with task.sequence():
         for move in moves:
             task.command(MOVE_LEG, move)
+    if rest >= TOLERANCE:
+        arc_task.retry(TRAVERSE_ARC, Bend(arc.curvature, rest))
+
+
+@recovery.handles(DO_AGAIN)
+def do_again(task: Task) -> None:
+    """A module died: have done again what it had in hand. Moves begin where the robot stands, so they may come twice.
+
+    A planner that had ordered a part of what it planned would order that again: then the rest of the arc begins anew.
+    """
+    trouble = task.trouble
+    arc_task, failing = trouble.attached, trouble.failing
+    assert arc_task is not None
+    if trouble.attempts > DONE_AT_MOST:
+        raise trouble.reissue()
+    has_ordered = any(child.id != task.id for child in failing.children())
+    if failing.message != TAKE_STEPS.name or not has_ordered:
+        failing.retry()
+        return
+    _abandon(trouble, "begun again")
+    arc = failing.data(TAKE_STEPS).arc
+    rest = remaining(arc, task.query(STANCE).pose)
     if rest >= TOLERANCE:
         arc_task.retry(TRAVERSE_ARC, Bend(arc.curvature, rest))
 

@@ -1,0 +1,201 @@
+"""Rocks that the scanner does not see, on real processes: each rung of the ladder (paper, figure 3), by the journal."""
+
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
+from tca_tools.run.records import Task, TaskState
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Outcome, Role
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[2]
+
+LOW = "1.1 1.85 0.25 0.7"
+TALL = "1.1 0.9 0.25 1.9"
+"""Taller than a leg is raised; the leg swings around it."""
+
+BROAD = "1.4 0.6 0.3 1.9"
+"""As broad as a leg can go around; half a metre further on it is no longer in the way."""
+
+HUGE = "1.9 0.0 1.2 1.9"
+
+ROCKS = [HUGE, *(pytest.param(rock, marks=pytest.mark.soak) for rock in (TALL, BROAD))]
+
+MOVES = ("move leg", "move body")
+LADDER = ("raise leg", "replan move", "shuffle feet", "give up")
+
+
+class Walk(NamedTuple):
+    output: str
+    code: int
+    history: History
+
+    @property
+    def recoveries(self) -> dict[str, int]:
+        return Counter(task.name for task in self.history.tasks.values() if task.role is Role.EXCEPTION)
+
+    def named(self, *names: str) -> list[Task]:
+        return [task for task in self.history.tasks.values() if task.name in names]
+
+
+def walk(folder: Path, *options: str) -> Walk:
+    command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder / "walk"), "--pace", "0", "--arcs", "1"]
+    done = subprocess.run([*command, *options], cwd=ROOT, capture_output=True, text=True, timeout=150, check=False)
+    return Walk(done.stdout + done.stderr, done.returncode, History.until(open_log(folder / "walk" / "journal")))
+
+
+def walk_with(folder: Path, rock: str, metres: str = "2", backend: str = "kinematic") -> Walk:
+    return walk(folder, "--backend", backend, "--metres", metres, "--rock", *rock.split())
+
+
+Walks = Callable[[str], Walk]
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
+    """The walk with a rock; each is walked once."""
+    known: dict[str, Walk] = {}
+
+    def get(rock: str) -> Walk:
+        if rock not in known:
+            known[rock] = walk_with(tmp_path_factory.mktemp("rock"), rock)
+        return known[rock]
+
+    return get
+
+
+def assert_walked(walk: Walk) -> None:
+    assert walk.code == 0, walk.output
+    (path,) = walk.named("traverse path")
+    assert path.state is TaskState.ACHIEVED
+
+
+@pytest.mark.parametrize("backend", ["kinematic", pytest.param("pybullet", marks=pytest.mark.soak)])
+def test_over_a_low_rock_the_leg_is_raised(backend: str, tmp_path: Path) -> None:
+    if backend == "pybullet":
+        pytest.importorskip("pybullet")
+    done = walk_with(tmp_path, LOW, metres="1", backend=backend)
+    assert_walked(done)
+    assert done.recoveries == {"raise leg": 1}
+    (raised,) = done.named("raise leg")
+    leg_move = done.history.tasks[raised.parent]
+    assert [handling.outcome for handling in leg_move.handlings] == [Outcome.FAILED, Outcome.DONE]
+    assert "recoveries: 1 x raise leg" in done.output
+
+
+@pytest.mark.soak
+def test_around_a_tall_rock_the_step_is_planned_anew(walked: Walks) -> None:
+    done = walked(TALL)
+    assert_walked(done)
+    assert done.recoveries.keys() == {"raise leg", "replan move"}
+    replanned = done.named("replan move")[0]
+    assert names_under(done, replanned) == ["move leg", "move body", "achieved position?"]
+    failing = done.history.tasks[replanned.parent]
+    assert failing.name == "move leg"
+    tried = [name for name in names_under(done, failing) if name in LADDER]
+    assert tried == ["raise leg", "raise leg", "replan move"]
+    step = done.history.tasks[failing.parent]
+    assert (step.name, len(step.handlings)) == ("take steps", 2)  # planned, and planned anew
+
+
+def names_under(walk: Walk, task: Task) -> list[str]:
+    return [walk.history.tasks[child].name for child in task.children]
+
+
+@pytest.mark.soak
+def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked: Walks) -> None:
+    done = walked(BROAD)
+    assert_walked(done)
+    assert done.recoveries.keys() == {"raise leg", "replan move", "shuffle feet"}
+    shuffled = done.named("shuffle feet")
+    assert set(names_under(done, shuffled[0])) == {"move leg"}
+    (arc,) = done.named("traverse arc")
+    assert len(arc.handlings) == 1 + len(shuffled)  # begun again each time, from the standard configuration
+
+
+def test_when_nothing_helps_the_walk_is_given_up_and_the_user_is_told(walked: Walks) -> None:
+    done = walked(HUGE)
+    assert done.code == 1
+    assert done.recoveries.keys() == set(LADDER)
+    said = " ".join(done.output.split())
+    assert "the walk failed: traverse path {" in said
+    assert "walk given up" in said
+    assert "met something at" in said
+    (path,) = done.named("traverse path")
+    assert path.state in (TaskState.KILLED, TaskState.FAILED)
+
+
+def test_the_rungs_are_tried_from_the_leg_up(walked: Walks) -> None:
+    history = walked(HUGE).history
+    (task,) = walked(HUGE).named("give up")
+    assert history.tasks[task.parent].name == "replan move"  # whose own failure, "stuck", nobody could mend
+    firsts = [min(one.id for one in walked(HUGE).named(name)) for name in LADDER]
+    assert firsts == sorted(firsts)
+
+
+@pytest.mark.parametrize("rock", ROCKS)
+def test_a_stability_check_precedes_every_move(walked: Walks, rock: str) -> None:
+    """Every time that a controller begins a move, a check that nothing else has used was made before it."""
+    history = walked(rock).history
+    begun = [(task, handling) for task in walked(rock).named(*MOVES) for handling in task.handlings]
+    assert len(begun) >= 8
+    for task, handling in begun:
+        children = [history.tasks[child] for child in task.children]
+        checks = [check for check in children if check.name == "stability check" and check.state is TaskState.ACHIEVED]
+        before = [check for check in checks if check.reached[Moment.END_ACHIEVING] <= handling.start]
+        assert len(before) >= task.handlings.index(handling) + 1
+
+
+@pytest.mark.parametrize("rock", ROCKS)
+def test_a_footfall_check_follows_every_leg_move(walked: Walks, rock: str) -> None:
+    """No leg move is achieved, and nothing goes on after it, before its footfall was checked."""
+    history = walked(rock).history
+    achieved = [task for task in walked(rock).named("move leg") if task.state is TaskState.ACHIEVED]
+    assert len(achieved) >= 4
+    for task in achieved:
+        (check,) = [history.tasks[child] for child in task.children if history.tasks[child].name == "footfall check"]
+        assert check.reached[Moment.START_HANDLING] >= task.reached[Moment.END_HANDLING]
+        assert check.reached[Moment.END_ACHIEVING] <= task.reached[Moment.END_ACHIEVING]
+
+
+@pytest.mark.soak
+def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> None:
+    done = walk(tmp_path, "--backend", "kinematic", "--metres", "1", "--bare")
+    assert_walked(done)
+    assert not {"monitoring", "error recovery"} & done.history.modules.keys()
+    assert not done.named("stability check", "footfall check", *LADDER)
+    assert "checks: none" in done.output
+
+
+@pytest.mark.soak
+def test_without_recovery_the_same_rock_ends_the_walk(tmp_path: Path) -> None:
+    done = walk(tmp_path, "--backend", "kinematic", "--metres", "1", "--bare", "--rock", *LOW.split())
+    assert done.code == 1
+    assert "terrain collision" in done.output
+
+
+@pytest.mark.soak
+def test_the_robot_walks_on_when_central_is_killed_thrice_and_each_program_once(tmp_path: Path) -> None:
+    done = walk(
+        tmp_path, "--backend", "kinematic", "--metres", "8", "--pace", "8", "--kill-central", "3", "--kill-modules"
+    )
+    assert_walked(done)
+    assert done.output.count("central was killed, and is back") == 3
+    for name in ("perception", "leg planner", "body planner", "gait planner", "monitoring", "error recovery"):
+        assert f"{name} was killed, and is back" in done.output
+    assert "controller was killed, and is back" in done.output
+    assert all(task.state is TaskState.ACHIEVED for task in done.named("traverse arc"))
+    good = subprocess.run(
+        [Path(sys.executable).with_name("tca"), "check", tmp_path / "walk" / "journal"],
+        stdout=subprocess.PIPE,
+        check=False,
+    )
+    assert good.returncode == 0, good.stdout
