@@ -20,14 +20,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="of the first life")
     parser.add_argument("--kills", type=int, default=50, help="of central, in each life")
     parser.add_argument("--lives", type=int, default=1)
-    parser.add_argument("--inputs-between", type=int, default=500, help="two images of the state")
+    parser.add_argument("--events-between", type=int, default=500, help="two images of the state")
     parser.add_argument("--out", type=Path, help="folder for what is left of them [default: a temporary one]")
     options = parser.parse_args()
     out = options.out or Path(tempfile.mkdtemp(prefix="chaos"))
     counts, broken, began = Counter[str](), 0, time.monotonic()
     for seed in range(options.seed, options.seed + options.lives):
         folder, wrong = out / f"life{seed}", list[str]()
-        life = Life(folder, seed, options.kills, inputs_between=options.inputs_between)
+        life = Life(folder, seed, options.kills, events_between=options.events_between)
         try:
             life.run()
         except Broken as error:

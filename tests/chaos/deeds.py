@@ -7,13 +7,12 @@ from pathlib import Path
 from chaos import robot
 
 from tca_central.__main__ import central
-from tca_central.shell import images, run_folder
+from tca_central.shell import images
 
 
-def be_central(folder: Path, inputs_between: str) -> None:
+def be_central(folder: Path, events_between: str) -> None:
     """``tca central`` that takes an image of its state often."""
-    for module in (images, run_folder):
-        vars(module)["INPUTS_BETWEEN"] = int(inputs_between)
+    images.EVENTS_BETWEEN = int(events_between)
     central(["--journal", str(folder / "journal")], prog_name="tca central")
 
 

@@ -24,13 +24,13 @@ class Broken(Exception):
 class Life:
     """One life, of so many kills of central."""
 
-    def __init__(self, folder: Path, seed: int, kills: int, *, users: int = 2, inputs_between: int = 500) -> None:
+    def __init__(self, folder: Path, seed: int, kills: int, *, users: int = 2, events_between: int = 500) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.kills, self.users = folder, kills, users
         self.random = Random(seed)
         self.counts = Counter[str]()
         self.address = f"ipc://{folder}/c.sock"
-        self._inputs_between = inputs_between
+        self._events_between = events_between
         self._seed = seed
         self._nursery = Nursery(folder, self.address)
         self._central = 0
@@ -62,7 +62,7 @@ class Life:
     def _start_central(self) -> None:
         log = self.folder / "central.log"
         self._logged = log.stat().st_size if log.exists() else 0
-        self._central = self._nursery.start("central", self._inputs_between)
+        self._central = self._nursery.start("central", self._events_between)
 
     def _start_module(self, name: str) -> None:
         self._modules[name] = self._nursery.start("module", name)
