@@ -45,7 +45,17 @@ from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection, Module, Wiretap
 from tca_central.model.task_tree import Task
 from tca_central.outgoing import availability, direct_routes
-from tca_central.requests import joining, naming, permissions, replying, restarting, sending, variables, waiting
+from tca_central.requests import (
+    hanging,
+    joining,
+    naming,
+    permissions,
+    replying,
+    restarting,
+    sending,
+    variables,
+    waiting,
+)
 from tca_central.state import State
 from tca_central.status import topics
 from tca_central.watching import taps
@@ -417,6 +427,7 @@ TIMERS: dict[Due, Callable[[Central, Any], None]] = {
     Due.KILL: lambda central, ending: ending.carry_out(central),
     Due.TEST: monitors.on_test,
     Due.WATCHED: monitors.on_watched,
+    Due.HUNG: hanging.on_hung,
     Due.CLAIM: claims.on_time_out,
     Due.LOOK: deadlocks.on_look,
     Due.GRACE: restarting.on_grace_over,

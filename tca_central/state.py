@@ -42,7 +42,7 @@ from tca_wire.points import ROOT, TaskId
 from tca_wire.rules import DELIVERED
 from tca_wire.text import measures
 from tca_wire.text.printable import shortened
-from tca_wire.vocabulary import CENTRAL, Dropping, MessageClass, Outcome, Refusal
+from tca_wire.vocabulary import CENTRAL, Dropping, Due, MessageClass, Outcome, Refusal
 
 Suspect = Delivery | Claim[Connection] | tuple[Connection, int]
 """A wait that may close a circle: of a message in a queue, for a kept claim, or of a connection for a request."""
@@ -462,7 +462,13 @@ class State:
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
         """A handler that runs is told to clean up and return; its coroutine awaits nothing any more."""
         self.unblock_coroutine(slot, delivery.given_as)
+        self.doubt(slot, delivery)
         self.tell(slot, cancelled_header(delivery))
+
+    def doubt(self, slot: Connection, delivery: Delivery) -> None:
+        """A handler that runs is to return soon, where its slot says how soon: else it hangs."""
+        if slot.hung_after and delivery.given_as not in slot.doubts:
+            slot.doubts[delivery.given_as] = self.clock.after(slot.hung_after, Due.HUNG, delivery)
 
     def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
         """Send a message that is no final answer."""

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar, overload
+from typing import Any, Literal, TypeVar, overload
 
 from tca_module import checks
 from tca_module.checks import check, check_function
@@ -64,6 +64,7 @@ class Module(Sender):
         self.name = name
         self.central = central
         self._resources = {name: capacity}
+        self._hung_after: dict[str, float] = {}  #: by resource
         self._handlers: dict[str, Handler] = {}
         self._first: list[Callable[[Module], object]] = []
         self._link: Connection | None = None
@@ -78,14 +79,22 @@ class Module(Sender):
 
     # --- declaring -------------------------------------------------------------------------------------------------
 
-    def resource(self, name: str, capacity: int = 1) -> str:
+    def resource(
+        self, name: str, capacity: int = 1, *, hung: Literal["wait", "replace"] = "wait", hung_after: float = 5.0
+    ) -> str:
         """Declare a part of the module that handles at most *capacity* messages at a time, each in its own thread.
-        Handlers choose it with ``resource=``; the others use the module's own resource.
+        Handlers choose it with ``resource=``; the others use the module's own resource, which this may name, too.
+
+        With ``hung="replace"`` a handler that does not return *hung_after* seconds after its task was killed, or its
+        sender gave up, is left behind: another thread takes its place. Without it the place stays taken.
         """
         self._check_not_running("resource()")
         check("resource()", checks.NAME, name=name)
         check(f"resource '{name}'", checks.CAPACITY, capacity=capacity)
+        check(f"resource '{name}'", checks.HUNG, hung=hung)
+        check(f"resource '{name}'", checks.DURATION, hung_after=hung_after)
         self._resources[name] = capacity
+        self._hung_after[name] = hung_after if hung == "replace" else 0.0
         return name
 
     @overload
@@ -246,6 +255,7 @@ class Module(Sender):
         greeting = hello(self.name)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
         link.root_sender = self
+        link.session.replace_slot = self._slots.replace
         try:
             self._wait_for_required(link)
             for function in self._first:
@@ -281,7 +291,7 @@ class Module(Sender):
 
     def _open_slots(self, incarnation: str, patience: float, attachments: LastingAttachments) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
-            greeting = hello(self.name, number, resource, incarnation)
+            greeting = hello(self.name, number, resource, incarnation, self._hung_after.get(resource, 0.0))
             stop, linger = self._stop, self._linger
             return Slot(self.central, greeting, patience, self._handlers, callbacks, stop, attachments, linger)
 

@@ -172,6 +172,7 @@ class Due(StrEnum):
     WATCHED = "watched"  # a monitor has watched long enough
     LOOK = "look"  # check blocked handlers for deadlocks
     GRACE = "grace"  # who has not come back to a central that was away is lost
+    HUNG = "hung"  # a handler that nobody waits for should have returned
     CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
 
 

@@ -88,9 +88,9 @@ OBJECTS: dict[type, str] = {
     Claim: "admits_owner arrival holder id number owner priority resource since slot ticket timer",
     Clock: "_asked _cancelled _queue now",
     Connection: (
-        "answer_bytes answers begins entrance handling id known_until last_number late licence lost_claims module "
-        "number orphans outstanding pauses prefetch principal pulse repeats_until resource rights routes session tasks "
-        "untold waits watchers watches"
+        "answer_bytes answers begins doubts entrance handling hung_after id known_until last_number late licence "
+        "lost_claims module number orphans outstanding pauses prefetch principal pulse repeats_until resource rights "
+        "routes session tasks untold waits was_replaced watchers watches"
     ),
     Delivery: _DELIVERY,
     Guard: "above age task",
@@ -103,7 +103,7 @@ OBJECTS: dict[type, str] = {
         "is_aside is_goal is_notice message_class name parts route rules senders_told serving taps waiting"
     ),
     Module: "called connections handlers incarnation is_ready keeps name principal process resources",
-    ModuleResource: f"{_RESOURCE} busy delivered limits quick_runs",
+    ModuleResource: f"{_RESOURCE} busy delivered limits quick_runs replaced",
     PendingLimit: "most waiting",
     Queue: "_heap waiting",
     Permissions: "barred licences newest_licence outcome_owners rules",

@@ -7,6 +7,7 @@ from collections import deque
 from typing import Any, NamedTuple
 
 from tca_central.events import ConnectionId
+from tca_central.model.clock import Timer
 from tca_central.model.resources import PendingLimit, Resource
 from tca_central.model.rights import Rights
 from tca_central.model.stored import Stored
@@ -32,6 +33,7 @@ class ModuleResource(Resource["Connection", "Delivery"]):
         self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
         self.delivered = 0  #: number of messages that were given to it
         self.busy = 0.0  #: seconds in which they were handled, added up over its slots
+        self.replaced = 0  #: number of slots that were lost because their handlers hung
         self.quick_runs = 0  #: number of messages, one after the other, that were handled quickly
 
 
@@ -55,10 +57,10 @@ class Blocking(NamedTuple):
 class Connection(Stored):
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answer_bytes", "answers", "begins", "entrance", "handling", "id", "known_until", "last_number",
-                 "late", "licence", "lost_claims", "module", "number", "orphans", "outstanding", "pauses", "prefetch",
-                 "principal", "pulse", "repeats_until", "resource", "rights", "routes", "session", "tasks", "untold",
-                 "waits", "watchers", "watches")  # fmt: skip
+    __slots__ = ("answer_bytes", "answers", "begins", "doubts", "entrance", "handling", "hung_after", "id",
+                 "known_until", "last_number", "late", "licence", "lost_claims", "module", "number", "orphans",
+                 "outstanding", "pauses", "prefetch", "principal", "pulse", "repeats_until", "resource", "rights",
+                 "routes", "session", "tasks", "untold", "waits", "was_replaced", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
@@ -70,6 +72,9 @@ class Connection(Stored):
         self.pulse = b""  #: of its process, for the server
         self.resource: ModuleResource | None = None
         self.prefetch = 0  #: number of messages that it takes ahead, before it is free
+        self.hung_after = 0.0  #: seconds after which a handler hangs that nobody waits for (0: never)
+        self.doubts: dict[int, Timer] = {}  #: by delivery, when that is so of those that are to return
+        self.was_replaced = False  #: its handler hung, and another took its place
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: deque[int] = deque()  #: requests whose answers are kept, oldest first: see model/answers.py
         self.answer_bytes = 0  #: that these hold

@@ -151,6 +151,8 @@ class Dispatcher(Stored):
             self.bytes -= DELIVERY_BYTES + len(delivery.body)
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
+        if slot.doubts:
+            self._clock.cancel(slot.doubts.pop(delivery.given_as, None))
         del slot.handling[delivery]
         slot.known_until = ended
         if delivery.nested:
@@ -329,6 +331,9 @@ class Dispatcher(Stored):
             self.to_offer.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
+        for timer in slot.doubts.values():
+            self._clock.cancel(timer)
+        slot.doubts.clear()
         orphans, slot.handling = list(slot.handling), {}
         for delivery in orphans:
             del self.running[delivery.given_as]

@@ -7,7 +7,8 @@ from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
 from tca_central.locks import claims
 from tca_central.model.budget import HANDLER_BYTES, RESOURCE_BYTES
-from tca_central.model.deliveries import Connection, Delivery, Handler, Module
+from tca_central.model.clock import checked_seconds
+from tca_central.model.deliveries import Connection, Delivery, Handler, Module, ModuleResource
 from tca_central.model.registry import type_size
 from tca_central.model.rights import OWNER, Rights, rights_of
 from tca_central.model.task_tree import Task, to_be_fired
@@ -59,6 +60,7 @@ def greet(central: State, connection_id: ConnectionId, header: headers.Hello, pr
         connection.entrance = direct_routes.own_entrance(central, header) if header.resource else None
         if connection.entrance is None:  # else it may be busy with what central does not know
             connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
+        connection.hung_after = header.hung_after if header.resource else 0.0
         _join(central, connection, header.resource)
     connection.pulse, connection.rights = header.pulse, rights
     on_hello_again(central, connection, header, b"")
@@ -79,11 +81,23 @@ def _tell_again(central: State, connection: Connection) -> None:
             if isinstance(delivery, Task) and (delivery.killed or delivery.retrying):
                 central.tell(connection, cancelled_header(delivery))
     resource = connection.resource
-    if resource is not None and resource.ahead_at is connection:
-        for place, delivery in enumerate(resource.ahead, len(connection.handling)):
-            central.tell(connection, deliver_header(delivery, place), delivery.body)
-        if resource.is_recalling:
-            central.recall(connection)
+    if resource is None:
+        _tell_of_hung_slots(central, connection)
+    elif resource.ahead_at is connection:
+        _tell_what_is_ahead(central, connection, resource)
+
+
+def _tell_what_is_ahead(central: State, connection: Connection, resource: ModuleResource) -> None:
+    for place, delivery in enumerate(resource.ahead, len(connection.handling)):
+        central.tell(connection, deliver_header(delivery, place), delivery.body)
+    if resource.is_recalling:
+        central.recall(connection)
+
+
+def _tell_of_hung_slots(central: State, connection: Connection) -> None:
+    for lost in central.registry.lost.values():
+        if lost.was_replaced and lost.module is connection.module:
+            central.tell(connection, headers.Replace(lost.number))
 
 
 def _check(header: headers.Hello) -> None:
@@ -95,6 +109,7 @@ def _check(header: headers.Hello) -> None:
     check_name("process", header.process, or_none=True)
     check_name("resource", header.resource, or_none=True)
     check_name("incarnation", header.incarnation)
+    checked_seconds(header.hung_after, "a handler that hangs")
     if len(header.pulse) > Limit.NAME:
         raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
     if header.entrance is not None:
@@ -103,7 +118,11 @@ def _check(header: headers.Hello) -> None:
 
 def _check_owner(central: State, header: headers.Hello, session: str, principal: str) -> None:
     """Raises RequestError if the module, or a lost connection of it, is somebody else's: nobody takes them over."""
-    known = central.registry.modules.get(header.incarnation) or central.registry.lost.get(session)
+    before = central.registry.lost.get(session)
+    if before is not None and before.was_replaced:
+        text = f"slot {header.connection} of module '{header.module}' was given up, for its handler did not return"
+        raise RequestError(Refusal.TOO_LATE, text)
+    known = central.registry.modules.get(header.incarnation) or before
     if known is not None and known.principal != principal:
         text = f"another run of module '{header.module}' has this incarnation, and is somebody else's: draw a new one"
         raise RequestError(Refusal.FORBIDDEN, text)

@@ -110,6 +110,8 @@ def give_up(
 def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, ...]) -> None:
     if delivery.queues is None:
         central.facts.extend(dropped)
+        if delivery.slot is not None:
+            central.doubt(delivery.slot, delivery)
     else:
         central.dispatcher.withdraw(delivery, dropped=dropped)
         central.collectors.pop(delivery.id, None)

@@ -70,6 +70,7 @@ def _resource(resource: ModuleResource) -> dict[str, Any]:
         "capacity": resource.capacity,
         "handling": sorted(delivery.id for slot in resource.slots for delivery in slot.handling),
         "waiting": resource.waiting,
+        "replaced": resource.replaced,
         "locked_by": owner if resource.is_locked else "",
         "reserved_by": "" if resource.is_locked else owner,
         "claims": len(resource.claims),

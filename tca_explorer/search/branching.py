@@ -15,6 +15,7 @@ _TIMES = {
     "test": "the period of monitor {}",
     "watched": "the duration of monitor {}",
     "claim": "the timeout of a lock",
+    "hung": "the look for a handler that hangs",
 }
 """By what a timer is for: what is due."""
 

@@ -60,6 +60,7 @@ IGNORED = {
     },
     "Connection": {
         "id", "session", "number", "last_number", "orphans", "late",  # addresses
+        "hung_after", "doubts", "was_replaced",  # no handler hangs
         "answers", "answer_bytes",  # scripts repeat nothing
         "tasks", "untold",  # nor name they anything by its request
         "handling", "waits", "pauses", "lost_claims",  # met as what is handled and asked
@@ -70,7 +71,7 @@ IGNORED = {
         "delivered", "failed", "dropped",  # only counted, for people
         "candidates",  # follow from the handlers
     },
-    "ModuleResource": {"delivered", "busy", "quick_runs"},  # likewise; every handler counts as quick
+    "ModuleResource": {"delivered", "busy", "quick_runs", "replaced"},  # likewise; every handler counts as quick
     "Module": {"process"},
     "AttachedHandler": {"holders"},  # for people
     "Delivery": {

@@ -69,10 +69,13 @@ def _connection_by_socket(
     return Connection(transport, session, patience=patience, direct=without_central)
 
 
-def hello(module: str, connection: int = 0, resource: str = "", incarnation: str = "") -> Hello:
+def hello(
+    module: str, connection: int = 0, resource: str = "", incarnation: str = "", hung_after: float = 0.0
+) -> Hello:
     """The introduction of a connection; *incarnation* names one run of a module ("": a new one)."""
     process = f"{socket.gethostname()}:{os.getpid()}"
     prefetch = PREFETCH if resource else 0
     return Hello(
-        0, PROTOCOL_VERSION, module, incarnation or token_hex(16), connection, resource, process, prefetch=prefetch
-    )
+        0, PROTOCOL_VERSION, module, incarnation or token_hex(16), connection, resource, process, prefetch=prefetch,
+        hung_after=hung_after,
+    )  # fmt: skip

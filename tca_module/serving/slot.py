@@ -39,6 +39,8 @@ class Slot:
     ) -> None:  # fmt: skip
         self.error: BaseException | None = None  #: the error that ended the thread before its time
         self.handling = ""  #: the message whose handler runs
+        self.is_replaced = False  #: its handler hung, and another slot has taken its place
+        self.callbacks = callbacks
         self._central = central
         self._hello = hello
         self._patience = patience
@@ -69,6 +71,8 @@ class Slot:
         except Stopped:
             self.opened.set()
         except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
+            if self.is_replaced:
+                return
             self.error = error
             self._stop.set()
             self.opened.set()
@@ -77,15 +81,17 @@ class Slot:
         self._connection = connection
         self._stop.wakes(connection.transport.wake)
         connection.waiting.handle_delivery = self._attend
-        connection.session.open_deliveries.is_ending = self._stop.is_set
+        connection.session.open_deliveries.is_ending = self._is_over
         connection.root_sender = RootSender(connection)
         self._callbacks.begin(connection)
         self.opened.set()
         with contextlib.ExitStack() as stack:
             stack.callback(connection.drop)  # without goodbye if even that has an error
             try:
-                connection.serve(self._stop.is_set, self._idle)
+                connection.serve(self._is_over, self._idle)
             except BaseException as error:
+                if self.is_replaced:
+                    return
                 self._stop.set()
                 what, module = type(error).__name__, self._hello.module
                 self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
@@ -93,10 +99,25 @@ class Slot:
                 stack.callback(self._say_goodbye, connection, error)
                 raise
             finally:
-                self._callbacks.end()
+                if not self.is_replaced:
+                    self._callbacks.end()
                 if self._loop is not None:
                     self._loop.close()
-            self._say_goodbye(connection)
+            if not self.is_replaced:
+                self._say_goodbye(connection)
+
+    @property
+    def number(self) -> int:
+        """Its connection's."""
+        return self._hello.connection
+
+    @property
+    def resource(self) -> str:
+        """The resource that it handles messages for."""
+        return self._hello.resource
+
+    def _is_over(self) -> bool:
+        return self.is_replaced or self._stop.is_set()
 
     def _say_goodbye(self, connection: Connection, error: BaseException | None = None) -> None:
         connection.give_back()
@@ -175,6 +196,9 @@ class Slot:
         """A handler has returned: tell central, or see that somebody will."""
         assert self._connection is not None
         task.returned()
+        if self.is_replaced:
+            self._log.warning("handler %s has returned after all: another thread has its place", handler.name)
+            return
         if isinstance(answer, LaterReply):
             self._owed = [*(later for later in self._owed if later.is_open), answer]
             answer.returned()
@@ -213,6 +237,8 @@ class Slots:
         self._callbacks: dict[str, Callbacks] = {}  #: by resource
         self._lock = threading.Lock()
         self._slots: list[Slot] = []
+        self._opened = 0  #: number of all slots that were ever opened
+        self.left_behind = 0  #: number of those whose handlers hung
         self._threads: set[str] = set()  #: resources that have a thread
         self._open_slot: OpenSlot | None = None  #: while the module runs
 
@@ -244,6 +270,7 @@ class Slots:
         errors = [slot.error for slot in self._slots if slot.error is not None]
         self._slots.clear()
         self._threads.clear()
+        self._opened = 0
         return errors
 
     @property
@@ -266,4 +293,22 @@ class Slots:
         if resource not in self._threads:
             callbacks = self._callbacks.setdefault(resource, callbacks)
         self._threads.add(resource)
-        self._slots.append(open_slot(len(self._slots) + 1, resource, callbacks))
+        self._add(resource, callbacks, open_slot)
+
+    def _add(self, resource: str, callbacks: Callbacks, open_slot: OpenSlot) -> None:
+        self._opened += 1
+        self._slots.append(open_slot(self._opened, resource, callbacks))
+
+    def replace(self, number: int, why: str) -> None:
+        """Leave a slot behind whose handler hangs, and open another one in its place."""
+        with self._lock:
+            hung = next((slot for slot in self._slots if slot.number == number), None)
+            if hung is None or self._open_slot is None:
+                return
+            hung.is_replaced = True
+            self._slots.remove(hung)
+            self.left_behind += 1
+            self._log.warning(
+                "module '%s': %s; another thread takes its place (left behind: %d)", self._module, why, self.left_behind
+            )
+            self._add(hung.resource, hung.callbacks, self._open_slot)

@@ -59,6 +59,8 @@ def quiet_within(patience: float, *, is_idle: bool = False) -> float:
 class Session:
     """The state of one connection to central."""
 
+    replace_slot: Callable[[int, str], object] | None = None  #: opens another slot for one that hangs
+
     def __init__(self, hello: headers.Hello, attachments: LastingAttachments | None = None) -> None:
         """*attachments*: of the module, where it has several connections; the first one attaches them anew."""
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
@@ -511,6 +513,10 @@ class Session:
         if lock is not None:  # the answer that grants it may have been lost, and comes again after this
             lock.taken = header.text
 
+    def _on_replace(self, header: headers.Replace, _: bytes) -> None:
+        if self.replace_slot is not None:
+            self.replace_slot(header.number, header.text)
+
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
         if (request := self._requests.get(header.number)) is not None:
             request.was_sent = request.repeated  # it was not done; and if sent only once, by nobody else
@@ -535,6 +541,7 @@ class Session:
         ),
         headers.Recall: lambda self, header, _: self.give_back(header.deliveries),
         headers.Taken: _on_taken,
+        headers.Replace: _on_replace,
         headers.Beat: lambda *_: None,
         headers.Unknown: _on_unknown,
         headers.Closing: _on_closing,

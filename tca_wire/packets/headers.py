@@ -60,6 +60,10 @@ class Hello(_Header, frozen=True, forbid_unknown_fields=False, tag=1):
     """Routing id of the socket on which this process sends back central's beats, if it has one."""
     prefetch: int = 0
     """Number of messages that this slot takes ahead, before it has handled the one it has."""
+    hung_after: float = 0
+    """Seconds after which a handler hangs that was to end, or whose sender has given up: then this slot counts as lost,
+    and the module gets Replace (0: never).
+    """
 
 
 class Register(_Header, frozen=True, tag=2):
@@ -539,6 +543,13 @@ class Taken(_Header, frozen=True, tag=43):
     text: str
 
 
+class Replace(_Header, frozen=True, tag=51):
+    """The slot of this number is lost, for its handler hangs: open another one in its place."""
+
+    number: int
+    text: str = ""
+
+
 class Recall(_Header, frozen=True, tag=44):
     """Give back those of these deliveries, which you have ahead, that you have not begun; answered by Recalled."""
 
@@ -547,5 +558,5 @@ class Recall(_Header, frozen=True, tag=44):
 
 ToModule = (
     Welcome | Accepted | TasksMade | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
-    | Taken | Route | EntranceGone | Recall | Barred
+    | Taken | Replace | Route | EntranceGone | Recall | Barred
 )  # fmt: skip

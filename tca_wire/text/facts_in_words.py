@@ -280,6 +280,7 @@ _DUE = {
     Due.TEST: "time of the next test",
     Due.WATCHED: "end of the watch",
     Due.LOOK: "look for deadlocks",
+    Due.HUNG: "look for a handler that hangs",
     Due.CLAIM: "timeout of a lock",
     Due.GRACE: "end of the wait for those who were there before the restart",
 }

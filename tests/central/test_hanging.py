@@ -1,0 +1,105 @@
+"""Handlers that do not return though nobody waits for them: their slots are given up where they say so."""
+
+import pytest
+from central.player import Player, point
+
+from tca_central.events import Tick
+from tca_wire.packets import headers
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Refusal
+
+AFTER = 5.0
+
+
+@pytest.fixture
+def player() -> Player:
+    player = Player()
+    player.module("legs", "command move", "query where", capacity=0)
+    slot(player, "legs/1", 1)
+    player.module("user")
+    return player
+
+
+def slot(player: Player, connection: str, number: int, hung_after: float = AFTER) -> list[object]:
+    hello = headers.Hello(
+        player.number(connection), headers.PROTOCOL_VERSION, "legs", "run of legs", number, "legs", "here:1",
+        hung_after=hung_after,
+    )  # fmt: skip
+    return player.receive(connection, hello)
+
+
+def pass_time(player: Player, seconds: float) -> None:
+    player.time += seconds
+    player.event(Tick(player.time))
+
+
+def told(player: Player, connection: str) -> list[object]:
+    return [header for header, _ in player.inbox[connection]]
+
+
+def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_next(player: Player) -> None:
+    first, second = player.task("user", "move"), player.task("user", "move")
+    waiting = headers.AwaitPoint(player.number("user"), point(first, Moment.END_ACHIEVING))
+    player.receive("user", waiting)
+    player.receive("user", headers.Kill(player.number("user"), TaskId(first)))
+    pass_time(player, AFTER - 2)
+    assert first in player.central.tree.tasks
+    pass_time(player, 2.0)
+    assert first not in player.central.tree.tasks
+    answers = [one for one in told(player, "user") if isinstance(one, headers.Answer)]
+    assert [one.number for one in answers] == [waiting.number]
+    (replace,) = [one for one in told(player, "legs") if isinstance(one, headers.Replace)]
+    assert (replace.number, "'move' hangs" in replace.text) == (1, True)
+    assert second in player.central.tree.tasks
+    slot(player, "legs/2", 2)
+    assert player.delivered("legs/2") == [second]
+    player.reply("legs/2")
+    assert not player.central.tree.tasks
+
+
+def test_who_was_given_up_has_no_say_any_more(player: Player) -> None:
+    task = player.task("user", "move")
+    player.receive("user", headers.Kill(player.number("user"), TaskId(task)))
+    pass_time(player, AFTER + 1)
+    (answer,) = player.receive("legs/1", headers.Reply(task), b"\xc0")
+    assert isinstance(answer, headers.Unknown)
+    (refused,) = slot(player, "legs/1 again", 1)
+    assert isinstance(refused, headers.Refused)
+    assert refused.refusal is Refusal.TOO_LATE
+    resource = player.central.registry.modules["run of legs"].resources["legs"]
+    assert (resource.capacity, resource.replaced) == (0, 1)
+
+
+def test_a_query_whose_sender_gave_up_frees_its_slot(player: Player) -> None:
+    player.send("user", "where")
+    player.receive("user", headers.GiveUp(player.numbers["user"]))
+    pass_time(player, AFTER + 1)
+    assert any(isinstance(one, headers.Replace) for one in told(player, "legs"))
+
+
+def test_who_returns_in_time_keeps_his_slot(player: Player) -> None:
+    task = player.task("user", "move")
+    player.receive("user", headers.Kill(player.number("user"), TaskId(task)))
+    player.reply("legs/1")
+    following = player.task("user", "move")
+    pass_time(player, 2 * AFTER)
+    assert player.central.tree.tasks[following].is_running
+    assert not any(isinstance(one, headers.Replace) for one in told(player, "legs"))
+
+
+def test_without_a_word_about_it_a_handler_may_take_as_long_as_it_likes(player: Player) -> None:
+    player.module("arms", "command lift", capacity=1)
+    task = player.task("user", "lift")
+    player.receive("user", headers.Kill(player.number("user"), TaskId(task)))
+    pass_time(player, 10_000.0)
+    assert player.central.tree.tasks[task].killed
+    assert player.central.clock.next is None
+
+
+def test_a_module_whose_own_connection_was_away_is_told_when_it_is_back(player: Player) -> None:
+    task = player.task("user", "move")
+    player.receive("user", headers.Kill(player.number("user"), TaskId(task)))
+    pass_time(player, AFTER + 1)
+    player.inbox["legs"].clear()
+    sent = player.hello("legs back", "legs", incarnation="run of legs")
+    assert any(isinstance(one, headers.Replace) for one in sent)
