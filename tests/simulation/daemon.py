@@ -193,7 +193,8 @@ class Daemon:
     @property
     def now(self) -> float:
         """Seconds on the core's clock, which stood still while it was away."""
-        return self._clockwork.now - self._began
+        now = self._clockwork.now - self._began
+        return now if self.core is None else max(now, self.core.clock.now)  # it was rounded
 
     # --- what comes --------------------------------------------------------------------------------------------------
 

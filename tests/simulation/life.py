@@ -10,6 +10,7 @@ from simulation.options import Options, drawn
 from simulation.outside import Outside
 from simulation.threads import Process, Program
 from simulation.town import MODULES, Janitor, TownProgram, User
+from tools.runs import OPENED, checked
 
 from tca_central.invariants import check_invariants
 from tca_wire.points import TaskId
@@ -173,6 +174,8 @@ class Life:
                 raise Broken(f"token {token} was acknowledged as task {task}, which central does not know")
             self._judge_task(token, task)
         self._judge_informs()
+        if (wrong := checked([OPENED, *self.daemon.journal])) != []:
+            raise Broken(f"tca check says of the journal: {wrong[0]}")
         for connection in core.registry.connections.values():
             if connection.outstanding:
                 raise Broken(f"{connection.session} waits for {connection.outstanding}")
