@@ -9,6 +9,7 @@ import errno
 import fcntl
 import os
 import threading
+import time
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -17,6 +18,7 @@ from tca_central.errors import CentralError
 
 SEGMENT_BYTES = 64 << 20
 SYNC_PERIOD = 1.0
+LOCK_PATIENCE = 1.0  # seconds
 WRITE_LATER = 256 << 10
 """Under ``none``: bytes that may wait in memory."""
 
@@ -27,6 +29,24 @@ class Sync(StrEnum):
     ALWAYS = "always"  # on the disk before anything they justify leaves: survives a power cut
     BATCH = "batch"  # with the kernel before, on the disk within a second: survives any death of central
     NONE = "none"  # when convenient
+
+
+def lock(file: int) -> None:
+    """Lock a file until its process ends. Raises BlockingIOError if somebody else keeps it, OSError where there are no
+    locks.
+
+    A central that was killed while it took an image leaves a child behind, which has its locks for another moment.
+    """
+    until = time.monotonic() + LOCK_PATIENCE
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > until:
+                raise
+        else:
+            return
+        time.sleep(0.02)
 
 
 def lock_folder(folder: Path) -> int:
@@ -40,7 +60,7 @@ def lock_folder(folder: Path) -> int:
         msg = f"journal {folder}: {error.strerror}: name a folder that can be written with --journal"
         raise CentralError(msg) from None
     try:
-        fcntl.flock(locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(locked)
     except BlockingIOError:
         os.close(locked)
         msg = f"{folder}: another central writes its journal there: name another folder with --journal"

@@ -59,8 +59,17 @@ class UnfinishedRun:
             process = connection.module.process
             pid = process.removeprefix(here)
             is_here = process.startswith(here) and pid.isdecimal()
-            if is_here and (self.was_booted or not Path(f"/proc/{pid}").exists()) and Path("/proc/self").exists():
+            if is_here and (self.was_booted or not _lives(pid)) and Path("/proc/self").exists():
                 yield ConnectionLost(now, connection.id, "its process had ended when central came back")
+
+
+def _lives(process: str) -> bool:
+    """Whether a process has not ended; one whose exit code nobody has asked for has."""
+    try:
+        state = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(") ")[2][:1]
+    except OSError:
+        return False
+    return state not in ("Z", "X")
 
 
 def unfinished(folder: Path) -> list[InputSegment]:

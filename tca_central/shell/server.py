@@ -5,7 +5,6 @@ that arise in the same turn leave in one packet. A connection that takes no more
 """
 
 import contextlib
-import fcntl
 import logging
 import os
 import socket as sockets
@@ -39,6 +38,7 @@ from tca_central.model.budget import MEMORY
 from tca_central.shell.door import Door
 from tca_central.shell.gate import Gate, gate_for
 from tca_central.shell.log_lines import LogLines
+from tca_central.shell.log_writer import lock
 from tca_central.shell.outboxes import Outboxes
 from tca_central.shell.pulses import Pulses
 from tca_central.shell.run_log import RunLog
@@ -477,8 +477,8 @@ def _lock_of(endpoint: str) -> int:
         owner = path.parent.stat().st_uid
         if path.parent == default_folder() and owner == os.getuid():
             path.parent.chmod(0o700)  # whoever made it: only its owner shall enter
-        lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        locked = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        lock(locked)
     except BlockingIOError:
         msg = f"can't listen on {endpoint}: another central uses it; stop that one, or choose another with --bind"
         raise CentralError(msg) from None
@@ -488,4 +488,4 @@ def _lock_of(endpoint: str) -> int:
     if owner not in (os.getuid(), 0):
         msg = f"{path.parent} belongs to another user: choose another address with --bind"
         raise CentralError(msg)
-    return lock
+    return locked

@@ -4,6 +4,7 @@ import errno
 import os
 import resource
 import shutil
+import threading
 from pathlib import Path
 
 import pytest
@@ -166,3 +167,12 @@ def test_a_disk_that_is_nearly_full_takes_no_more_tasks(tmp_path: Path, monkeypa
     log = RunLog(tmp_path / "run", writer(tmp_path / "run"), None)
     assert log.is_nearly_full()
     log.end(Core("e"), "", is_over=True)
+
+
+def test_a_lock_that_is_kept_for_a_moment_longer_is_waited_for(tmp_path: Path) -> None:
+    """A central that was killed while it took an image leaves a child behind, which has its locks until it closes."""
+    held = lock_folder(tmp_path)
+    timer = threading.Timer(0.1, os.close, [held])
+    timer.start()
+    os.close(lock_folder(tmp_path))
+    timer.join()

@@ -168,6 +168,17 @@ def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(robot: Robot
     assert (failed.value.failure, robot.begun()[-1]) == ("uncertain", 1)
 
 
+def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(robot: Robot, user: Client) -> None:
+    user.command(STEP, 1).result(timeout=20)
+    robot.kill()
+    robot.legs.kill()
+    os.waitid(os.P_PID, robot.legs.pid, os.WEXITED | os.WNOWAIT)
+    run = recover(robot.central.journal, unfinished(robot.central.journal))
+    run.central.handle(run.restarted(hold=False))
+    names = {connection.id: connection.module.name for connection in run.central.registry.connections.values()}
+    assert {names[lost.connection] for lost in run.gone()} == {"legs"}
+
+
 def test_nothing_starts_before_somebody_says_so(robot: Robot, user: Client) -> None:
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
