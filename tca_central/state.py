@@ -263,6 +263,7 @@ class State:
         assert resource is not None
         now = self.clock.now
         began = max(delivery.since, slot.begins) if is_there and slot.begins else now
+        slot.unbegun = delivery if is_there and not slot.begins else None
         delivery.since, slot.begins = began, 0.0
         delivery.message.delivered += 1
         resource.delivered += 1

@@ -90,7 +90,7 @@ OBJECTS: dict[type, str] = {
     Connection: (
         "answer_bytes answers begins doubts entrance handling hung_after id known_until last_number late licence "
         "lost_claims module number orphans outstanding pauses prefetch principal pulse repeats_until resource rights "
-        "routes session tasks untold waits was_replaced watchers watches"
+        "routes session tasks unbegun untold waits was_replaced watchers watches"
     ),
     Delivery: _DELIVERY,
     Guard: "above age task",

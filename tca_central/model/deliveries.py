@@ -60,7 +60,8 @@ class Connection(Stored):
     __slots__ = ("answer_bytes", "answers", "begins", "doubts", "entrance", "handling", "hung_after", "id",
                  "known_until", "last_number", "late", "licence", "lost_claims", "module", "number", "orphans",
                  "outstanding", "pauses", "prefetch", "principal", "pulse", "repeats_until", "resource", "rights",
-                 "routes", "session", "tasks", "untold", "waits", "was_replaced", "watchers", "watches")  # fmt: skip
+                 "routes", "session", "tasks", "unbegun", "untold", "waits", "was_replaced", "watchers",
+                 "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module", number: int) -> None:
         self.id = connection_id
@@ -82,6 +83,7 @@ class Connection(Stored):
         self.untold: list[tuple[int, TaskId]] = []  #: those of which it is to be told, with their requests
         self.last_number = 0  #: the highest request number seen
         self.handling: dict[Delivery, int] = {}  #: its deliveries -> the event in which it got each; oldest first
+        self.unbegun: Delivery | None = None  #: it had this ahead, and had not begun it when that was given to it
         self.begins = 0.0  #: when it began what it has ahead (0: when that is given to it)
         self.repeats_until = 0  #: answers of deliveries up to this one may come again: the connection had broken
         self.known_until = 0.0  #: no run of a handler of which it tells later began or ended before

@@ -109,7 +109,9 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
 
 
 def _of_handler(_: State, node: Returning, each: Each) -> Groups:
-    """The needs of a handler: all waits of it and of those nested in it; any one of a coroutine's."""
+    """The needs of a handler: all waits of it and of those nested in it; any one of a coroutine's. One that has not
+    begun is none in which a callback of its slot waits.
+    """
     slot = node.delivery.slot
     if slot is not None:
         given = slot.handling[node.delivery]
@@ -118,7 +120,7 @@ def _of_handler(_: State, node: Returning, each: Each) -> Groups:
             if wait.together:
                 awaited = wait.together if wait.origin == node.delivery.given_as else awaited
                 yield None
-            elif wait.since > given:
+            elif wait.since > given and (wait.origin or slot.unbegun is not node.delivery):
                 yield [Waiting(slot, number)]
         if awaited:
             yield [Waiting(slot, number) for number in awaited]

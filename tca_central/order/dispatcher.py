@@ -154,6 +154,7 @@ class Dispatcher(Stored):
         if slot.doubts:
             self._clock.cancel(slot.doubts.pop(delivery.given_as, None))
         del slot.handling[delivery]
+        slot.unbegun = None
         slot.known_until = ended
         if delivery.nested:
             delivery.nested = False
@@ -334,7 +335,7 @@ class Dispatcher(Stored):
         for timer in slot.doubts.values():
             self._clock.cancel(timer)
         slot.doubts.clear()
-        orphans, slot.handling = list(slot.handling), {}
+        orphans, slot.handling, slot.unbegun = list(slot.handling), {}, None
         for delivery in orphans:
             del self.running[delivery.given_as]
             if not delivery.is_task:
