@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,6 @@ from tca_wire.journal.frames import framed
 MOST_INPUTS = 30
 _KINDS: tuple[Any, ...] = (*Input.__args__, Ended)
 
-logging.getLogger("tca.central").disabled = True
-
 
 def _segment(choices: Choices, *, is_first: bool) -> bytes:
     encode = msgspec.msgpack.Encoder().encode
@@ -37,10 +36,20 @@ def _segment(choices: Choices, *, is_first: bool) -> bytes:
     return b"".join(written)
 
 
+@contextlib.contextmanager
+def _silent(log: logging.Logger) -> Iterator[None]:
+    """Images that can't be used are no news here."""
+    log.disabled = True
+    try:
+        yield
+    finally:
+        log.disabled = False
+
+
 def attack(data: bytes) -> None:
     """A folder of one or two segments."""
     choices = Choices(data)
-    with tempfile.TemporaryDirectory() as name:
+    with _silent(logging.getLogger("tca.central")), tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for number in range(1, 2 + choices.below(2)):
             (folder / f"{number:08d}.tcai").write_bytes(_segment(choices, is_first=number == 1))

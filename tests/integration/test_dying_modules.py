@@ -57,7 +57,7 @@ def test_who_waits_for_a_program_that_dies_is_told(tmp_path: Path) -> None:
                         dying.communicate("x\n")
                     with pytest.raises(TaskFailed, match="module lost: module 'm' was lost"):
                         work.result(timeout=SOON)
-                    assert dying.wait(SOON) == code
+                    assert dying.wait(SOON) == code, dying.stderr and dying.stderr.read()
                 user.lock("camera", timeout=SOON).release()
                 until(lambda: {module.name for module in user.modules()} == {"user", "eyes"}, "it is forgotten")
 

@@ -327,7 +327,7 @@ socket = zmq.Context().socket(zmq.DEALER)
 socket.linger = 0
 socket.connect(sys.argv[1])
 socket.send(codec.pack([(headers.Hello(1, headers.PROTOCOL_VERSION, "knocker", "x"), b"")]))
-print(*[header for header, _ in codec.unpack_to_module(socket.recv())] if socket.poll(10_000) else ["silence"])
+print(*[header for header, _ in codec.unpack_to_module(socket.recv())] if socket.poll(10_000) else ["silence"], flush=True)
 os._exit(0)
 """
 

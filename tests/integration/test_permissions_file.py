@@ -188,4 +188,4 @@ def test_central_ends_with_its_terminal(tmp_path: Path) -> None:
         assert daemon.poll() is None
         os.close(near)
         os.kill(daemon.pid, signal.SIGHUP)  # the kernel sends it to whom the terminal controls
-        assert daemon.wait(SOON) == 0
+        assert daemon.wait(SOON) in (0, 120)  # Python could not write its last words

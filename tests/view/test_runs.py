@@ -32,7 +32,7 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
 
         def begin(name: str, goal: Goal[int]) -> Central:
             (tmp_path / name).mkdir(exist_ok=True)
-            started = running.enter_context(central(tmp_path / name))
+            started = running.enter_context(central(tmp_path / name, "--fresh"))
             with connect("user", started.address) as user:
                 user.goal(goal, 1)
             return started
