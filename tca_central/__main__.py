@@ -178,8 +178,9 @@ def central(  # noqa: PLR0913 - one for each option
     server: Server | None = None
     try:
         if not no_journal:
-            folder = journal or _unfinished_at(endpoint, is_fresh=fresh) or _new_journal_folder()
-            run = RunFolder(folder, is_fresh=fresh, accept="facts" in resume)
+            is_fresh = fresh or no_inputs
+            folder = journal or _unfinished_at(endpoint, is_fresh=is_fresh) or _new_journal_folder()
+            run = RunFolder(folder, is_fresh=is_fresh, accept="facts" in resume)
         gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Server(known, endpoint, lost_after=lost_after, gate=gate, memory=memory)

@@ -1,13 +1,13 @@
 """Inputs as the events that they are: the daemon and whoever replays a log of inputs go through here."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from tca_central.events import Arrived, BadBytes, Event, Input, RequestReceived, Spared
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import codec
 
 
-def events_of(event: Input, spared: int = -1) -> Iterable[Event]:
+def events_of(event: Input, spared: int = -1) -> Sequence[Event]:
     """The events that an input is; the request of a packet that is to be *spared* is only refused."""
     if isinstance(event, Spared):
         return ()

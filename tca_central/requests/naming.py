@@ -30,7 +30,9 @@ def refuse_lost(lost: list[tuple[int, int]], header: Any) -> None:
     for field, _ in NAMING[type(header)]:
         for task in _named(getattr(header, field)):
             if any(first <= task <= last for first, last in lost):
-                text = f"task {task} is lost: power went before it was on the disk; send it again"
+                text = (
+                    f"task {task} is lost: it was not on the disk, or left out, when central came back; send it again"
+                )
                 raise RequestError(Refusal.UNKNOWN, text)
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from tca_central.core import Central
 from tca_central.image.encoder import encode, may_be_taken
 from tca_central.shell.input_log import IMAGE_SUFFIX, INPUT_SUFFIX, InputLog
-from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, numbers
+from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, numbers, sync_path
 
 EVENTS_BETWEEN = 50_000
 """Events after which there is a new image: they are handled again in a few seconds."""
@@ -95,7 +95,7 @@ def _write_and_exit(central: Central, path: Path, facts: Path) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # it ends soon
         gc.disable()
-        _sync(facts)
+        sync_path(facts)
         write_image(encode(central), path)
         status = 0
     except OSError:
@@ -115,13 +115,4 @@ def write_image(image: bytes, path: Path) -> None:
     os.close(file)
     draft.rename(path)
     with contextlib.suppress(OSError):
-        _sync(path.parent)
-
-
-def _sync(path: Path) -> None:
-    """See to it that a file, or the names in a folder, are on the disk. Raises OSError."""
-    file = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)
+        sync_path(path.parent)

@@ -111,6 +111,15 @@ class InputSegment:
                 break
         self._begin = self.end
 
+    def end_run(self, why: str) -> None:
+        """Write that the run has ended, behind the last sound record. Raises OSError."""
+        for _ in self:
+            pass
+        with self.path.open("r+b") as stream:
+            stream.truncate(self.end)
+            stream.seek(self.end)
+            stream.write(framed(_encode(Ended(why))))
+
     def __iter__(self) -> Iterator[Input | Ended]:
         """Its inputs, up to the first record that is not sound."""
         with self.path.open("rb") as stream:

@@ -70,6 +70,15 @@ def lock_folder(folder: Path) -> int:
     return locked
 
 
+def sync_path(path: Path) -> None:
+    """See to it that a file, or the names in a folder, are on the disk. Raises OSError."""
+    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
 def is_written(folder: Path) -> bool:
     """Whether a central that runs has the lock of a folder."""
     try:
@@ -101,6 +110,7 @@ class LogWriter:
         self._lock = threading.Lock()
         self._stopped = threading.Event()
         self._unsynced = False
+        self._is_named = False  #: the folder on the disk knows of the newest segment
         self._full: list[int] = []  #: files of earlier segments that are yet to be synced and closed
         self._error: OSError | None = None  #: of the thread that syncs
         self._thread = threading.Thread(target=self._sync_each_second, name=f"sync {suffix}", daemon=True)
@@ -155,8 +165,7 @@ class LogWriter:
 
     def make_safe(self) -> None:
         """Have all on the disk, whatever ``sync`` says. Raises CentralError."""
-        self.flush()
-        self._now(self._fsync)
+        self._now(self.write, self._fsync)
 
     def hand_over(self) -> Path:
         """Let the kernel have all that waits, whatever ``sync`` says; the newest segment. Raises CentralError."""
@@ -210,12 +219,15 @@ class LogWriter:
             self.size = 0
             self._path = self.folder / f"{self.newest:08d}{self._suffix}"
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600)
+            self._is_named = False
             with contextlib.suppress(OSError):  # readers see by it that central lives; some file systems have no locks
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if self.sync is not Sync.BATCH:
             self._close_full()
         self._pending.insert(0, self.head())
         self.write()
+        if self.sync is Sync.ALWAYS:
+            self._fsync()
 
     def _sync_each_second(self) -> None:
         while not self._stopped.wait(SYNC_PERIOD):
@@ -235,6 +247,9 @@ class LogWriter:
         self._close_full()
         with self._lock:
             _sync_data(self._file)
+            is_named, self._is_named = self._is_named, True
+        if not is_named:
+            sync_path(self.folder)
 
     def _close_full(self) -> None:
         while self._full:

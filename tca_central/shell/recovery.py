@@ -38,13 +38,15 @@ class UnfinishedRun:
     last: Entry  #: the last entry of its journal
     missing: list[Entry] = field(default_factory=list)  #: entries that the journal lacks
     inputs: int = 0  #: number of those handled again
+    is_cut: bool = False  #: some of its inputs may have been left out
     known: int = 0  #: number of the events before them
 
     def restarted(self, *, hold: bool) -> Restarted:
         """The event with which it goes on."""
         clock = self.central.clock.now
         away = max(0.0, time.time() - self.head.wall - (clock - self.head.clock))
-        is_sure = self.head.sync is Sync.ALWAYS or (self.head.sync is Sync.BATCH and not self.was_booted)
+        is_safe = self.head.sync is Sync.ALWAYS or (self.head.sync is Sync.BATCH and not self.was_booted)
+        is_sure = is_safe and not self.is_cut
         return Restarted(clock, away, GRACE, hold, 0 if is_sure else SKIPPED)
 
     @property
@@ -97,5 +99,5 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
     assert head is not None
     known = replay.began
     return UnfinishedRun(
-        replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs, known
+        replay.central, head, segments[0].number, facts.opened, facts.last, missing, replay.inputs, accept, known
     )

@@ -9,6 +9,7 @@ import logging
 import os
 import socket as sockets
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -164,10 +165,11 @@ class Server:
 
     def take(self, event: Input) -> None:
         """Let central handle an input, and take over what is to be done about it."""
+        events = events_of(event)
         if self.log is not None:
-            self.log.take(event)
+            self.log.take(_as_kept(event, events))
         handle = self.central.handle
-        for index, one in enumerate(events_of(event)):
+        for index, one in enumerate(events):
             if isinstance(one, RequestReceived) and isinstance(one.header, Bye | Receipt):
                 self._note(one.connection, one.header)
             try:
@@ -465,6 +467,11 @@ class Server:
     def _close_wakers(self) -> None:
         self._wake.close()
         self._woken.close()
+
+
+def _as_kept(event: Input, events: Sequence[Event]) -> Input:
+    """The input as the log has it: of bytes that are no message only that they came."""
+    return events[0] if isinstance(event, Arrived) and isinstance(events[0], BadBytes) else event
 
 
 def _lock_of(endpoint: str) -> int:

@@ -1,5 +1,6 @@
 """Central is killed and comes back: nothing that it had taken is lost, and nothing is done twice."""
 
+import errno
 import os
 import re
 import shutil
@@ -29,6 +30,7 @@ from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, co
 from tca_tools.run.journals import open_log
 from tca_wire.journal import facts
 from tca_wire.journal.records import record
+from tca_wire.packets import codec
 from tca_wire.packets.headers import PROTOCOL_VERSION, AwaitPoint, Hello, Refused
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Refusal
@@ -367,3 +369,56 @@ def test_a_wall_clock_that_has_jumped_changes_nothing(
     restarted = run.restarted(hold=False)
     assert restarted.time == run.central.clock.now
     assert restarted.away == pytest.approx(max(jump, 0), abs=60)
+
+
+def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(robot: Robot, user: Client) -> None:
+    user.command(STEP, -1)
+    until(user, lambda: robot.begun()[-1] == 1)
+    user.command(STEP, 5)
+    user.status()
+    robot.kill()
+    said = robot.restart("--no-inputs")
+    assert "begins anew" in said
+    Path(f"{robot.notebook}.go").touch()
+    robot.central.stop()
+    assert "goes on" not in robot.restart()
+    robot.central.stop()
+    assert robot.begun()[5] == 0
+
+
+@pytest.mark.parametrize("sync", [Sync.NONE, Sync.BATCH])
+def test_numbers_that_may_have_been_given_are_never_given_again(broken_run: Path, sync: Sync) -> None:
+    """Neither after inputs were lost that nobody had synced, nor after some were left out."""
+    newest = []
+    for _ in range(2):
+        folder = RunFolder(broken_run, accept=True)
+        server = Server(folder.central, f"ipc://{broken_run}/c.sock")
+        folder.open(server, sync)
+        newest.append(folder.central.tree.newest)
+        server.log = None  # it is killed
+        server.close()
+        folder.close()
+    assert newest[1] > newest[0] > 1_000_000
+
+
+def test_nothing_leaves_before_what_led_to_it_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A turn whose write fails lets no packet out."""
+    folder = RunFolder(tmp_path / "journal")
+    server = Server(folder.central, f"ipc://{tmp_path}/c.sock")
+    folder.open(server, Sync.BATCH)
+    with zmq.Context() as context, context.socket(zmq.DEALER) as line:
+        line.linger = 0
+        line.connect(server.endpoint)
+        line.send(codec.pack([(Hello(1, PROTOCOL_VERSION, "user", "secret"), b"")]))
+        assert server.socket.poll(10_000)
+
+        def fails(*_: object) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr(os, "write", fails)
+        with pytest.raises(CentralError, match="No space left"):
+            server.serve()
+        monkeypatch.undo()
+        assert not line.poll(300)
+    server.close()
+    folder.close()
