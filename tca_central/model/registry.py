@@ -83,6 +83,7 @@ class Registry(Stored):
         self._names.discard(module.name)
         for message in self.messages.values():
             message.declarers.pop(module.incarnation, None)
+        self.look_after = 0  # what it declared may be forgotten, however few events there have been
 
     def check(self, declared: MessageFormat, module: Module) -> None:
         """Raises RequestError if others know a message of that name with another format or class."""

@@ -313,3 +313,14 @@ def _do_anything(player: Player, chance: random.Random) -> None:
         if chance.random() < 0.15 and (delivered := player.delivered(slot)):
             answer = chance.choice((headers.Reply(delivered[-1]), headers.Fail(delivered[-1], "f1", "slipped")))
             player.receive(slot, answer, bytes(chance.choice((1, 20_000))))
+
+
+def test_names_of_a_module_that_has_left_make_room_on_a_quiet_robot_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search in vain is not repeated before much has happened; but a departure is enough."""
+    monkeypatch.setattr(registry, "MESSAGES", 60)
+    monkeypatch.setattr(forgetting, "STEPS", 1)
+    player = Player.of("keeper", "full")
+    player.declare("full", *(f"inform name{number}" for number in range(60)))
+    assert isinstance(player.declare("keeper", "inform fresh")[0], headers.Refused)
+    player.receive("full", headers.Bye())
+    assert isinstance(player.declare("keeper", "inform fresh")[0], headers.Accepted)
