@@ -29,8 +29,8 @@ class RunFolder:
         self._lock = lock_folder(path)
         segments = unfinished(path)
         if segments and is_fresh:
-            log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
             segments[-1].end_run("a new run was begun")
+            log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
             segments = []
         try:
             self.run: UnfinishedRun | None = recover(path, segments, accept=accept) if segments else None
