@@ -1,7 +1,7 @@
 """Images of the state, so that neither the log of inputs nor the time of a restart grows with the run.
 
 A forked child writes one: central goes on meanwhile. The inputs from then on are in the segment of the image's number;
-what is older than the image before is removed, unless all inputs are to be kept.
+what is older than the image before is removed.
 """
 
 import contextlib
@@ -9,7 +9,6 @@ import gc
 import logging
 import os
 import signal
-import sys
 import warnings
 from pathlib import Path
 
@@ -33,6 +32,7 @@ class Images:
         self._known = known
         self._child = 0  #: the process that writes one
         self._number = 0
+        self._path = Path()
         self._kept = 0  #: the number of the newest image that is there
 
     def tend(self, central: Central) -> None:
@@ -51,9 +51,7 @@ class Images:
         self._known = central.events
         self._number = self._inputs.next_segment(central.clock.now)
         facts = self._facts.hand_over()  # nothing leads to them again when there is an image of what came after them
-        path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
-        sys.stdout.flush()
-        sys.stderr.flush()
+        self._path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # the child uses no other thread's locks
             try:
@@ -62,7 +60,7 @@ class Images:
                 log.warning("no image of the state could be taken: %s", error.strerror)
                 return
         if not self._child:
-            _write_and_exit(central, path, facts)
+            _write_and_exit(central, self._path, facts)
 
     def close(self) -> None:
         """Wait for the child."""
@@ -70,7 +68,10 @@ class Images:
             self._look_after_child(0)
 
     def _look_after_child(self, options: int = os.WNOHANG) -> None:
-        child, status = os.waitpid(self._child, options)
+        try:
+            child, status = os.waitpid(self._child, options)
+        except ChildProcessError:  # whoever started central lets nobody wait for children
+            child, status = self._child, not self._path.exists()
         if not child:
             return
         self._child = 0

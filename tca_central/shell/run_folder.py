@@ -7,6 +7,7 @@ from pathlib import Path
 from secrets import token_hex
 
 from tca_central.core import Central
+from tca_central.errors import CentralError
 from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
@@ -27,19 +28,26 @@ class RunFolder:
         """
         self.path = path
         self._lock = lock_folder(path)
-        segments = unfinished(path)
-        if segments and is_fresh:
-            segments[-1].end_run("a new run was begun")
-            log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
-            segments = []
         try:
-            self.run: UnfinishedRun | None = recover(path, segments, accept=accept) if segments else None
+            self.run = self._unfinished_run(is_fresh=is_fresh, accept=accept)
+        except OSError as error:
+            os.close(self._lock)
+            msg = f"journal {path}: {error.filename or ''}: {error.strerror}: name another folder with --journal"
+            raise CentralError(msg) from None
         except BaseException:
             os.close(self._lock)
             raise
         earlier = ", after earlier runs" if numbers(path, SEGMENT_SUFFIX) else ""
         self.history = earlier if self.run is None else ", which goes on"  #: for people
         self.central = Central(token_hex(8)) if self.run is None else self.run.central
+
+    def _unfinished_run(self, *, is_fresh: bool, accept: bool) -> UnfinishedRun | None:
+        segments = unfinished(self.path)
+        if not segments or not is_fresh:
+            return recover(self.path, segments, accept=accept) if segments else None
+        segments[-1].end_run("a new run was begun")
+        log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
+        return None
 
     def open(self, server: Server, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""

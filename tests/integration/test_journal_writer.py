@@ -160,12 +160,14 @@ def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> 
     assert not list(daemon.journal.glob("*.tcai"))  # nobody goes on from what was long ago
 
 
-def test_a_disk_that_is_nearly_full_takes_no_more_tasks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_log, "LEAST_FREE", 1 << 80)
-    monkeypatch.setattr(run_log, "LEAST_SHARE", 0.001)
+def test_a_disk_is_nearly_full_when_bytes_and_share_are_few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What central does about that is in central/test_disk_space.py."""
     (tmp_path / "run").mkdir()
     log = RunLog(tmp_path / "run", writer(tmp_path / "run"), None)
-    assert log.is_nearly_full()
+    for least, share, is_full in ((1 << 80, 1, True), (1 << 80, 1 << 80, False), (0, 1, False)):
+        monkeypatch.setattr(run_log, "LEAST_FREE", least)
+        monkeypatch.setattr(run_log, "LEAST_SHARE", share)
+        assert log.is_nearly_full() is is_full
     log.end(Core("e"), "", is_over=True)
 
 

@@ -21,6 +21,7 @@ from integration.programs import Central, central, program, tca
 from tca_central import core
 from tca_central.errors import CentralError
 from tca_central.events import ConnectionId, RequestReceived, Transmit
+from tca_central.invariants import check_invariants
 from tca_central.shell import images
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.recovery import recover, unfinished
@@ -234,15 +235,18 @@ def broken_run(tmp_path: Path) -> Path:
 
 def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(broken_run: Path, tmp_path: Path) -> None:
     """The journal has more then; --resume facts puts that aside."""
-    inputs = (broken_run / "00000001.tcai").read_bytes()
+    inputs, before = (broken_run / "00000001.tcai").read_bytes(), 1 << 30
     for cut in range(len(inputs) - 1, 200, -len(inputs) // 40):
         copy = tmp_path / "copy"
         shutil.copytree(broken_run, copy)
         (copy / "00000001.tcai").write_bytes(inputs[:cut])
         run = recover(copy, unfinished(copy), accept=True)
-        entries = run.last.number
-        assert run.central.events >= entries
+        check_invariants(run.central)
+        assert run.inputs <= before, "less is left of it each time"
+        assert run.central.events >= run.last.number
+        before = run.inputs
         shutil.rmtree(copy)
+    assert before < 10, "the last cut leaves little"
 
 
 def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path) -> None:
@@ -422,3 +426,9 @@ def test_nothing_leaves_before_what_led_to_it_is_recorded(tmp_path: Path, monkey
         assert not line.poll(300)
     server.close()
     folder.close()
+
+
+def test_a_folder_in_the_place_of_a_file_is_named(broken_run: Path) -> None:
+    (broken_run / "00000002.tcai").mkdir()
+    with pytest.raises(CentralError, match=r"00000002\.tcai: Is a directory: name another folder"):
+        RunFolder(broken_run)
