@@ -127,7 +127,8 @@ def _obey_signals(server: Server) -> None:
 @click.option(
     "--journal",
     type=click.Path(path_type=Path),
-    help="Folder for the journal [default: a new one per run]; tools find it, too. It may hold earlier runs.",
+    help="Folder for the journal [default: that of the run at this address if it has not ended, else a new one]; tools \
+find it, too. It may hold earlier runs.",
 )
 @click.option("--no-journal", is_flag=True, help="Keep no journal.")
 @click.option("--sync", type=click.Choice([str(sync) for sync in Sync]), default="batch", show_default=True,
