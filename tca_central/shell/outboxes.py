@@ -19,18 +19,18 @@ class Outbox:
     __slots__ = ("packets", "room", "size")
 
     def __init__(self) -> None:
-        self.packets: deque[list[bytes]] = deque()  #: the items of each
+        self.packets: deque[list[bytes]] = deque()  #: the pieces of each
         self.room = 0  #: bytes that go into the last one
         self.size = 0  #: bytes of all
 
-    def put(self, item: bytes) -> None:
-        """Add an item to the last packet, or begin another one."""
-        if len(item) > self.room:
+    def put(self, item: list[bytes], size: int) -> None:
+        """Add an item, in pieces, to the last packet, or begin another one."""
+        if size > self.room:
             self.packets.append([])
             self.room = PACKET_BYTES
-        self.packets[-1].append(item)
-        self.room -= len(item)
-        self.size += len(item)
+        self.packets[-1] += item
+        self.room -= size
+        self.size += size
 
 
 class Outboxes:
@@ -54,13 +54,14 @@ class Outboxes:
         """Bytes that were sent, or wait to be, and were not read."""
         return self.held + sum(self._unread.values())
 
-    def put(self, connection: ConnectionId, item: bytes) -> None:
-        """An item is to be sent."""
+    def put(self, connection: ConnectionId, item: list[bytes]) -> None:
+        """An item, in pieces, is to be sent. A large body is a piece of its own: many who are sent it share it."""
         box = self._boxes.get(connection)
         if box is None:
             self._boxes[connection] = box = Outbox()
-        box.put(item)
-        self.held += len(item)
+        size = sum(map(len, item))
+        box.put(item, size)
+        self.held += size
         self._ready[connection] = box
 
     def got(self, connection: ConnectionId, size: int) -> None:

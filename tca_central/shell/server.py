@@ -411,7 +411,7 @@ class Server:
     def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         if self.central.hold.awaited and connection.startswith(AWAY):
             return  # whoever comes back is told anew
-        self._outboxes.put(connection, codec.pack_item(header, body))
+        self._outboxes.put(connection, codec.pack_apart(header, body))
 
     def _send(self, connection: ConnectionId, packet: bytes) -> bool:
         """Send a packet; False if the line takes no more now. Raises ConnectionError if there is none."""

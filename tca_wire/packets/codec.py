@@ -19,6 +19,7 @@ from tca_wire.vocabulary import Limit
 _LENGTHS = struct.Struct(">II")
 _LONGEST, _LONGEST_HEADER = int(Limit.PACKET), int(Limit.HEADER)
 _MOST_ITEMS, _MOST_PARTS, _TOGETHER = int(Limit.ITEMS), int(Limit.PARTS), int(Limit.TOGETHER)
+_COPIED = 4096  # bytes of a body that is dearer to keep apart than to copy
 _SHORT = 96  # bytes of an item, or of a header, that is too short to have many parts
 
 
@@ -40,6 +41,14 @@ def pack_item(header: msgspec.Struct, body: bytes = b"") -> bytes:
     """One item; packets are items joined."""
     encoded = _encode(header)
     return b"".join((_LENGTHS.pack(len(encoded), len(body)), encoded, body))
+
+
+def pack_apart(header: msgspec.Struct, body: bytes) -> list[bytes]:
+    """The pieces of one item; a large body is not copied."""
+    if len(body) < _COPIED:
+        return [pack_item(header, body)]
+    encoded = _encode(header)
+    return [_LENGTHS.pack(len(encoded), len(body)) + encoded, body]
 
 
 def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:

@@ -25,7 +25,7 @@ EYES = """
     eyes.after(0.0, lambda _: print("runs", flush=True))
     eyes.run()
 """
-MOST = 220 << 20
+MOST = 120 << 20
 """Bytes of central's process, of which 40 MiB are Python and its libraries; 400 MiB are asked for."""
 
 
