@@ -8,7 +8,7 @@ from secrets import token_hex
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
-from tca_central.shell.input_log import InputLog
+from tca_central.shell.input_log import INPUT_SUFFIX, InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
 from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
@@ -54,6 +54,10 @@ class RunFolder:
         run, central = self.run, self.central
         epoch, release = central.epoch, version("tca-central")
         inputs = None
+        if run is None and keeps_inputs and self.history and not numbers(self.path, INPUT_SUFFIX):
+            log.warning(
+                "a new run begins: the journal has no inputs (*%s) with which an earlier one could go on", INPUT_SUFFIX
+            )
         if keeps_inputs:
             inputs = InputLog(
                 self.path, epoch=epoch, version=release, sync=sync, clock=central.clock.now if run is not None else None

@@ -235,7 +235,7 @@ class Server:
             self._outboxes.forget_all()  # nothing unrecorded may be sent
             raise error
         advice = "" if self.log.abandon() else f"; remove {self.log.folder} before central is started again"
-        log.error("%s; it goes on without a journal, as it was told: if it crashes, all is lost%s", error, advice)
+        log.error("%s; but it goes on without a journal, as it was told: if it crashes, all is lost%s", error, advice)
         self.log = None
 
     def _look_at_log(self) -> None:

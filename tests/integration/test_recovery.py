@@ -432,3 +432,18 @@ def test_a_folder_in_the_place_of_a_file_is_named(broken_run: Path) -> None:
     (broken_run / "00000002.tcai").mkdir()
     with pytest.raises(CentralError, match=r"00000002\.tcai: Is a directory: name another folder"):
         RunFolder(broken_run)
+
+
+def test_who_removes_the_inputs_is_told_that_nothing_goes_on(
+    broken_run: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    for path in broken_run.glob("*.tcai"):
+        path.unlink()
+    folder = RunFolder(broken_run)
+    server = Server(folder.central, f"ipc://{broken_run}/c.sock")
+    try:
+        folder.open(server, Sync.BATCH)
+    finally:
+        server.close()
+        folder.close()
+    assert "no inputs (*.tcai)" in caplog.text
