@@ -6,20 +6,22 @@ from tca_central.errors import RequestError
 from tca_central.model import registry
 from tca_central.model.deliveries import MessageType
 from tca_central.model.task_tree import Task
-from tca_central.state import Collector, State
+from tca_central.state import Collector, State, lose
 from tca_wire.journal import facts
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import Dropping, Refusal
 
 AT_ONCE = 1000
-"""So many are forgotten together, if so many can be: what it takes to find them is spent only now and then."""
+"""So many are forgotten together, with what waits for their handlers, if so many can be: what it takes to find them is
+spent only now and then.
+"""
 
 STEPS = 50
 """So many things are looked at for each event that has been handled, where there is little to be forgotten."""
 
 
 def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) -> None:
-    """See that so many new names, and so many bytes more, can be declared: forget what nobody needs, oldest first, but
-    none of the *needed* names. Raises RequestError if that is not enough.
+    """See that so many new names, and so many bytes more, can be declared: forget what nobody needs, but none of the
+    *needed* names. Raises RequestError if that is not enough.
     """
     known = central.registry
     if _fits(central, new, size):
@@ -47,10 +49,13 @@ def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) 
         steps += 1
     needed.update(part for message in used for part in message.parts)
     unused = [one for one in known.messages.values() if one not in used and one.name not in needed]
-    unused.sort(key=lambda one: one.name in central.variables.values)  # values go last
-    for count, message in enumerate(unused):
-        if (count >= AT_ONCE or message.name in central.variables.values) and _fits(central, new, size):
+    values = central.variables.values
+    unused.sort(key=lambda one: (one.name in values, len(one.waiting)))  # what loses least goes first, then the oldest
+    freed = 0
+    for message in unused:
+        if (freed >= AT_ONCE or message.name in values) and _fits(central, new, size):
             break
+        freed += 1 + len(message.waiting)
         _forget(central, message)
     if len(unused) < AT_ONCE:
         known.look_after = central.events + (steps + len(known.messages)) // STEPS
@@ -61,17 +66,24 @@ def _forget(central: State, message: MessageType) -> None:
         central.variables.forget(message.name)
         why = "nobody declares it any more, and its place was needed"
         central.facts.append(facts.Dropped(value.message_id, message.name, why))
+    for inform in list(message.waiting.values()):
+        central.dispatcher.withdraw(inform)
+        why = "nobody handles it, who declared it has left, and its name's place was needed"
+        lose(central, inform, why, Dropping.OVERLOAD)
+        central.budget.refused += 1
     for connection in message.senders_told:
         connection.routes.pop(message, None)
     central.registry.forget_message(message)
 
 
 def _used(central: State) -> Iterator[MessageType]:
-    """The messages that somebody declares, handles or waits for, that are on their way, or attached to something."""
+    """The messages that somebody declares, handles or waits for, that are on their way, or attached to something; but
+    informs that wait for a handler, if that is all.
+    """
     for message in central.registry.messages.values():
         if message.declarers or message.handlers or message.awaited_by or message.attached or message.taps:
             yield message
-        if message.waiting:
+        if message.waiting and (message.message_class.is_task or message.message_class.has_reply):
             yield message
     for module in central.registry.modules.values():
         for resource in module.resources.values():

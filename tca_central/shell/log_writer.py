@@ -107,7 +107,8 @@ class LogWriter:
         self._pending_bytes = 0
         self._file = -1
         self.size = 0  #: of the segment
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  #: what the two threads share; held for no longer than a moment
+        self._syncing = threading.Lock()  #: one thread at a time asks the disk; who writes never waits for it
         self._stopped = threading.Event()
         self._unsynced = False
         self._is_named = False  #: the folder on the disk knows of the newest segment
@@ -244,12 +245,14 @@ class LogWriter:
         return CentralError(msg)
 
     def _fsync(self) -> None:
-        self._close_full()
-        with self._lock:
-            _sync_data(self._file)
-            is_named, self._is_named = self._is_named, True
-        if not is_named:
-            sync_path(self.folder)
+        with self._syncing:
+            self._close_full()
+            with self._lock:
+                file, is_named = self._file, self._is_named
+                self._is_named = True
+            _sync_data(file)
+            if not is_named:
+                sync_path(self.folder)
 
     def _close_full(self) -> None:
         while self._full:

@@ -273,6 +273,7 @@ class Server:
     def _receive(self, flags: int = _DONTWAIT) -> bool:
         """Let happen what has arrived, up to a bound; whether anything has. With *flags* 0 wait a moment for it."""
         receive, size, until = self.socket.recv, 0, 0.0
+        self._has_arrived()  # else ZeroMQ looks for others only each hundred frames, while one has sent more
         for count in range(PACKETS_PER_TURN):
             if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):
                 break
@@ -282,22 +283,28 @@ class Server:
                 return count > 0
             frame, now = receive(_DONTWAIT, copy=False), self.now()
             until = until or now + SECONDS_PER_TURN
+            if size and len(frame) > BYTES_PER_TURN:  # those before need not wait for it
+                self._flush()
             size += len(frame) if now < until else BYTES_PER_TURN
-            if (principal := self._gate.principal_of(frame)) is None or connection.startswith(AWAY):
-                self._turn_away(connection, frame)
-                continue
-            if self._gate.has_news:
-                self._ask_gate()
-            self._pulses.heard.add(connection)
-            if frame.more:
-                self.take(BadBytes(now, connection, self._many_frames(frame)))
-                continue
-            packet = frame.bytes
-            if not packet:  # a line is new
-                self._greet(connection)
-            elif packet != _BEAT:  # sent back by a pulse
-                self.take(Arrived(now, connection, packet, principal))
+            self._take_in(connection, frame, now)
         return True
+
+    def _take_in(self, connection: ConnectionId, frame: zmq.Frame, now: float) -> None:
+        """Let a packet happen, if who sent it has a say."""
+        if (principal := self._gate.principal_of(frame)) is None or connection.startswith(AWAY):
+            self._turn_away(connection, frame)
+            return
+        if self._gate.has_news:
+            self._ask_gate()
+        self._pulses.heard.add(connection)
+        if frame.more:
+            self.take(BadBytes(now, connection, self._many_frames(frame)))
+            return
+        packet = frame.bytes
+        if not packet:  # a line is new
+            self._greet(connection)
+        elif packet != _BEAT:  # sent back by a pulse
+            self.take(Arrived(now, connection, packet, principal))
 
     def _turn_away(self, connection: ConnectionId, frame: zmq.Frame) -> None:
         """What comes from somebody who has no say is not even read; he is told so once."""
@@ -401,6 +408,7 @@ class Server:
         for _ in range(TURNS_OF_LAST_WORDS):
             if not self._receive():
                 return
+            self._flush()
 
     def _has_arrived(self) -> bool:
         # Asking is cheaper than the exception that a socket without messages raises.

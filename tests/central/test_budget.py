@@ -228,13 +228,52 @@ def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.M
     assert {"held", "waiting", "tapped", "guarded", "value", "move", "recover", "seen", "d", "e"} == set(known)
     player.central.registry.look_after = 0  # else it is not worth to look again so soon
     (answer,) = player.declare("new", "inform f", "inform g", "inform h")
-    assert isinstance(answer, headers.Accepted)  # a value that nobody declares goes last
-    assert "value" not in known
+    assert isinstance(answer, headers.Accepted)
+    assert "waiting" not in known
+    assert "value" in known  # it goes last
+    player.central.registry.look_after = 0
     (answer,) = player.declare("new", "inform i")
+    assert isinstance(answer, headers.Accepted)
+    assert "value" not in known
+    (answer,) = player.declare("new", "inform j")
     assert answer.refusal is Refusal.OVERLOAD
     player.declare("new", "goal held")
     player.module("planner", "goal held")  # who waited for a handler gets one
     assert player.delivered("planner/1")
+
+
+def test_informs_that_nobody_handles_give_their_names_up_when_who_declared_them_has_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(registry, "MESSAGES", 12)
+    monkeypatch.setattr(forgetting, "AT_ONCE", 4)
+    player = Player.of("stays", "leaves")
+    player.declare("stays", "inform kept")
+    player.declare("leaves", "inform kept", "query asked", *(f"inform {one}" for one in "abcdefgh"))
+    for name in ("kept", *"hgfedcbaa"):  # of 'a' two wait, and more is lost with it
+        player.receive("leaves", headers.Send(0, name), b"\xc0")
+    player.receive("leaves", headers.Send(player.number("leaves"), "asked"), b"\xc0")
+    player.declare("stays", "inform i", "inform j")
+    (refused,) = player.declare("stays", "inform l")  # their sender is there: it may send more
+    assert refused.refusal is Refusal.OVERLOAD
+    player.receive("leaves", headers.Bye())
+    held, refusals = player.central.dispatcher.bytes, player.central.budget.refused
+    (answer,) = player.declare("stays", "inform l")
+    assert isinstance(answer, headers.Accepted)
+    known = player.central.registry.messages
+    assert [one for one in "abcdefgh" if one not in known] == ["b", "c"]  # with 'asked', of which nothing waits
+    assert "kept" in known
+    dropped = [fact for fact in player.facts_of("dropped") if fact.dropping is Dropping.OVERLOAD]
+    assert [fact.message for fact in dropped] == ["b", "c"]
+    assert player.central.budget.refused == refusals + 2
+    status: Any = TOPICS["status"](player.central)
+    assert status["dropped"] == len(dropped)
+    assert player.central.dispatcher.bytes < held
+    player.module("late", "inform a", "inform kept")  # what was not lost is delivered
+    for _ in range(3):
+        player.reply("late/1")
+    assert not player.central.registry.messages["a"].waiting
+    assert len(player.facts_of("returned")) == 3
 
 
 def test_all_messages_of_a_request_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:

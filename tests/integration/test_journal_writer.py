@@ -58,6 +58,30 @@ def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert dropped == list(range(1, 200))
 
 
+def test_who_writes_never_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor where another segment begins while the disk is asked."""
+    monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
+    monkeypatch.setattr(JournalWriter, "longest", 100)
+    asked, done, synced = threading.Event(), threading.Event(), []
+
+    def slow(file: int) -> None:
+        asked.set()
+        synced.append((file, done.wait(10.0)))
+
+    monkeypatch.setattr(os, "fdatasync", slow)
+    journal = writer(tmp_path / "run")
+    assert asked.wait(10.0)
+    for number in range(1, 20):
+        journal.add(Entry(number, number / 10, [Dropped(number, "any", "x" * 50)]))
+        journal.flush()
+    done.set()
+    segments = journal.newest
+    journal.end(20, 2.0, "done")
+    assert segments > 3
+    assert len({file for file, _ in synced}) >= segments
+    assert all(was_done for _, was_done in synced), "it waited"
+
+
 def test_a_sync_that_fails_stops_the_next_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
     journal = writer(tmp_path / "run")

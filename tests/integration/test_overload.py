@@ -10,9 +10,15 @@ import pytest
 import zmq
 from integration.programs import Central, central, program
 
+from tca_central.core import Central as Core
+from tca_central.shell import server as shell
+from tca_central.shell.gate import OpenGate
+from tca_central.shell.server import Server
 from tca_module import Inform, Query, Refused, Variable, connect
-from tca_wire.packets.codec import pack, pack_item
-from tca_wire.packets.headers import PROTOCOL_VERSION, GetVariable, Hello
+from tca_wire.packets.codec import pack, pack_item, unpack_to_module
+from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Bye, GetVariable, Hello, Register, Send
+from tca_wire.packets.parts import MessageFormat
+from tca_wire.vocabulary import MessageClass
 
 pytestmark = pytest.mark.slow
 
@@ -75,3 +81,76 @@ def test_who_asks_and_reads_nothing_costs_the_others_nothing(daemon: Central) ->
         for _ in range(20):
             assert len(user.get_variable(MAP)) == 1 << 20  # and is heard each time
     assert peak(daemon) < MOST
+
+
+def test_ten_thousand_names_that_nobody_handles_do_not_keep_others_out(tmp_path: Path) -> None:
+    """The names of informs that wait are given up when who declared them has left; what is dropped is counted."""
+    line: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+    with central(tmp_path, "--no-inputs") as daemon, line:
+        line.connect(daemon.address)
+        line.send(pack_item(Hello(1, PROTOCOL_VERSION, "flood", "a run")))
+        for first in range(0, 10_000, 500):
+            names = [f"name{first + one}" for one in range(500)]
+            declared = [MessageFormat(name, MessageClass.INFORM, "") for name in names]
+            line.send(pack_item(Register(first + 2, declared)))
+            line.send(pack([(Send(0, name), b"") for name in names]))
+        line.send(pack_item(Ask(10_002, "status")))
+        while not any(getattr(header, "number", 0) == 10_002 for header, _ in unpack_to_module(line.recv())):
+            pass
+        line.send(pack_item(Bye()))
+        with connect("watcher", daemon.address) as watcher:
+            while watcher.status()["modules"] > 1:
+                pass
+            assert watcher.status()["messages"] == watcher.status()["waiting for a handler"] == 10_000
+            with program(EYES, daemon.address) as eyes:
+                assert eyes.stdout
+                assert eyes.stdout.readline() == "runs\n"
+                assert watcher.query(LOOK, b"x", timeout=20.0) == 1
+                dropped = watcher.status()["dropped"]
+                assert dropped
+                assert watcher.status("load")["overloads"] == dropped
+                assert watcher.status()["waiting for a handler"] == 10_000 - dropped
+
+
+@pytest.fixture
+def turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+    """A central whose turns the test takes itself, and to which lines within the process lead."""
+    monkeypatch.setattr(shell, "BYTES_PER_TURN", 1000)
+    server = Server(Core("epoch"), f"ipc://{tmp_path}/c.sock", gate=OpenGate())
+    server.socket.bind("inproc://turns")
+    yield server
+    server.close()
+
+
+def line_to(server: Server, name: str) -> "zmq.Socket[bytes]":
+    line = server._context.socket(zmq.DEALER)
+    line.setsockopt(zmq.LINGER, 0)
+    line.setsockopt(zmq.SNDHWM, 0)
+    line.connect("inproc://turns")
+    line.send(pack_item(Hello(1, PROTOCOL_VERSION, name, f"run of {name}")))
+    return line
+
+
+def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Server) -> None:
+    """ZeroMQ looks for lines on which something new has come only each hundred frames, unless it is asked."""
+    with line_to(turns, "flood") as flood, line_to(turns, "user") as user:
+        for _ in range(100):
+            flood.send(pack_item(Send(0, "nothing"), bytes(2000)))
+        while not user.poll(0):
+            turns._receive()
+            turns._flush()
+        user.recv()
+        for _ in range(3):  # now ZeroMQ knows that nothing more has come from there
+            turns._receive()
+        user.send(pack_item(Ask(2, "status")))
+        for _ in range(3):
+            turns._receive()  # a turn that takes in a big packet has answered those before
+        assert user.poll(0)
+        assert flood.poll(0)
+        assert turns._has_arrived(), "the flood had ended"
+
+
+def test_nobody_waits_while_central_hears_the_last_words_of_those_who_go(turns: Server) -> None:
+    with line_to(turns, "user") as user:
+        turns._hear_last_words()
+        assert user.poll(0)
