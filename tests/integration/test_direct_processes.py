@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from integration.programs import Central, central, program, tca
+from module.real_central import until
 
 from tca_module import Client, Inform, NotSent, PendingReply, Query, QueryFailed, connect
 from tca_tools.run.fold import History
@@ -92,4 +93,6 @@ def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Pa
         module.send_signal(signal.SIGKILL)
         with pytest.raises(NotSent, match=r"^300 messages of 'user' may not have reached their handler, which is gone"):
             user.close()
+        with connect("other", daemon.address) as other:  # else central may end before it has heard that
+            until(lambda: "user" not in {module.name for module in other.modules()}, "its goodbye is heard")
     assert "direct lost    user: 300 of pose" in tca("log", "show", str(daemon.journal), "--kind", "direct lost").stdout
