@@ -51,11 +51,12 @@ def _lost_after(_context: click.Context, _option: click.Parameter, seconds: int)
     return seconds
 
 
-def _unfinished_at(address: str, *, is_fresh: bool) -> Path | None:
-    """The journal of the last central at an address, if its run has ended without a goodbye."""
+def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None:
+    """The journal of the last central at an address, if its run has ended without a goodbye. Raises CentralError."""
     try:
         there = journal_link(address).readlink()
-        is_open = not is_fresh and there.is_dir() and not is_written(there) and bool(unfinished(there))
+        is_left = not is_fresh and there.is_dir() and not is_written(there)
+        is_open = is_left and bool(unfinished(there, accept=accept))
     except OSError:
         return None
     return there if is_open else None
@@ -180,8 +181,9 @@ def central(  # noqa: PLR0913 - one for each option
     try:
         if not no_journal:
             is_fresh = fresh or no_inputs
-            folder = journal or _unfinished_at(endpoint, is_fresh=is_fresh) or _new_journal_folder()
-            run = RunFolder(folder, is_fresh=is_fresh, accept="facts" in resume)
+            accept = "facts" in resume
+            folder = journal or _unfinished_at(endpoint, is_fresh=is_fresh, accept=accept) or _new_journal_folder()
+            run = RunFolder(folder, is_fresh=is_fresh, accept=accept)
         gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
         server = Server(known, endpoint, lost_after=lost_after, gate=gate, memory=memory)

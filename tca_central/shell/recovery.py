@@ -16,7 +16,7 @@ from tca_central.errors import CentralError
 from tca_central.events import ConnectionLost, Restarted
 from tca_central.shell.input_log import Head, InputSegment, this_boot
 from tca_central.shell.log_writer import Sync
-from tca_central.shell.replaying import InputReplay, NoReplay, has_ended, newest_run
+from tca_central.shell.replaying import InputReplay, NoReplay, check_heads, has_ended, newest_run
 from tca_central.shell.written_facts import WrittenFacts
 from tca_wire.journal.facts import Entry, Opened
 
@@ -74,8 +74,12 @@ def _lives(process: str) -> bool:
     return state not in ("Z", "X")
 
 
-def unfinished(folder: Path) -> list[InputSegment]:
-    """The segments of inputs of the newest run in a folder, oldest first; none if it has ended of its own will."""
+def unfinished(folder: Path, *, accept: bool = False) -> list[InputSegment]:
+    """The segments of inputs of the newest run in a folder, oldest first; none if it has ended of its own will. Those
+    of which not even the head can be read are passed over only with *accept*. Raises CentralError.
+    """
+    if not accept:
+        check_heads(folder)
     found = newest_run(folder)
     return [] if found and has_ended(found) else found
 

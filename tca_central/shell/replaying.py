@@ -36,6 +36,15 @@ def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
     return found[::-1]
 
 
+def check_heads(folder: Path) -> None:
+    """Raises CentralError if the newest segment can't be told to belong to a run, though something follows its head."""
+    for number in reversed(numbers(folder, INPUT_SUFFIX)):
+        segment = InputSegment(folder / f"{number:08d}{INPUT_SUFFIX}")
+        if segment.head is not None:
+            return
+        _check_tail(segment, is_last=True)
+
+
 def has_ended(segments: list[InputSegment]) -> bool:
     """Whether a run has ended of its own will."""
     last = None

@@ -42,7 +42,7 @@ class RunFolder:
         self.central = Central(token_hex(8)) if self.run is None else self.run.central
 
     def _unfinished_run(self, *, is_fresh: bool, accept: bool) -> UnfinishedRun | None:
-        segments = unfinished(self.path)
+        segments = unfinished(self.path, accept=accept or is_fresh)
         if not segments or not is_fresh:
             return recover(self.path, segments, accept=accept) if segments else None
         segments[-1].end_run("a new run was begun")

@@ -447,3 +447,17 @@ def test_who_removes_the_inputs_is_told_that_nothing_goes_on(
         server.close()
         folder.close()
     assert "no inputs (*.tcai)" in caplog.text
+
+
+def test_a_damaged_head_of_the_inputs_does_not_lose_the_run_without_a_word(broken_run: Path) -> None:
+    inputs = broken_run / "00000001.tcai"
+    whole = bytearray(inputs.read_bytes())
+    whole[12] ^= 1
+    inputs.write_bytes(whole)
+    with pytest.raises(CentralError, match=r"00000001.tcai, byte 0: .* damaged"):
+        RunFolder(broken_run)
+    folder = RunFolder(broken_run, is_fresh=True)
+    assert folder.run is None
+    folder.close()
+    inputs.write_bytes(whole[:20])  # central ended while it began it
+    assert unfinished(broken_run) == []
