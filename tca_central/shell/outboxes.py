@@ -91,6 +91,7 @@ class Outboxes:
             while packets and unread < WINDOW:
                 packet = b"".join(packets[0])
                 if not self._send(connection, packet):
+                    packets[0] = [packet]  # joined once, however often it is tried
                     self._ready[connection] = box
                     return
                 packets.popleft()

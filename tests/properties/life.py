@@ -135,7 +135,7 @@ class Life:
 
     def seconds(self, number: int) -> float:
         """A time from now."""
-        return number
+        return float(number)
 
     @staticmethod
     def attachment(a: int, b: int) -> Attachment:
