@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGES = (
     "tca_wire", "tca_central", "tca_module", "tca_tools", "tca_properties", "tca_explorer", "tca_live", "tca_run", "tca_bench",
-    "robots",
+    "tca_missions", "robots",
 )  # fmt: skip
 OURS = set(PACKAGES)
 
@@ -44,7 +44,19 @@ MAY_IMPORT = {
     "tca_run": {"tca_module", "tca_wire", "msgspec", "click"},
     "tca_explorer": {"tca_central", "tca_module", "tca_properties", "tca_wire", "msgspec", "click"},
     "tca_bench": {"tca_module", "tca_wire", "msgspec", "zmq", "click"},
-    "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
+    "tca_missions": {"tca_module", "tca_wire", "msgspec", "click", "statemachine", "IPython"},
+    "robots": {
+        "tca_missions",
+        "tca_module",
+        "tca_wire",
+        "tca_tools",
+        "numpy",
+        "msgspec",
+        "pybullet",
+        "pybullet_data",
+        "click",
+        "rich",
+    },
 }
 """Beside the package itself and the standard library."""
 

@@ -1,0 +1,1 @@
+"""Periodic tasks, missions written in Python, and state machines of tasks."""
