@@ -1,0 +1,1 @@
+"""A turtle that draws, its tasks, and missions for one turtle and for three."""

@@ -1,0 +1,64 @@
+"""The turtles as modules: each listens to its own central, all draw on one sheet."""
+
+import threading
+
+from robots.turtle_sim.messages import CHANGE_PEN, CLEAR_SHEET, POSE, SHEET, VELOCITY, Sheet, Velocity
+from robots.turtle_sim.world import Pen, Pose, Stroke, TurtleWorld
+from tca_module import Callback, Module, Task
+from tca_module.link.opening import CentralAddress
+
+PERIOD = 1 / 32
+"""Seconds between two poses that a turtle tells of."""
+
+
+class Simulator:
+    """One world, and a module for each of its turtles."""
+
+    def __init__(self, world: TurtleWorld, pace: float = 1.0) -> None:
+        """With a *pace* of 2 its time passes twice as fast as that of the modules."""
+        self._world = world
+        self._pace = pace
+        self._lock = threading.Lock()  # the modules have threads of their own
+
+    def sheet(self) -> Sheet:
+        """What is to be seen now."""
+        with self._lock:
+            strokes = [Stroke(one.pen, one.points[:]) for one in self._world.strokes]
+            return Sheet(strokes, {name: turtle.pose for name, turtle in self._world.turtles.items()})
+
+    def module(self, name: str, central: CentralAddress = None) -> Module:
+        """The module that moves the turtle of this name, which must be there."""
+        world, lock, simulator = self._world, self._lock, Module(f"{name} simulator", central)
+        world.turtle(name)
+
+        told: list[Pose] = []
+
+        @simulator.every(PERIOD)
+        def move(callback: Callback) -> None:
+            with lock:
+                world.advance(PERIOD * self._pace, name)
+                pose = world.turtle(name).pose
+            if told != [pose]:  # a turtle that stands still says nothing
+                told[:] = [pose]
+                callback.set_variable(POSE, pose, wait=False)
+
+        @simulator.handles(VELOCITY)
+        def velocity(_: Task, wanted: Velocity) -> None:
+            with lock:
+                world.command(name, wanted.linear, wanted.angular)
+
+        @simulator.handles(CHANGE_PEN)
+        def change_pen(_: Task, pen: Pen) -> None:
+            with lock:
+                world.set_pen(name, pen)
+
+        @simulator.handles(CLEAR_SHEET)
+        def clear_sheet(_: Task) -> None:
+            with lock:
+                world.clear()
+
+        @simulator.handles(SHEET)
+        def sheet(_: Task) -> Sheet:
+            return self.sheet()
+
+        return simulator

@@ -1,0 +1,134 @@
+"""A robot's link to its partners: datagrams (UDP) that may be lost, repeated until they are acknowledged."""
+
+import random
+import socket
+import threading
+import time
+from collections.abc import Mapping
+from typing import Self
+
+import msgspec
+
+from robots.turtle_sim.sync.statuses import LARGEST, Statuses
+
+REPEAT = 0.05
+"""Seconds after which a datagram is sent again that was not acknowledged."""
+
+Address = tuple[str, int]
+
+
+class StatusLink:
+    """Tells partners the status of this robot, and knows theirs. Has a thread; may be used from any thread.
+
+    It believes whatever comes from a partner's address: on an open network let the partners talk through a tunnel.
+    """
+
+    def __init__(self, name: str, partners: Mapping[str, Address], *, loss: float = 0.0, seed: int = 0) -> None:
+        """Of the datagrams that it sends the part *loss* is thrown away, for tests. Raises OSError for a host with no
+        address.
+        """
+        self._statuses = Statuses(name, partners)
+        self._addresses = {partner: _resolved(partner, address) for partner, address in partners.items()}
+        self._loss, self._chance = loss, random.Random(f"{seed} {name}")  # noqa: S311 - a simulated loss
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._serve, name=f"link of {name}", daemon=True)
+        self._is_closed = False
+        self.sent = self.lost = 0  #: datagrams
+
+    def open(self, address: Address) -> None:
+        """Begin to listen. Raises OSError if that can't be done."""
+        self._socket.bind(address)
+        self._socket.settimeout(REPEAT)
+        self._thread.start()
+
+    @property
+    def address(self) -> Address:
+        """Where it listens."""
+        host, port = self._socket.getsockname()
+        return host, port
+
+    def close(self) -> None:
+        """Stop, and tell nobody anything more."""
+        self._is_closed = True
+        if self._thread.is_alive():
+            self._thread.join()
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # --- statuses --------------------------------------------------------------------------------------------------
+
+    def set_status(self, status: int) -> None:
+        """Change the status of this robot, and tell the partners."""
+        with self._changed:
+            self._statuses.set(status)
+            self._send_due()
+
+    def status(self, partner: str) -> int | None:
+        """The newest that is known of a partner; None before anything was heard. Raises NoSuchPartner."""
+        with self._changed:
+            return self._statuses.status(partner)
+
+    def words(self, partner: str) -> str:
+        """What is known of a partner, for people. Raises NoSuchPartner."""
+        with self._changed:
+            return self._statuses.words(partner)
+
+    def wait_until_told(self, timeout: float) -> bool:
+        """Wait until every partner knows what this robot knows; whether they do now."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._statuses.waiting_for(), timeout)
+
+    # --- datagrams -------------------------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        partners = {address: partner for partner, address in self._addresses.items()}
+        repeat_at = 0.0
+        while not self._is_closed:
+            if time.monotonic() >= repeat_at:
+                repeat_at = time.monotonic() + REPEAT
+                with self._changed:
+                    self._send_due()
+            try:
+                raw, address = self._socket.recvfrom(LARGEST + 1)
+            except TimeoutError:
+                continue
+            if address in partners and len(raw) <= LARGEST:
+                self._receive(partners[address], raw)
+
+    def _receive(self, partner: str, raw: bytes) -> None:
+        with self._changed:
+            try:
+                answer = self._statuses.receive(partner, raw)
+            except msgspec.DecodeError:
+                return  # damaged: as if it had been lost
+            if answer is not None:
+                self._send(partner, answer)
+            self._changed.notify_all()
+
+    def _send_due(self) -> None:
+        for partner, datagram in self._statuses.due():
+            self._send(partner, datagram)
+
+    def _send(self, partner: str, datagram: bytes) -> None:
+        self.sent += 1
+        if self._chance.random() < self._loss:
+            self.lost += 1
+            return
+        try:
+            self._socket.sendto(datagram, self._addresses[partner])
+        except OSError:
+            self.lost += 1  # no way there now: it is repeated
+
+
+def _resolved(partner: str, address: Address) -> Address:
+    host, port = address
+    try:
+        return socket.gethostbyname(host), port
+    except OSError as error:
+        raise OSError(f"no address is known for host '{host}' of '{partner}': {error}") from error

@@ -1,0 +1,184 @@
+"""The world of the turtles: a square sheet, turtles that move on arcs, and what their pens have drawn.
+
+It is deterministic: the same commands at the same times draw the same lines. It knows no clock; its time passes when
+somebody calls ``advance``.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+
+from robots.turtle_sim.errors import NoSuchTurtle, TurtleExists
+
+SIZE = 11.0
+"""The length of each side. The origin is the lower left corner; angles count from the x axis, to the left."""
+
+STEP = 1 / 64
+"""Seconds between two points of a line."""
+
+COMMAND_LIFE = 1.0
+"""Seconds after which a turtle stops that hears no further command, as turtlesim's does."""
+
+FASTEST = 50.0
+"""Units, or radians, a second: faster commands mean this."""
+
+STRAIGHT = 1e-9
+"""Radians a second below which a turtle goes straight on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a turtle is, where it looks, and how fast it moves and turns."""
+
+    x: float
+    y: float
+    theta: float = 0.0
+    linear_velocity: float = 0.0
+    angular_velocity: float = 0.0
+
+
+CENTRE = Pose(SIZE / 2, SIZE / 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Pen:
+    """What a turtle draws with, if it is down."""
+
+    red: int = 0
+    green: int = 0
+    blue: int = 0
+    width: int = 2
+    is_down: bool = True
+
+    @property
+    def colour(self) -> str:
+        """As ``#rrggbb``."""
+        return f"#{self.red:02x}{self.green:02x}{self.blue:02x}"
+
+
+@dataclass(slots=True)
+class Stroke:
+    """A line of one pen."""
+
+    pen: Pen
+    points: list[tuple[float, float]]
+
+
+@dataclass(slots=True)
+class Turtle:
+    """One turtle: its pose, its pen, for how many seconds more it follows its last command, its time, and the seconds
+    that have passed but make no whole step yet.
+    """
+
+    pose: Pose
+    pen: Pen = field(default_factory=Pen)
+    command_left: float = 0.0
+    wall_hits: int = 0
+    time: float = 0.0
+    owed: float = 0.0
+    stroke: Stroke | None = None
+
+
+class TurtleWorld:
+    """All turtles and their lines."""
+
+    def __init__(self) -> None:
+        self.turtles: dict[str, Turtle] = {}
+        self.strokes: list[Stroke] = []
+
+    # --- what can be done ------------------------------------------------------------------------------------------
+
+    def spawn(self, name: str, pose: Pose = CENTRE) -> None:
+        """A new turtle, with its pen down."""
+        if name in self.turtles:
+            raise TurtleExists(f"there is a turtle '{name}' already: give another name")
+        self.turtles[name] = Turtle(_on_the_sheet(replace(pose, linear_velocity=0.0, angular_velocity=0.0)))
+
+    def command(self, name: str, linear: float, angular: float) -> None:
+        """Move with *linear* units and turn with *angular* radians a second, for ``COMMAND_LIFE`` seconds at most."""
+        turtle = self.turtle(name)
+        turtle.pose = replace(turtle.pose, linear_velocity=_possible(linear), angular_velocity=_possible(angular))
+        turtle.command_left = COMMAND_LIFE
+
+    def set_pen(self, name: str, pen: Pen) -> None:
+        """Change the pen; what is drawn from now on is a stroke of its own."""
+        turtle = self.turtle(name)
+        turtle.pen, turtle.stroke = pen, None
+
+    def clear(self) -> None:
+        """Wipe the sheet; turtles stay where they are."""
+        self.strokes.clear()
+        for turtle in self.turtles.values():
+            turtle.stroke = None
+
+    def turtle(self, name: str) -> Turtle:
+        """The turtle of this name."""
+        if name not in self.turtles:
+            raise NoSuchTurtle(f"there is no turtle '{name}': there are {', '.join(self.turtles) or 'none'}")
+        return self.turtles[name]
+
+    # --- time ------------------------------------------------------------------------------------------------------
+
+    def advance(self, seconds: float, *names: str) -> None:
+        """Let time pass for the turtles of these names, or for all, in whole steps; what is left of a step is made up
+        for at the next call. Turtles don't touch each other, so each may have a time of its own.
+        """
+        for turtle in map(self.turtle, names or self.turtles):
+            turtle.owed += seconds
+            for _ in range(int(turtle.owed / STEP + 1e-9)):
+                turtle.owed -= STEP
+                turtle.time += STEP
+                self._step(turtle)
+
+    def _step(self, turtle: Turtle) -> None:
+        if turtle.command_left <= 0.0:
+            return
+        before = turtle.pose
+        free = moved(before, STEP)
+        turtle.pose = _on_the_sheet(free)
+        turtle.wall_hits += (free.x, free.y) != (turtle.pose.x, turtle.pose.y)
+        self._draw(turtle, before)
+        turtle.command_left -= STEP
+        if turtle.command_left <= 0.0:
+            turtle.pose = replace(turtle.pose, linear_velocity=0.0, angular_velocity=0.0)
+
+    def _draw(self, turtle: Turtle, before: Pose) -> None:
+        pose = turtle.pose
+        if not turtle.pen.is_down or (pose.x, pose.y) == (before.x, before.y):
+            return
+        if turtle.stroke is None:
+            turtle.stroke = Stroke(turtle.pen, [(before.x, before.y)])
+            self.strokes.append(turtle.stroke)
+        points = turtle.stroke.points
+        if len(points) > 1 and _is_between(points[-2], points[-1], (pose.x, pose.y)):
+            points.pop()
+        points.append((pose.x, pose.y))
+
+
+def moved(pose: Pose, seconds: float) -> Pose:
+    """Where *pose* is after some time on its arc, as if there were no walls."""
+    speed, turn = pose.linear_velocity, pose.angular_velocity * seconds
+    theta = math.remainder(pose.theta + turn, math.tau)
+    if abs(pose.angular_velocity) < STRAIGHT:
+        ahead = speed * seconds
+        return replace(pose, x=pose.x + ahead * math.cos(theta), y=pose.y + ahead * math.sin(theta), theta=theta)
+    radius = speed / pose.angular_velocity
+    end = pose.theta + turn
+    x = pose.x + radius * (math.sin(end) - math.sin(pose.theta))
+    y = pose.y - radius * (math.cos(end) - math.cos(pose.theta))
+    return replace(pose, x=x, y=y, theta=theta)
+
+
+def _possible(speed: float) -> float:
+    """What the turtle makes of a command; of one that is no number, to stand still."""
+    return 0.0 if math.isnan(speed) else min(max(speed, -FASTEST), FASTEST)
+
+
+def _on_the_sheet(pose: Pose) -> Pose:
+    return replace(pose, x=min(max(pose.x, 0.0), SIZE), y=min(max(pose.y, 0.0), SIZE))
+
+
+def _is_between(start: tuple[float, float], middle: tuple[float, float], end: tuple[float, float]) -> bool:
+    """Whether *middle* adds nothing to a straight line; exact to a millionth."""
+    (ax, ay), (bx, by), (cx, cy) = start, middle, end
+    along = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)
+    return along > 0.0 and abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) < 1e-6 * math.hypot(cx - ax, cy - ay)

@@ -1,0 +1,120 @@
+"""The table of statuses: what a lossy network does to it, and what it does about that."""
+
+from functools import partial
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from turtles.lossy import LossyNetwork
+
+from robots.turtle_sim.errors import NoSuchPartner
+from robots.turtle_sim.sync.statuses import Statuses
+
+NAMES = ["a", "b", "c"]
+
+
+def exchange(one: Statuses, other: Statuses) -> None:
+    """Nothing is lost between these two."""
+    tables = {one.name: one, other.name: other}
+    (raw,) = (datagram for partner, datagram in one.due() if partner == other.name)
+    sender, receiver = one.name, other.name
+    while (answer := tables[receiver].receive(sender, raw)) is not None:
+        sender, receiver, raw = receiver, sender, answer
+
+
+@given(st.integers(0, 10**6), st.lists(st.tuples(st.sampled_from(NAMES), st.integers(-5, 5)), max_size=12))
+def test_all_know_all_in_the_end_and_then_nobody_talks(seed: int, changes: list[tuple[str, int]]) -> None:
+    network = LossyNetwork(NAMES, seed)
+    for number, (name, status) in enumerate(changes):
+        network.at(0.1 * number, partial(network.tables[name].set, status))
+    network.run(
+        lambda: network.now > 0.1 * len(changes) and not any(one.waiting_for() for one in network.tables.values())
+    )
+    last = {**dict.fromkeys(NAMES, 0), **dict(changes)}
+    for table in network.tables.values():
+        assert {name: entry.status for name, entry in table.known.items()} == last
+    sent = network.sent
+    network.run(lambda: network.now > 0.1 * len(changes) + 60.0)
+    quiet_from = network.sent
+    network.run(lambda: network.now > 0.1 * len(changes) + 120.0)
+    assert network.sent == quiet_from
+    assert quiet_from - sent < 50  # what was on its way, with its answers
+
+
+def test_three_datagrams_do_where_nothing_is_lost() -> None:
+    a, b = Statuses("a", ["b"]), Statuses("b", ["a"])
+    a.set(7)
+    raw = a.due()[0][1]
+    answer = b.receive("a", raw)
+    assert answer is not None
+    last = a.receive("b", answer)
+    assert last is not None
+    assert b.receive("a", last) is None
+    assert (a.waiting_for(), b.waiting_for()) == ([], [])
+    assert (a.status("b"), b.status("a")) == (0, 7)
+
+
+def test_an_old_datagram_changes_nothing() -> None:
+    a, b = Statuses("a", ["b"]), Statuses("b", ["a"])
+    a.set(1)
+    old = a.due()[0][1]
+    a.set(2)
+    exchange(a, b)
+    b.receive("a", old)
+    assert b.status("a") == 2
+
+
+def test_news_never_overtake_their_causes() -> None:
+    """b reacts to a; c hears of b only, and knows of a's status, too."""
+    a, b, c = (Statuses(name, [other for other in NAMES if other != name]) for name in NAMES)
+    exchange(a, c)
+    a.set(1)
+    exchange(a, b)
+    b.set(1)
+    exchange(b, c)
+    assert (c.status("b"), c.status("a")) == (1, 1)
+
+
+def test_a_robot_that_was_started_anew_is_believed_again() -> None:
+    a, b = Statuses("a", ["b"]), Statuses("b", ["a"])
+    for status in (1, 2, 3):
+        a.set(status)
+    exchange(a, b)
+    anew = Statuses("a", ["b"])
+    exchange(anew, b)
+    assert b.status("a") == 0
+    anew.set(5)
+    exchange(anew, b)
+    assert b.status("a") == 5
+
+
+def test_unknown_partners_and_silent_ones_and_misnamed_ones_are_told_apart() -> None:
+    a = Statuses("a", ["b", "c"])
+    with pytest.raises(NoSuchPartner, match="'a' has no partner 'd': its partners are b, c"):
+        a.status("d")
+    with pytest.raises(NoSuchPartner, match="its partners are none"):
+        Statuses("a", []).status("b")
+    assert a.status("b") is None
+    assert a.words("b") == "nothing was ever heard of 'b': does it run, and is its address right?"
+    a.receive("b", Statuses("bee", ["a"]).due()[0][1])
+    assert a.words("b") == "the robot at the address of 'b' calls itself 'bee': rename one"
+    a.receive("c", Statuses("c", ["a"], status=4).due()[0][1])
+    assert a.words("c") == "the status of 'c' is 4"
+
+
+@given(st.binary(max_size=60))
+def test_damaged_datagrams_change_nothing(raw: bytes) -> None:
+    a = Statuses("a", ["b"])
+    try:
+        a.receive("b", raw)
+    except msgspec.DecodeError:
+        assert a.known.keys() == {"a"}
+        assert a.waiting_for() == ["b"]
+
+
+@given(st.integers(0, 10**6))
+def test_a_cut_datagram_is_damaged(seed: int) -> None:
+    raw = Statuses("a", ["b"], status=seed).due()[0][1]
+    with pytest.raises(msgspec.DecodeError):
+        Statuses("b", ["a"]).receive("a", raw[: seed % len(raw)])
