@@ -176,6 +176,23 @@ class Due(StrEnum):
     CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
 
 
+class Party(StrEnum):
+    """Who takes a transition of a life cycle."""
+
+    CLIENT = "client"  # whoever wants something of a task
+    SERVER = "server"  # the task's handler
+    BOTH = "both"  # either of them may
+    CENTRAL = "central"
+
+
+class Busy(StrEnum):
+    """What becomes of a task whose handler is busy with another one."""
+
+    QUEUE = "queue"  # it waits for its turn
+    PREEMPT = "preempt"  # the newest goes on: the others are cancelled
+    REJECT = "reject"  # it is rejected
+
+
 class Permission(StrEnum):
     """What a permissions file may allow, each for names that match its patterns."""
 

@@ -13,9 +13,9 @@ import msgspec
 from tca_wire.constraints import Constraint
 from tca_wire.journal.causes import Cause
 from tca_wire.points import ROOT, Point, TaskId
-from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Refusal, Role, Scope
+from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Party, Refusal, Role, Scope
 
-JOURNAL_VERSION = 5
+JOURNAL_VERSION = 6
 """Goes up whenever a fact or an entry changes. Journals of a version before ``OLDEST_READ`` are refused."""
 OLDEST_READ = 4
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
@@ -136,6 +136,8 @@ class FormatDefined(_Fact, frozen=True, tag="format"):
     data: str
     reply: str
     module: str
+    life_cycle: str = ""
+    """The table of its tasks' life cycle ("": the general one)."""
 
 
 class HandlerAdded(_Fact, frozen=True, tag="handler"):
@@ -144,6 +146,8 @@ class HandlerAdded(_Fact, frozen=True, tag="handler"):
     message: str
     module: str
     resource: str
+    accepts: bool = False
+    """It says itself when it accepts a task."""
 
 
 class HandlerRemoved(_Fact, frozen=True, tag="no handler"):
@@ -356,6 +360,24 @@ class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
     by: str = CENTRAL
 
 
+class StateChanged(_Fact, frozen=True, tag="state"):
+    """A transition of a task's life cycle that no other fact tells of. Others tell that it was given to a handler, which
+    accepts it thereby unless ``HandlerAdded.accepts``, that it is handled again, and that it ended.
+    """
+
+    task: TaskId
+    transition: str
+    state: str
+    serial: int
+    """The number of all changes of this task's state, this one included."""
+    by: Party
+    module: str = ""
+    text: str = ""
+    """The reason, for people."""
+    body: bytes = b""
+    """The goal that a client asks for, or an intermediate result."""
+
+
 class Kept(_Fact, frozen=True, tag="kept"):
     """A module keeps a task: its data, outcome and place are remembered after its end."""
 
@@ -550,7 +572,7 @@ Fact = (
     | KeysChanged | PermissionsChanged | RequestRefused | Ignored
     | Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped | HandledDirectly | LostDirectly
     | Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
-    | SuspendedOrResumed | Kept | Released
+    | SuspendedOrResumed | StateChanged | Kept | Released
     | Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
     | Failed | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried
     | TapAdded | TapFired | WaitedFor | MonitorTested | MonitorEnded

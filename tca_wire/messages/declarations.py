@@ -10,7 +10,10 @@ Declared once, in the robot's own ``messages.py``::
 from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar, overload
 
+import msgspec
+
 from tca_wire.errors import BadData, BadFormat
+from tca_wire.life_cycles import GENERAL, LifeCycle
 from tca_wire.messages.declaring import Declaring
 from tca_wire.messages.fitting import first_misfit
 from tca_wire.messages.formats import Format
@@ -154,38 +157,71 @@ class MultiQuery(Message[D, R]):
         super().__init__(name, data, reply)
 
 
-class Goal(Message[D, None]):
+class TaskMessage(Message[D, R]):
+    """A task: goal or command. Its handler may tell of intermediate results, of the type *progress*; *life_cycle* has
+    the states that it goes through.
+    """
+
+    def __init__(self, name: str, data: Any, result: Any, progress: Any, life_cycle: LifeCycle) -> None:
+        super().__init__(name, data, result)
+        self.progress: Format[Any] = _format(progress, f"the intermediate results of {self.title}")
+        if not isinstance(life_cycle, LifeCycle):
+            msg = f"the life cycle of {self.title} must be a LifeCycle, such as GENERAL, not {life_cycle!r:.60}"
+            raise BadFormat(msg)
+        self.life_cycle = life_cycle
+
+    @property
+    def format(self) -> MessageFormat:
+        """The task's format, as registered with central."""
+        progress = "" if self.progress.kind is type(None) else self.progress.schema
+        life_cycle = "" if self.life_cycle == GENERAL else self.life_cycle.text
+        return msgspec.structs.replace(super().format, progress=progress, life_cycle=life_cycle)
+
+
+class Goal(TaskMessage[D, None]):
     """A task that expands into subtasks; planned as soon as planning may start, even while achieving is held back."""
 
     message_class = MessageClass.GOAL
 
     @overload
-    def __init__(self: "Goal[None]", name: str) -> None: ...
+    def __init__(self: "Goal[None]", name: str, *, progress: Any = ..., life_cycle: LifeCycle = ...) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D]) -> None: ...
+    def __init__(self, name: str, data: type[D], *, progress: Any = ..., life_cycle: LifeCycle = ...) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any) -> None: ...
-    def __init__(self, name: str, data: Any = None) -> None:
-        super().__init__(name, data)
+    def __init__(self, name: str, data: Any, *, progress: Any = ..., life_cycle: LifeCycle = ...) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, progress: Any = None, life_cycle: LifeCycle = GENERAL) -> None:
+        super().__init__(name, data, None, progress, life_cycle)
 
 
-class Command(Message[D, R]):
+class Command(TaskMessage[D, R]):
     """A task that acts: handled only when it may be achieved. Its handler may return a result."""
 
     message_class = MessageClass.COMMAND
 
     @overload
-    def __init__(self: "Command[None, None]", name: str) -> None: ...
+    def __init__(
+        self: "Command[None, None]", name: str, *, progress: Any = ..., life_cycle: LifeCycle = ...
+    ) -> None: ...
     @overload
-    def __init__(self: "Command[D, None]", name: str, data: type[D]) -> None: ...
+    def __init__(
+        self: "Command[D, None]", name: str, data: type[D], *, progress: Any = ..., life_cycle: LifeCycle = ...
+    ) -> None: ...
     @overload
-    def __init__(self: "Command[None, R]", name: str, *, result: type[R]) -> None: ...
+    def __init__(
+        self: "Command[None, R]", name: str, *, result: type[R], progress: Any = ..., life_cycle: LifeCycle = ...
+    ) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D], *, result: type[R]) -> None: ...
+    def __init__(
+        self, name: str, data: type[D], *, result: type[R], progress: Any = ..., life_cycle: LifeCycle = ...
+    ) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any = None, *, result: Any = None) -> None: ...
-    def __init__(self, name: str, data: Any = None, *, result: Any = None) -> None:
-        super().__init__(name, data, result)
+    def __init__(
+        self, name: str, data: Any = None, *, result: Any = None, progress: Any = ..., life_cycle: LifeCycle = ...
+    ) -> None: ...
+    def __init__(
+        self, name: str, data: Any = None, *, result: Any = None, progress: Any = None, life_cycle: LifeCycle = GENERAL
+    ) -> None:
+        super().__init__(name, data, result, progress, life_cycle)
 
 
 class Variable(Message[D, None]):

@@ -27,7 +27,7 @@ from tca_wire.packets.routes import Barred, Entrance, EntranceGone, Noted, Route
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
-PROTOCOL_VERSION = 5
+PROTOCOL_VERSION = 6
 """Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
 
@@ -402,6 +402,36 @@ class Release(_Header, frozen=True, tag=28):
     origin: int = 0
 
 
+class ChangeState(_Header, frozen=True, tag=31):
+    """Take a transition of a task's life cycle: as its handler if *origin* is the task itself, else as a client. The
+    body is the new goal, or the intermediate result. Answered by Accepted with the task's new serial number.
+    """
+
+    number: int
+    task: TaskId
+    transition: str
+    serial: int = -1
+    """The newest serial number of the task that the sender has seen (-1: it takes the task as it is)."""
+    text: str = ""
+    """The reason, for people."""
+    origin: int = 0
+
+
+class Observe(_Header, frozen=True, tag=32):
+    """Tell of each change of state of one task, of a message's tasks, of those under a task, or (without any) of all;
+    and first of each living one how it stands. Each is an Answer with *more* and a StateChange; of one *task* that has
+    ended comes the end. GiveUp ends it.
+    """
+
+    number: int
+    task: TaskId = TaskId(0)
+    message: str = ""
+    below: TaskId = TaskId(0)
+    states: Annotated[list[str], MANY] = []
+    """Only the changes to one of these (none: to any)."""
+    origin: int = 0
+
+
 class GetVariable(_Header, frozen=True, tag=20):
     """Get the value of a variable, as the body of the Answer; it is empty if the variable was never set."""
 
@@ -439,7 +469,7 @@ ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | AwaitPoint | GiveUp | Kill | Ask | Bye
     | Receipt | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
     | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
-    | WatchEntrance | Recalled | Replies | GoOn
+    | WatchEntrance | Recalled | Replies | GoOn | ChangeState | Observe
 )  # fmt: skip
 
 
@@ -536,6 +566,15 @@ class Suspended(_Header, frozen=True, tag=42):
     is_suspended: bool
 
 
+class Requested(_Header, frozen=True, tag=52):
+    """A client has taken a transition of the task of this delivery, which the handler has said that it takes."""
+
+    delivery: int
+    transition: str
+    serial: int
+    text: str = ""
+
+
 class Taken(_Header, frozen=True, tag=43):
     """The resource of the Lock with this number was taken away: *text* says by whom, or why."""
 
@@ -558,5 +597,5 @@ class Recall(_Header, frozen=True, tag=44):
 
 ToModule = (
     Welcome | Accepted | TasksMade | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
-    | Taken | Replace | Route | EntranceGone | Recall | Barred
+    | Requested | Taken | Replace | Route | EntranceGone | Recall | Barred
 )  # fmt: skip

@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 
 from tca_wire.points import Point, TaskId
-from tca_wire.vocabulary import Condition, Limit, MessageClass
+from tca_wire.vocabulary import Busy, Condition, Limit, MessageClass, Party
 
 MANY = msgspec.Meta(max_length=int(Limit.LIST))
 """Of a list in a header: so many entries, and no more."""
@@ -24,6 +24,10 @@ class MessageFormat(_Part, frozen=True):
     reply: str = ""
     parts: Annotated[list[str], MANY] = []
     """The messages that a monitor sends: condition and action, or set-up, action and cancel ("" for none)."""
+    progress: str = ""
+    """The format of a task's intermediate results ("": it has none)."""
+    life_cycle: str = ""
+    """The table of a task's life cycle ("": the general one)."""
 
 
 class HandlerFormat(_Part, frozen=True):
@@ -36,6 +40,14 @@ class HandlerFormat(_Part, frozen=True):
     """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
     direct: bool = False
     """They come from their senders directly, if nothing speaks against it."""
+    accepts: bool = False
+    """The handler itself says when it accepts a task; else it has when it gets it."""
+    takes: Annotated[list[str], MANY] = []
+    """The transitions of clients that the handler is told of, and decides about."""
+    refuses: Annotated[list[str], MANY] = []
+    """Those that are refused in its name. Of the others an update restarts the task, a cancel kills it."""
+    busy: Busy = Busy.QUEUE
+    """What becomes of a task that has to wait for this handler."""
 
 
 class EndedRun(_Part, frozen=True, gc=False):
@@ -73,6 +85,30 @@ class WatchOptions(_Part, frozen=True):
     """The point at which it ends."""
     waited_for: bool = False
     """Its parent waits for its end: it does not end at the latest when all else under its parent has."""
+
+
+class StateChange(_Part, frozen=True):
+    """A change of a task's state, or how the task stands."""
+
+    task: TaskId
+    message: str
+    serial: int
+    """The number of changes of this task so far."""
+    state: str
+    transition: str
+    by: Party
+    module: str = ""
+    """Of the client or server."""
+    text: str = ""
+    """The reason, for people."""
+    goal: bytes = b""
+    """The task's data."""
+    data: bytes = b""
+    """The goal that is asked for, an intermediate result (the newest, where the task is told of as it stands), or the
+    result."""
+    is_late: bool = False
+    """It was so before the observer came."""
+    is_over: bool = False
 
 
 class Involved(_Part, frozen=True):

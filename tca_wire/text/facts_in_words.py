@@ -195,6 +195,9 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.SuspendedOrResumed: lambda say, fact: (
         say.name(fact.task) + ("" if fact.is_suspended else " is resumed") + by_whom(fact.by)
     ),
+    facts.StateChanged: lambda say, fact: (
+        f"{say.name(fact.task)}: {fact.transition}, is {fact.state}{_after_colon(fact.text)}{by_whom(fact.module)}"
+    ),
     facts.Kept: _kept,
     facts.Released: _kept,
     facts.Awaited: lambda say, fact: f"the answer to {say.name(fact.id)}",
