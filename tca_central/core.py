@@ -40,6 +40,7 @@ from tca_central.events import (
     Transmit,
 )
 from tca_central.failing import attaching, failures
+from tca_central.life_cycles import busy, changes, observing
 from tca_central.locks import claims
 from tca_central.model.clock import Timer
 from tca_central.model.deliveries import Connection, Module, Wiretap
@@ -61,6 +62,7 @@ from tca_central.status import topics
 from tca_central.watching import taps
 from tca_wire.journal import causes, facts
 from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.headers import Accepted, Refused, ToCentral
 from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.text.printable import shortened
@@ -89,10 +91,13 @@ class Central(State):
             (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
             (agenda.resumed, partial(monitors.go_on, self)),
             (agenda.only_watched, partial(monitors.end_watchers, self)),
+            (self.observers.born, partial(observing.tell_birth, self)),
+            (self.observers.begun, partial(changes.begin, self)),
             (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
             (agenda.ended, self._on_ended),
             (agenda.ended_waits, lambda reached: reached[1].on_reached(self, reached[0])),
             (self.dispatcher.granted, partial(claims.tell_granted, self)),
+            (self.dispatcher.crowded, partial(busy.on_crowded, self)),
             (self.dispatcher.displaced, lambda displaced: replying.tell_displaced(self, *displaced)),
             (self.dispatcher.stranded, partial(failures.pass_over, self)),
         )
@@ -308,10 +313,13 @@ class Central(State):
         for task in first:
             if task.retrying:
                 self._begin_again(task)
-        self.dispatcher.route_all(first)
+        self.dispatcher.route_all([task for task in first if not task.killed])
 
     def _begin_again(self, task: Task) -> None:
-        """A task is retried: its next attempt begins."""
+        """A task is retried: its next attempt begins, unless it is to be cancelled."""
+        changes.restart(self, task)
+        if task.killed:
+            return
         task.retrying = False
         task.given_as = self.new_id()
         task.more.attempts += 1
@@ -319,6 +327,8 @@ class Central(State):
         claims.end_claims_of(self, task, "it is retried")
 
     def _on_ended(self, task: Task) -> None:
+        if self.observers.count:
+            observing.tell_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")
         if task.rare is not None:
@@ -382,6 +392,8 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Suspend: steering.on_suspend,
     headers.Deadline: steering.on_deadline,
     headers.Inspect: topics.on_inspect,
+    ChangeState: changes.on_change_state,
+    Observe: observing.on_observe,
     headers.Tap: taps.on_tap,
     headers.Fire: monitors.on_fire,
     headers.EndMonitor: monitors.on_end_monitor,

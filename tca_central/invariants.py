@@ -373,4 +373,6 @@ def _check_budget(central: State) -> None:
 def _task_size(task: Task) -> int:
     farewells = task.rare.farewells if task.rare is not None else ()
     planned = sum(DELIVERY_BYTES + len(body) for _, body in farewells)
+    asked = task.rare.asked if task.rare is not None else ()
+    planned += sum(DELIVERY_BYTES + len(one.body) for one in asked) + len(task.rare.progress if task.rare else b"")
     return TASK_BYTES + len(task.body) + len(task.result) + failure_size(task.failure) + planned

@@ -28,6 +28,7 @@ from tca_central.model.deliveries import (
     MessageType,
     Wiretap,
 )
+from tca_central.model.observers import Observers
 from tca_central.model.registry import Registry, Variables
 from tca_central.model.resources import Claim
 from tca_central.model.stored import Stored
@@ -222,7 +223,7 @@ class State:
     def __init__(self, epoch: str = "test") -> None:
         self.epoch = epoch
         self.budget, self.answers = Budget(), KeptAnswers(Budget().answers)
-        self.registry = Registry()
+        self.registry, self.observers = Registry(), Observers()
         self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
         self.facts: list[Any] = []  #: of the event being handled
         self.failed: dict[int, str] = {}  #: its failed parts, in words, for the log
@@ -276,6 +277,11 @@ class State:
             self.agenda.tap_events.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.mark_started(delivery)
+            if delivery.message.wishes or self.observers.count:
+                self.observers.begun.append(delivery)
+            else:
+                delivery.state = delivery.message.running
+                delivery.serial += 1
         if not is_there:
             self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
 

@@ -113,6 +113,11 @@ class LifeCycle:
         """Whether the server may end the task out of this state because a client wants that."""
         return any(one.source == state and one.effect is Effect.STOP for one in self.transitions)
 
+    def cancel(self, state: str) -> Transition | None:
+        """The transition by which a client asks for the end of the task."""
+        rows = (one for one in self.transitions if one.source == state and one.by is Party.CLIENT)
+        return next((one for one in rows if self.ends_on_request(one.target)), None)
+
     @property
     def text(self) -> str:
         """The table as text, by which central compares the declarations of a message."""

@@ -165,14 +165,15 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "watching": {"errors", "model", "outgoing", "state"},
         "locks": {"errors", "model", "outgoing", "state", "needs"},
         "failing": {"errors", "locks", "model", "order", "outgoing", "state", "watching"},
+        "life_cycles": {"errors", "failing", "model", "state"},
         "control": {"errors", "failing", "locks", "model", "outgoing", "state", "needs", "watching"},
         "requests": {
-            "control", "errors", "events", "failing", "locks", "model", "needs", "outgoing", "state", "watching",
+            "control", "errors", "events", "failing", "life_cycles", "locks", "model", "needs", "outgoing", "state", "watching",
         },
         "deadlock": {"control", "failing", "locks", "model", "needs", "order", "requests", "state"},
         "access": {"errors", "model", "state"},
         "core": {
-            "access", "control", "deadlock", "errors", "events", "failing", "locks", "model", "outgoing", "requests", "state",
+            "access", "control", "deadlock", "errors", "events", "failing", "life_cycles", "locks", "model", "outgoing", "requests", "state",
             "status", "watching",
         },
         "image": {"control", "core", "errors", "events", "model", "order", "state", "watching"},
@@ -239,7 +240,7 @@ TWINS = (
     ("tca_module tca_wire", "the library's object, and the part of a packet", "Trouble"),
     ("robots robots", "where it is, of a robot with legs and of one that draws", "Pose"),
     ("tca_explorer tca_tools", "what is broken, in a scenario and in a run", "Violation"),
-    ("tca_wire tca_wire tca_wire", "the base of a file's headers", "_Header"),
+    ("tca_wire tca_wire tca_wire tca_wire", "the base of a file's headers", "_Header"),
 )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from tca_central.model.deliveries import Connection, Holder, Module, ModuleResou
 from tca_central.model.task_tree import KeptTask, Task
 from tca_central.state import State
 from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import Permission, Refusal, Role, Scope
@@ -183,6 +184,15 @@ def _tap(central: State, connection: Connection, header: headers.Tap) -> None:
         _need(connection, TAP, header.of)
 
 
+def _observe(central: State, connection: Connection, header: Observe) -> None:
+    if header.task:
+        _see(central, connection, header.task)
+    elif header.message and not header.below:
+        _need(connection, TAP, header.message)
+    else:
+        _need(connection, ADMINISTER, "tree")
+
+
 def _fire(central: State, connection: Connection, header: headers.Fire) -> None:
     _need(connection, SEND, header.action)
     if header.message:
@@ -254,6 +264,8 @@ NEEDS: dict[type, Callable[[State, Connection, Any], None] | None] = {
     headers.Suspend: _controls("suspend", lambda header: header.task),
     headers.Deadline: _controls("give a deadline to", lambda header: header.point.task),
     headers.Inspect: _inspect,
+    ChangeState: _controls("change the state of", lambda header: header.task),
+    Observe: _observe,
     headers.Tap: _tap,
     headers.Fire: _fire,
     headers.EndMonitor: _controls("end", lambda header: header.monitor),

@@ -308,7 +308,7 @@ def _asking_handler(central: State, task: Task) -> Task | None:
     return asking
 
 
-def _check_order(central: State, task: Task, asking: Task | None) -> None:
+def check_order(central: State, task: Task, asking: Task | None) -> None:
     """Raises RequestError if the retry would wait for something that outlives it and waits for the task."""
     guests = [monitor for monitor in (task.watchers or {}).values() if monitor.is_guest]  # may watch until it returns
     starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
@@ -344,17 +344,22 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     if task is None:
         return
     asking = _asking_handler(central, task)
-    _check_order(central, task, asking)
+    check_order(central, task, asking)
     if header.new_data:
         central.check_room(len(body))
+    retry_task(central, task, body if header.new_data else None, connection.module.name, asking)
+    central.accept(connection, header.number, task.id)
+
+
+def retry_task(central: State, task: Task, data: bytes | None, by: str, asking: Task | None = None) -> None:
+    """Let a task be handled again for *by*, with new data (None: with those it has); ``check_order`` has passed."""
     if task.rare is not None and task.rare.watch is not None:
         stop_watching(central, task.rare.watch, "it is retried")
-    if header.new_data:
-        central.tree.grow(task, len(body) - len(task.body))
-        task.body = body
+    if data is not None:
+        central.tree.grow(task, len(data) - len(task.body))
+        task.body = data
     central.tree.set_failure(task, None)
-    by = connection.module.name
-    central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b"", by))
+    central.facts.append(facts.Retried(TaskId(task.id), data or b"", by))
     if task.reached & START_HANDLING:
         _clear(central, task, Verdict(f"{task} is retried", by, central.origin))
         if asking is not None and asking not in task.more.retry_askers:
@@ -366,4 +371,3 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         central.agenda.retry(task)
     else:
         central.agenda.fire_taps_again(task)
-    central.accept(connection, header.number, task.id)

@@ -45,10 +45,11 @@ from tca_central.model.deliveries import (
     Wiretap,
 )
 from tca_central.model.guards import Guard, Guards
+from tca_central.model.observers import Observation, Observers
 from tca_central.model.registry import Registry, Value, Variables
 from tca_central.model.resources import Claim, PendingLimit, Queue
 from tca_central.model.rights import Permissions, Rights
-from tca_central.model.task_tree import KeptTask, Rare, Task, TaskTree, Verdict
+from tca_central.model.task_tree import ClientRequest, KeptTask, Rare, Task, TaskTree, Verdict
 from tca_central.order.agenda import Agenda
 from tca_central.order.ahead import MessagesAhead
 from tca_central.order.dispatcher import Dispatcher
@@ -62,7 +63,19 @@ from tca_wire.packets import headers, parts
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import Moment, Point
 from tca_wire.rules import GOAL, NO_GOAL, TaskRules
-from tca_wire.vocabulary import Condition, Dropping, Due, MessageClass, Outcome, Permission, Refusal, Role, Scope
+from tca_wire.vocabulary import (
+    Busy,
+    Condition,
+    Dropping,
+    Due,
+    MessageClass,
+    Outcome,
+    Party,
+    Permission,
+    Refusal,
+    Role,
+    Scope,
+)
 
 FORMAT = 1
 """The version of the layout, and of how it is written."""
@@ -79,8 +92,8 @@ OBJECTS: dict[type, str] = {
     Central: (
         "agenda answers attached blocked budget claimed_for claims clock collectors dispatcher epoch events facts "
         "failed forgotten hold is_disk_low keep_count kept kept_bytes look_after lost may_have_closed messages "
-        "next_look origin outcome_bytes outcomes registry scan suspects taps tree untold variables watch_of_condition "
-        "watches"
+        "next_look observers origin outcome_bytes outcomes registry scan suspects taps tree untold variables "
+        "watch_of_condition watches"
     ),
     # model
     AttachedHandler: "by failure handler holders id maximum place",
@@ -95,29 +108,32 @@ OBJECTS: dict[type, str] = {
     Delivery: _DELIVERY,
     Guard: "above age task",
     Guards: "_root age",
-    Handler: "direct message module pending pool resource",
+    Handler: "accepts busy direct message module pending pool refuses resource takes",
     KeptAnswers: "_kept bytes forgotten most",
     KeptTask: "body id kept kept_by message outcome parent role",
     MessageType: (
         "attached awaited_by candidates declarers delivered dropped failed fans_out first_declared_by format handlers "
-        "is_aside is_goal is_notice message_class name parts route rules senders_told serving taps waiting"
+        "initial is_aside is_goal is_notice message_class name parts route rules running senders_told serving taps "
+        "waiting wishes"
     ),
     Module: "called connections handlers incarnation is_ready keeps name principal process resources",
     ModuleResource: f"{_RESOURCE} busy delivered limits quick_runs replaced",
     PendingLimit: "most waiting",
+    Observation: "below connection message number states task_id",
+    Observers: "begun born count of_message of_task others",
     Queue: "_heap waiting",
     Permissions: "barred licences newest_licence outcome_owners rules",
     Rights: "known patterns",
     Rare: (
-        "attached attempts ended_followers farewells fired guests invocations is_guest is_tapped is_void kept kept_by "
-        "listeners pending recovering retry_askers retry_targets sequence taps watch"
+        "asked attached attempts ended_followers farewells fired guests invocations is_guest is_tapped is_void kept "
+        "kept_by listeners pending progress recovering retry_askers retry_targets sequence taps watch"
     ),
     Registry: "_names bytes connections dropped look_after lost messages modules permissions",
     Task: (
         f"{_DELIVERY} "
         "children delayed failure followers guard held ignores_parent is_dealt_with is_goal is_watcher killed "
-        "last_child leaders parent rare reached recovery requested result retrying returned size survives "
-        "suspended top unplanned waiters watchers"
+        "last_child leaders parent rare reached recovery requested result retrying returned serial size state "
+        "survives suspended top unplanned waiters watchers"
     ),
     TaskTree: "across bytes guards last_of_module never_began newest root suspended tasks top_of_module",
     Timer: "due is_cancelled subject time",
@@ -129,8 +145,8 @@ OBJECTS: dict[type, str] = {
         "withdrawn"
     ),
     Dispatcher: (
-        "_arrivals _clock _facts _out _suspects bytes changed displaced granted handlers is_holding messages_ahead "
-        "running stranded to_offer"
+        "_arrivals _clock _facts _out _suspects bytes changed crowded displaced granted handlers is_holding "
+        "messages_ahead running stranded to_offer"
     ),
     Holds: "_clock _facts edges ending tree",
     MessagesAhead: "_clock _out trusts_all",
@@ -152,15 +168,15 @@ DERIVED: dict[type, set[str]] = {Central: {"_output_queues", "_outputs"}}
 """Attributes that are made anew (Central.connect_outputs)."""
 
 VALUES: tuple[type, ...] = (
-    AccessRule, Blocking, Constraint, Dropped, Entrance, Holder, LostClaim, Point, RaisedFailure, Refusals, Value,
-    Verdict, parts.Involved, parts.MessageFormat, parts.Tapped, parts.Trouble, parts.Watching, parts.WatchOptions,
+    AccessRule, ClientRequest, Blocking, Constraint, Dropped, Entrance, Holder, LostClaim, Point, RaisedFailure,
+    Refusals, Value, Verdict, parts.Involved, parts.MessageFormat, parts.Tapped, parts.Trouble, parts.Watching,
+    parts.WatchOptions,
     *get_args(headers.ToModule),
 )  # fmt: skip
 """Classes of values that never change: NamedTuples and msgspec's. They have the fields that they declare."""
 
 ENUMS: tuple[type[Enum], ...] = (
-    Condition, Dropping, Due, Flags, MessageClass, Moment, Outcome, Permission, Refusal, Role,
-    Scope,
+    Busy, Condition, Dropping, Due, Flags, MessageClass, Moment, Outcome, Party, Permission, Refusal, Role, Scope,
 )  # fmt: skip
 
 LONGEST_RECORD = 8

@@ -11,12 +11,13 @@ from tca_central.model.clock import Timer
 from tca_central.model.resources import PendingLimit, Resource
 from tca_central.model.rights import Rights
 from tca_central.model.stored import Stored
+from tca_wire.life_cycles import LifeCycle, read_life_cycle
 from tca_wire.messages.notices import NOTICES
-from tca_wire.packets.parts import MessageFormat, WatchOptions
+from tca_wire.packets.parts import HandlerFormat, MessageFormat, WatchOptions
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import TaskId
 from tca_wire.rules import rules_of
-from tca_wire.vocabulary import Condition, Role
+from tca_wire.vocabulary import Busy, Condition, Role
 
 REMEMBERED_TASKS = 128
 """Tasks kept per connection that it may name by the requests that sent them."""
@@ -144,18 +145,27 @@ class Module(Stored):
 class Handler(Stored):
     """A module's handler of a message, in one of its resources."""
 
-    __slots__ = ("direct", "message", "module", "pending", "pool", "resource")
+    __slots__ = ("accepts", "busy", "direct", "message", "module", "pending", "pool", "refuses", "resource", "takes")
 
     def __init__(
-        self, message: "MessageType", module: Module, resource: ModuleResource, pool: str, pending: int,
-        *, direct: bool = False,
-    ) -> None:  # fmt: skip
+        self, message: "MessageType", module: Module, resource: ModuleResource, declared: HandlerFormat
+    ) -> None:
         self.message = message
         self.module = module
         self.resource = resource
-        self.pool = pool  #: handlers of one pool share the messages
-        self.pending = pending  #: so many messages may wait for it (0: no limit of its own)
-        self.direct = direct  #: senders may do without central, where nothing speaks against it
+        self.pool = declared.pool  #: handlers of one pool share the messages
+        #: So many messages may wait for it (0: no limit of its own); of a variable only the newest value is wanted.
+        self.pending = 1 if message.message_class.keeps_value else declared.pending
+        self.direct = declared.direct  #: senders may do without central, where nothing speaks against it
+        self.accepts = declared.accepts  #: says itself when it accepts a task
+        self.takes = tuple(declared.takes)  #: the transitions of clients that it decides about
+        self.refuses = tuple(declared.refuses)  #: those that are refused in its name
+        self.busy = declared.busy  #: what becomes of a task that has to wait for it
+
+    @property
+    def has_wishes(self) -> bool:
+        """Whether a task's life goes otherwise than with any handler."""
+        return self.accepts or bool(self.takes or self.refuses) or self.busy is not Busy.QUEUE
 
 
 class MessageType(Stored):
@@ -168,6 +178,7 @@ class MessageType(Stored):
         self.candidates: tuple[ModuleResource, ...] = ()
         """The resources that may handle it: of the newest handler and of those in its pool."""
         self.serving = 0  #: number of handlers that have a slot to be called in
+        self.wishes = 0  #: number of handlers that have some (Handler.has_wishes)
         self.delivered = 0  #: how often a handler got it
         self.failed = 0  #: how often one failed
         self.dropped = 0  #: how many came to nothing, or were not brought to a receiver
@@ -186,19 +197,27 @@ class MessageType(Stored):
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
         self.rules = rules_of(self.is_goal)
+        self.initial, self.running = self.life_cycle.initial, self.life_cycle.accepted.target
         self.is_aside = declared.message_class.is_aside
         self.is_notice = declared.name in NOTICES
         self.fans_out = declared.message_class.fans_out
         self.first_declared_by = by
 
+    @property
+    def life_cycle(self) -> LifeCycle:
+        """The life cycle of its tasks."""
+        return read_life_cycle(self.format.life_cycle)
+
     def add_handler(self, handler: "Handler") -> None:
         """A newer handler."""
         self.handlers.append(handler)
+        self.wishes += handler.has_wishes
         self._find_candidates()
 
     def remove_handler(self, handler: "Handler") -> None:
         """A handler is gone."""
         self.handlers.remove(handler)
+        self.wishes -= handler.has_wishes
         self._find_candidates()
 
     def _find_candidates(self) -> None:

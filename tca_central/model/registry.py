@@ -10,6 +10,8 @@ from tca_central.model.budget import RESOURCE_BYTES, TYPE_BYTES
 from tca_central.model.deliveries import Connection, MessageType, Module, ModuleResource
 from tca_central.model.rights import Permissions
 from tca_central.model.stored import Stored
+from tca_wire.errors import BadFormat
+from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.formats import first_difference
 from tca_wire.messages.notices import NOTICES, PREFIX
 from tca_wire.packets.parts import MessageFormat
@@ -92,7 +94,11 @@ class Registry(Stored):
         if declared.name.startswith(PREFIX):
             _check_notice(declared, module)
         if known is None or known.format == declared:
+            if known is None and declared.life_cycle:
+                _check_life_cycle(declared)
             return
+        if declared.life_cycle:
+            _check_life_cycle(declared)
         if not known.declarers and known.message_class == declared.message_class:
             return
         _refuse_difference(declared, module, known.format, f"module '{known.first_declared_by}'")
@@ -113,7 +119,20 @@ class Registry(Stored):
 
 def type_size(declared: MessageFormat) -> int:
     """Bytes that a declared message holds."""
-    return TYPE_BYTES + len(declared.name) + len(declared.data) + len(declared.reply) + sum(map(len, declared.parts))
+    texts = (declared.name, declared.data, declared.reply, declared.progress, declared.life_cycle, *declared.parts)
+    return TYPE_BYTES + sum(map(len, texts))
+
+
+def _check_life_cycle(declared: MessageFormat) -> None:
+    """Raises RequestError if the table of a declaration is none that a task could go by."""
+    if not declared.message_class.is_task:
+        raise RequestError(
+            Refusal.FORMAT, f"{declared.message_class} '{declared.name}' is no task: it has no life cycle"
+        )
+    try:
+        read_life_cycle(declared.life_cycle)
+    except BadFormat as error:
+        raise RequestError(Refusal.FORMAT, f"message '{declared.name}': {error}") from None
 
 
 def _check_notice(declared: MessageFormat, module: Module) -> None:
@@ -134,6 +153,11 @@ def _refuse_difference(declared: MessageFormat, module: Module, known: MessageFo
         data = first_difference(declared.data, known.data)
         reply = first_difference(declared.reply, known.reply)
         difference = f"data {data}" if data else f"{what} {reply}" if reply else ""
+        if not difference and (progress := first_difference(declared.progress, known.progress)):
+            difference = f"intermediate result {progress}"
+        if not difference and declared.life_cycle != known.life_cycle:
+            here, there_too = read_life_cycle(declared.life_cycle), read_life_cycle(known.life_cycle)
+            difference = f"{here} here, {there_too} there" if here.name != there_too.name else f"two versions of {here}"
     if difference:
         sides = f"here = module '{module.name}', there = {there}"
         raise RequestError(Refusal.FORMAT, f"two formats for message '{declared.name}': {difference} ({sides})")

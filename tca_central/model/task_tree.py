@@ -3,11 +3,11 @@
 Only tasks that have not ended are here; what has ended lives on in the journal.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
-from tca_central.model.budget import TASK_BYTES
+from tca_central.model.budget import DELIVERY_BYTES, TASK_BYTES
 from tca_central.model.deliveries import AttachedHandler, Connection, Delivery, MessageType, Module, Wiretap
 from tca_central.model.guards import Guard, Guards
 from tca_central.model.stored import Stored
@@ -17,10 +17,23 @@ from tca_wire.vocabulary import CENTRAL, Outcome, Refusal, Role
 _EXCEPTION = Role.EXCEPTION  # to look up an enum's member costs as much as two calls
 
 
+class ClientRequest(NamedTuple):
+    """A transition that a client has taken of a task."""
+
+    name: str
+    source: str  #: the state in which the task was
+    serial: int  #: that it has got
+    module: str  #: the client's
+    text: str
+    body: bytes  #: the new goal, if it is for one
+    is_told: bool  #: the handler decides
+
+
 class Rare(Stored):
     """Attributes that few tasks need: most tasks do without this object."""
 
     __slots__ = (
+        "asked",
         "attached",
         "attempts",
         "ended_followers",
@@ -35,6 +48,7 @@ class Rare(Stored):
         "kept_by",
         "listeners",
         "pending",
+        "progress",
         "recovering",
         "retry_askers",
         "retry_targets",
@@ -45,6 +59,8 @@ class Rare(Stored):
 
     def __init__(self) -> None:
         self.attached: list[AttachedHandler] = []  #: its exception handlers, newest last
+        self.asked: list[ClientRequest] = []  #: transitions of clients since the handler's last one, oldest first
+        self.progress = b""  #: its newest intermediate result
         self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
         self.attempts = 1  #: how often it is being or has been handled
         self.recovering: Task | None = None  #: the exception handler that decides on it
@@ -74,13 +90,16 @@ class Task(Delivery):
     __slots__ = ("children", "delayed", "failure", "followers", "guard", "held", "ignores_parent",
                  "is_dealt_with", "is_goal", "is_watcher", "killed", "last_child",
                  "leaders", "parent", "rare", "reached", "recovery", "requested", "result", "retrying",
-                 "returned", "size", "survives", "suspended", "top", "unplanned", "waiters", "watchers")  # fmt: skip
+                 "returned", "serial", "size", "state", "survives", "suspended", "top", "unplanned", "waiters",
+                 "watchers")  # fmt: skip
 
     id: TaskId
 
     def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
         Delivery.__init__(self, task_id, message, body, sender)
         self.is_goal = message.is_goal
+        self.state = message.initial  #: of its life cycle; the last one is told when it has ended
+        self.serial = 0  #: number of changes of that
         self.ignores_parent = False  #: may start before its parent does
         self.is_watcher = False  #: a monitor that its parent does not wait for: it ends when all else there has
         self.watchers: dict[int, Task] | None = None  #: such children
@@ -274,6 +293,27 @@ class TaskTree(Stored):
         task.size += size
         if task.id in self.tasks:
             self.bytes += size
+
+    def set_progress(self, task: Task, body: bytes) -> None:
+        """The newest intermediate result."""
+        self.grow(task, len(body) - len(task.more.progress))
+        task.more.progress = body
+
+    def ask(self, task: Task, asked: ClientRequest) -> None:
+        """Remember what a client has asked for."""
+        task.more.asked.append(asked)
+        self.grow(task, DELIVERY_BYTES + len(asked.body))
+
+    def forget_asked(
+        self, task: Task, is_over: Callable[[ClientRequest], bool] = lambda _: True
+    ) -> list[ClientRequest]:  # fmt: skip
+        """What clients have asked for, which is remembered no longer: all that *is over*."""
+        if task.rare is None or not task.rare.asked:
+            return []
+        asked = [one for one in task.rare.asked if is_over(one)]
+        task.rare.asked = [one for one in task.rare.asked if one not in asked]
+        self.grow(task, -sum(DELIVERY_BYTES + len(one.body) for one in asked))
+        return asked
 
     def set_failure(self, task: Task, failure: tuple[str, str, bytes] | None) -> None:
         """The failure that was raised on a task last; nobody has dealt with it."""

@@ -43,6 +43,7 @@ class Dispatcher(Stored):
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
         """Resources that may let in somebody, each with the slot whose handler has returned, if one has."""
         self.granted: deque[Claim[Connection]] = deque()  #: claims that have just got their resource
+        self.crowded: deque[Any] = deque()  #: tasks that have to wait for a handler with wishes
         self.displaced: deque[tuple[Delivery, str]] = deque()  #: gave way to newer ones, and why
         self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
 
@@ -62,6 +63,8 @@ class Dispatcher(Stored):
             slot = None
         if slot is None:
             self._queue(delivery, resources)
+            if delivery.message.wishes and delivery.is_task:
+                self.crowded.append(delivery)
         else:
             self._give_back(delivery, slot)
 

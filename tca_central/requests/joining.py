@@ -5,6 +5,7 @@ from tca_central.control.keeping import release_all
 from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError, check_name
 from tca_central.events import ConnectionId
+from tca_central.life_cycles.changes import check_wishes, restart, tell_again
 from tca_central.locks import claims
 from tca_central.model.budget import HANDLER_BYTES, RESOURCE_BYTES
 from tca_central.model.clock import checked_seconds
@@ -78,8 +79,10 @@ def _tell_again(central: State, connection: Connection) -> None:
     for delivery in list(central.dispatcher.running.values()):
         if delivery.slot is connection:  # it may have been lost on the way; a slot that has it ignores it
             central.tell(connection, deliver_header(delivery), delivery.body)
-            if isinstance(delivery, Task) and (delivery.killed or delivery.retrying):
-                central.tell(connection, cancelled_header(delivery))
+            if isinstance(delivery, Task):
+                tell_again(central, delivery)
+                if delivery.killed or delivery.retrying:
+                    central.tell(connection, cancelled_header(delivery))
     resource = connection.resource
     if resource is None:
         _tell_of_hung_slots(central, connection)
@@ -258,7 +261,9 @@ def _give_to_another(central: State, delivery: Delivery) -> None:
     is_tapped = bool(to_be_fired(delivery, START_HANDLING))
     if delivery.suspended or delivery.retrying or is_tapped:  # it will not be queued at once
         central.facts.append(facts.Unqueued(delivery.given_as))
-    central.agenda.requeue(delivery)
+    restart(central, delivery)
+    if not delivery.killed:
+        central.agenda.requeue(delivery)
 
 
 # --- messages and handlers -------------------------------------------------------------------------------------------
@@ -267,10 +272,11 @@ def _give_to_another(central: State, delivery: Delivery) -> None:
 def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
     """A module declares messages and handlers: all of them or none; and says when it has attached all."""
     module, registry = connection.module, central.registry
-    new = {declared.name: declared.message_class for declared in header.messages}
+    new = {declared.name: declared for declared in header.messages}
+    classes = {declared.name: declared.message_class for declared in header.messages}
     for declared in header.messages:
         registry.check(declared, module)
-        check_parts(central, declared, new)
+        check_parts(central, declared, classes)
     for handled in header.handlers:
         check_name("resource", handled.resource)
         check_name("pool", handled.pool, or_none=True)
@@ -279,14 +285,17 @@ def on_register(central: State, connection: Connection, header: headers.Register
         if handled.pending < 0:
             text = f"pending={handled.pending} of '{handled.message}': give 1 or more, or 0 for no limit"
             raise RequestError(Refusal.PROTOCOL, text)
-        known = new.get(handled.message) or registry.messages[handled.message].message_class
-        direct_routes.check_handler(handled, known)
+        known = new.get(handled.message) or registry.messages[handled.message].format
+        direct_routes.check_handler(handled, known.message_class)
+        check_wishes(handled, known)
     _make_room(central, header)
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
         if is_new:
             central.facts.append(
-                facts.FormatDefined(message.name, message.message_class, declared.data, declared.reply, module.name)
+                facts.FormatDefined(
+                    message.name, message.message_class, declared.data, declared.reply, module.name, declared.life_cycle
+                )
             )
             forget_unfit_value(central, message)
     listeners_come(central, [handled.message for handled in header.handlers])
@@ -312,11 +321,9 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     if handled.message in module.handlers:
         remove_handlers(central, [module.handlers[handled.message]])
     resource = central.registry.resource(module, handled.resource)
-    central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name))
+    central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name, handled.accepts))
     message = central.registry.messages[handled.message]
-    # Of a variable only the newest value is wanted.
-    pending = 1 if message.message_class.keeps_value else handled.pending
-    handler = Handler(message, module, resource, handled.pool, pending, direct=handled.direct)
+    handler = Handler(message, module, resource, handled)
     central.dispatcher.add_handler(handler)
     direct_routes.review(central, [message])
     tell_new_watcher(central, handler)

@@ -5,6 +5,7 @@ from tca_central.locks.claims import give_up_claim
 from tca_central.model.budget import WAIT_BYTES
 from tca_central.model.deliveries import Connection, Delivery
 from tca_central.model.intervals import checked_moment
+from tca_central.model.observers import Observation
 from tca_central.model.resources import Claim
 from tca_central.needs.texts import end_of_wait
 from tca_central.state import Collector, PresenceWait, State, TaskWait, dropped_fact
@@ -96,6 +97,8 @@ def give_up(
     elif isinstance(due, PresenceWait):
         due.end()
         central.budget.awaited -= due.size
+    elif isinstance(due, Observation):
+        central.observers.remove(due)
     elif due is None or isinstance(due, Claim):
         give_up_claim(central, connection, number, why)
     elif isinstance(due, Collector):

@@ -31,6 +31,7 @@ from tca_module.session.request import (
 )
 from tca_module.session.sent_tasks import TaskSends
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Requested
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Barred, EntranceGone, Route
 from tca_wire.points import TaskId
@@ -539,6 +540,7 @@ class Session:
         headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
             header.delivery, is_suspended=header.is_suspended
         ),
+        Requested: lambda *_: None,
         headers.Recall: lambda self, header, _: self.give_back(header.deliveries),
         headers.Taken: _on_taken,
         headers.Replace: _on_replace,

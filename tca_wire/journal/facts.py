@@ -15,7 +15,7 @@ from tca_wire.journal.causes import Cause
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import CENTRAL, Condition, Dropping, MessageClass, Outcome, Party, Refusal, Role, Scope
 
-JOURNAL_VERSION = 6
+JOURNAL_VERSION = 5
 """Goes up whenever a fact or an entry changes. Journals of a version before ``OLDEST_READ`` are refused."""
 OLDEST_READ = 4
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
@@ -361,8 +361,8 @@ class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
 
 
 class StateChanged(_Fact, frozen=True, tag="state"):
-    """A transition of a task's life cycle that no other fact tells of. Others tell that it was given to a handler, which
-    accepts it thereby unless ``HandlerAdded.accepts``, that it is handled again, and that it ended.
+    """A transition of a task's life cycle that no other fact tells of. Others do of its delivery to a handler, which
+    accepts it thereby unless ``HandlerAdded.accepts``, of a retry, and of its end.
     """
 
     task: TaskId

@@ -18,6 +18,9 @@ TIMEOUT = "timeout"
 OVERLOAD = "overload"
 DEADLOCK = "deadlock"
 
+REJECTED = "rejected"
+"""A handler did not accept a task, or had no time for it."""
+
 LOCK_LOST = "lock lost"
 """A lock or reservation was taken away from a task that still counted on it."""
 

@@ -1,10 +1,11 @@
 """The headers that modules and central exchange, one type a message; the field order is the wire order.
 
 A header travels with a body of opaque bytes (user data as MessagePack; central never looks inside). Types named in the
-imperative are sent by a module, the others by central; routes.py has those about direct messages, docs/protocol.md the
-bytes. ``number`` counts a connection's requests: the answer to a request carries the same number, and 0 means that no
-answer is wanted. ``origin`` is the delivery whose handler asks (0: code outside of handlers does). A task below -1 is
-the one that this connection has sent with that request: -7 is that of request 7.
+imperative are sent by a module, the others by central; routes.py has those about direct messages, changes.py those
+about the states of tasks, docs/protocol.md the bytes. ``number`` counts a connection's requests: the answer to a
+request carries the same number, and 0 means that no answer is wanted. ``origin`` is the delivery whose handler asks (0:
+code outside of handlers does). A task below -1 is the one that this connection has sent with that request: -7 is that
+of request 7.
 """
 
 from typing import Annotated, Literal
@@ -12,6 +13,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from tca_wire.constraints import Constraint, Flags
+from tca_wire.packets.changes import ChangeState, Observe, Requested
 from tca_wire.packets.parts import (
     MANY,
     Attachment,
@@ -402,36 +404,6 @@ class Release(_Header, frozen=True, tag=28):
     origin: int = 0
 
 
-class ChangeState(_Header, frozen=True, tag=31):
-    """Take a transition of a task's life cycle: as its handler if *origin* is the task itself, else as a client. The
-    body is the new goal, or the intermediate result. Answered by Accepted with the task's new serial number.
-    """
-
-    number: int
-    task: TaskId
-    transition: str
-    serial: int = -1
-    """The newest serial number of the task that the sender has seen (-1: it takes the task as it is)."""
-    text: str = ""
-    """The reason, for people."""
-    origin: int = 0
-
-
-class Observe(_Header, frozen=True, tag=32):
-    """Tell of each change of state of one task, of a message's tasks, of those under a task, or (without any) of all;
-    and first of each living one how it stands. Each is an Answer with *more* and a StateChange; of one *task* that has
-    ended comes the end. GiveUp ends it.
-    """
-
-    number: int
-    task: TaskId = TaskId(0)
-    message: str = ""
-    below: TaskId = TaskId(0)
-    states: Annotated[list[str], MANY] = []
-    """Only the changes to one of these (none: to any)."""
-    origin: int = 0
-
-
 class GetVariable(_Header, frozen=True, tag=20):
     """Get the value of a variable, as the body of the Answer; it is empty if the variable was never set."""
 
@@ -564,15 +536,6 @@ class Suspended(_Header, frozen=True, tag=42):
 
     delivery: int
     is_suspended: bool
-
-
-class Requested(_Header, frozen=True, tag=52):
-    """A client has taken a transition of the task of this delivery, which the handler has said that it takes."""
-
-    delivery: int
-    transition: str
-    serial: int
-    text: str = ""
 
 
 class Taken(_Header, frozen=True, tag=43):
