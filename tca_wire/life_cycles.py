@@ -57,8 +57,12 @@ class LifeCycle:
     ) -> None:  # fmt: skip
         self.name, self.initial, self.done, self.cancelled = name, initial, done, cancelled
         self.transitions = tuple(transitions)
+        for row in self.transitions:
+            if not isinstance(row, Transition):
+                self._refuse(f"{row!r:.40} is no Transition")
+        met = [state for one in self.transitions for state in (one.source, one.target)]
+        self.states = tuple(dict.fromkeys([initial, *met, done, cancelled]))
         self.steps = {(one.source, one.name): one for one in self.transitions}
-        self.states = tuple(dict.fromkeys([initial, *(one.target for one in self.transitions), done, cancelled]))
         self._check()
         self.accepted = next(one for one in self.transitions if self._accepts(one))
         """The transition that a task takes when a handler begins with it."""
@@ -153,8 +157,10 @@ class LifeCycle:
         where = f"'{one.name}' from '{one.source}'"
         if self.is_over(one.source):
             self._refuse(f"{where}: an ended task takes no transition")
-        if one.by is Party.CENTRAL:
-            self._refuse(f"{where}: client, server or both take it")
+        if one.by not in (Party.CLIENT, Party.SERVER, Party.BOTH) or not isinstance(one.by, Party):
+            self._refuse(f"{where}: client, server or both take it (Party), not {one.by!r:.40}")
+        if not isinstance(one.effect, Effect):
+            self._refuse(f"{where}: {one.effect!r:.40} is no Effect")
         wanted = Party.CLIENT if one.effect is Effect.NEW_GOAL else Party.SERVER
         if one.effect and one.by is not wanted:
             self._refuse(f"{where}: only the {wanted} takes a transition with the effect '{one.effect}'")

@@ -6,7 +6,7 @@ set of states that all lead to each other has a fair circle unless something can
 so on no way inside it; then no part of it has one either.
 
 A property is *owed* in some states: the circles are among those. What *waits* is followed from state to state
-(Transition.carried): the circles are those round which the same task, or script, waits for the same thing.
+(Way.carried): the circles are those round which the same task, or script, waits for the same thing.
 """
 
 from collections import deque
@@ -16,7 +16,7 @@ from typing import NamedTuple
 from tca_explorer.play.play import Action, waiting
 from tca_explorer.play.words import left_behind
 from tca_explorer.scenario.scenario import Scenario
-from tca_explorer.search.states import SearchState, Transition, Violation, replayed
+from tca_explorer.search.states import SearchState, Violation, Way, replayed
 from tca_properties.algebra import NeverStuck, Property
 
 Fair = tuple[str, str]
@@ -31,7 +31,7 @@ class _Node(NamedTuple):
 
 
 class _Edge(NamedTuple):
-    way: Transition
+    way: Way
     to: _Node
 
 
@@ -73,7 +73,7 @@ def _waits(states: list[SearchState], places: dict[int, int]) -> Graph:
     }  # fmt: skip
 
 
-def _fair_circle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Transition]] | None:
+def _fair_circle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Way]] | None:
     """The nearest fair circle: where it begins, and the ways round."""
     for part in sorted(_strongly_connected(graph), key=min):
         inside = {node: [step for step in graph[node] if step.to in part] for node in part}
@@ -126,9 +126,9 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
     return found
 
 
-def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Transition]:
+def _round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
     """A fair way from *start* round to it again: a short one, if not always the shortest."""
-    ways: list[Transition] = []
+    ways: list[Way] = []
     here, left_out = start, _possible(states[start.state])
     while left_out:
         for step in _path(inside, here, lambda step, out=left_out: bool(  # type: ignore[misc]

@@ -18,7 +18,7 @@ from tca_explorer.search import circles
 from tca_explorer.search.branching import Branching
 from tca_explorer.search.fingerprint import Detail, recognised
 from tca_explorer.search.snapshot import Snapshots
-from tca_explorer.search.states import Result, SearchState, Transition, Violation, replayed
+from tca_explorer.search.states import Result, SearchState, Violation, Way, replayed
 from tca_properties.algebra import NeverStuck, Property, words_of
 
 LIMIT = 100_000
@@ -164,7 +164,7 @@ class _Exploration:
         if before is not None:
             before.following.append(known or state)
             if self.detail.names and action is not None:
-                before.ways.append(Transition(action, known or state, carried(waited, play)))
+                before.ways.append(Way(action, known or state, carried(waited, play)))
         if known is not None:
             return None
         try:

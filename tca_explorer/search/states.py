@@ -57,7 +57,7 @@ class SearchState:
         self.action = action
         self.memories = memories  #: of the properties
         self.following: list[SearchState] = []
-        self.ways: list[Transition] = []  #: to *following*: kept where circles are looked for
+        self.ways: list[Way] = []  #: to *following*: kept where circles are looked for
         self.order: tuple[int, ...] = ()  #: the messages under way, in the order of all equal states
         self.snapshot: bytes | None = None  #: of its play, until it has been left; None: play it again
 
@@ -71,7 +71,7 @@ class SearchState:
         return tuple(reversed(actions))
 
 
-class Transition(NamedTuple):
+class Way(NamedTuple):
     """From a state to one that follows it."""
 
     action: Action

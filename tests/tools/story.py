@@ -17,7 +17,7 @@ from tca_wire.journal.causes import Request
 from tca_wire.journal.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal.records import record
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Party, Role
+from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 GOAL, COMMAND, QUERY = MessageClass.GOAL, MessageClass.COMMAND, MessageClass.QUERY
 PLANNING = Moment.START_HANDLING | Moment.START_PLANNING
@@ -293,7 +293,6 @@ def locking() -> Story:
     story.at(1.0).say(facts.Claimed(90, "legs", "legs", False, "eyes", look))
     second, adjust = story.command("move", "planner", walk), story.command("adjust", "planner", walk)
     story.queued(second, "legs").say(facts.SuspendedOrResumed(TaskId(adjust), True))
-    story.at(1.5).say(facts.StateChanged(TaskId(first), "result available", "running", 2, Party.SERVER, "legs"))
     story.at(2.0).achieved(first).say(facts.Granted(90))
     story.at(3.0).say(facts.ClaimEnded(90, "released")).delivered(second, "legs").at(3.2).achieved(look)
     story.at(3.5).say(

@@ -18,7 +18,7 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.text.bodies import data_text, plain_data
-from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Scope
+from tca_wire.vocabulary import Condition, MessageClass, Outcome, Party, Refusal, Scope
 
 Tca = Callable[..., Result]
 
@@ -46,6 +46,7 @@ def told_of_everything() -> Story:
         facts.WentOn("user"),
         facts.DiskSpace(is_low=True),
     )
+    story.say(facts.StateChanged(TaskId(goal), "update", "update requested", 2, Party.CLIENT, "script", "farther"))
     story.failed(goal, "slip", "").say(facts.Killed(TaskId(goal), "slipped", "panel"))
     story.say(facts.Dropped(77, "any", "nobody listens"), facts.Awaited(pose), facts.Answered(pose))
     story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))

@@ -1,0 +1,59 @@
+"""What becomes of a task that has to wait because its handler is busy, where the handler says so."""
+
+from tca_central.failing.failures import fail_task, kill
+from tca_central.life_cycles.changes import asked_for
+from tca_central.model.deliveries import ModuleResource
+from tca_central.model.task_tree import Task, Verdict
+from tca_central.state import RaisedFailure, State
+from tca_wire.messages.failures import REJECTED
+from tca_wire.vocabulary import Busy
+
+
+def on_crowded(central: State, task: Task) -> None:
+    """A task has to wait for a handler that may have wishes about that."""
+    handlers = task.message.handlers
+    if not task.queues or not handlers or handlers[-1].busy is Busy.QUEUE or central.dispatcher.is_holding:
+        return
+    if any(not resource.capacity for resource in task.queues):
+        return  # nobody is there, so nobody is busy
+    if handlers[-1].busy is Busy.REJECT:
+        reject(central, task, f"{_named(task.queues[0])} is busy")
+        return
+    for resource in task.queues:
+        _pre_empt(central, resource, task)
+
+
+def _named(resource: ModuleResource) -> str:
+    return resource.module if resource.module == resource.name else f"{resource.name} of {resource.module}"
+
+
+def reject(central: State, task: Task, why: str) -> None:
+    """A task that waits fails: its handler has no time for it."""
+    central.dispatcher.withdraw(task)
+    central.agenda.mark_started(task)
+    fail_task(central, task, RaisedFailure(REJECTED, why))
+
+
+def _pre_empt(central: State, resource: ModuleResource, newest: Task) -> None:
+    """The newest goes on: what is handled is cancelled, what waits of its message is rejected."""
+    why = f"pre-empted by {newest}"
+    for other in [one for one in resource.queued() if isinstance(one, Task) and one is not newest]:
+        if other.message is newest.message:
+            reject(central, other, why)
+    for slot in list(resource.slots):
+        for running in [one for one in slot.handling if isinstance(one, Task) and not one.killed]:
+            _cancel(central, running, newest, why)
+
+
+def _cancel(central: State, running: Task, newest: Task, why: str) -> None:
+    if running.above(newest.id) is not None or newest.above(running.id) is not None:
+        return  # its own subtask
+    by = newest.sender.module.name if newest.sender is not None else "central"
+    cycle = running.message.life_cycle
+    if cycle.ends_on_request(running.state):
+        return
+    step = cycle.cancel(running.state)
+    if step is None:
+        kill(central, running, Verdict(why, by))
+    else:
+        asked_for(central, running, step, by, why)

@@ -1,0 +1,286 @@
+"""Clients and servers take transitions of a task's life cycle. The server is dominant, and central decides.
+
+Theory of operation (Lütkebohle et al., 4.5.1). Each change of a task's state gets the next serial number, and who wants
+a change says which number it has seen last. A number that central has not given yet means that it has missed changes:
+an error. Where a client has not seen what the server did meanwhile, its change is applied after that if the table
+allows, and else ignored. Where the server has not seen what a client did, its change is applied as if it had come
+first, and then the client's after it, if the table allows.
+
+What a client asks for is decided by the handler that takes such transitions, and else by these defaults: an update
+kills what is under the task and lets it be handled again with the new goal; a cancel kills the task.
+"""
+
+from tca_central.errors import RequestError
+from tca_central.failing.failures import check_order, kill, retry_task
+from tca_central.life_cycles.observing import tell
+from tca_central.model.deliveries import Connection, Handler
+from tca_central.model.task_tree import ClientRequest, Task, Verdict
+from tca_central.state import State
+from tca_wire.journal import facts
+from tca_wire.life_cycles import Effect, Transition, read_life_cycle
+from tca_wire.packets.changes import ChangeState, Requested
+from tca_wire.packets.parts import HandlerFormat, MessageFormat
+from tca_wire.points import TaskId
+from tca_wire.text.printable import shortened
+from tca_wire.vocabulary import CENTRAL, Busy, Party, Refusal
+
+MOST_ASKED = 32
+"""Transitions of clients that may wait for the word of a task's handler."""
+
+
+def check_wishes(handled: HandlerFormat, declared: MessageFormat) -> None:
+    """Raises RequestError if a handler can't take, or refuse, such transitions."""
+    wishes = (*handled.takes, *handled.refuses)
+    if not declared.message_class.is_task:
+        if wishes or handled.accepts or handled.busy is not Busy.QUEUE:
+            text = f"{declared.message_class} '{declared.name}' is no task: its handler accepts and takes nothing"
+            raise RequestError(Refusal.PROTOCOL, text)
+        return
+    names = read_life_cycle(declared.life_cycle).names(Party.CLIENT)
+    for name in wishes:
+        if name not in names:
+            text = f"the handler of '{declared.name}' can't take '{name}': clients take {_listed(names)}"
+            raise RequestError(Refusal.PROTOCOL, text)
+
+
+def begin(central: State, task: Task) -> None:
+    """A handler has got a task, and accepts it, unless it says so itself."""
+    handler = handler_of(task)
+    if (handler is None or not handler.accepts) and task.state == task.message.initial:
+        module = task.slot.module.name if task.slot is not None else ""
+        task.state = task.message.running
+        task.serial += 1
+        tell(central, task, task.message.life_cycle.accepted.name, Party.SERVER, module)
+
+
+def restart(central: State, task: Task) -> None:
+    """A task goes to a handler once more. One that is to end at a client's request ends instead."""
+    asked = central.tree.forget_asked(task)
+    if task.message.life_cycle.ends_on_request(task.state):
+        last = asked[-1] if asked else None
+        kill(central, task, Verdict(last.text if last else "a client cancels it", last.module if last else CENTRAL))
+    elif task.state != task.message.initial:
+        task.state = task.message.initial
+        task.serial += 1
+        tell(central, task, "restarted", Party.CENTRAL)
+
+
+def handler_of(task: Task) -> Handler | None:
+    """The handler that has a task; None if none has."""
+    return task.slot.module.handlers.get(task.message.name) if task.slot is not None else None
+
+
+def on_change_state(central: State, connection: Connection, header: ChangeState, body: bytes) -> None:
+    """A client of a task, or its handler, wants its state changed."""
+    task = central.living(connection, header.number, header.task, f"it can't take '{header.transition}'")
+    if task is None:
+        return
+    if header.serial > task.serial:
+        text = f"{task} has changed {task.serial} times, and the request names change {header.serial}: begin anew"
+        raise RequestError(Refusal.PROTOCOL, text)
+    central.check_room(len(body))
+    header = _shortened(header)
+    asking = central.dispatcher.running.get(central.origin)
+    if asking is task:
+        _change_by_server(central, connection, header, body, task)
+    else:
+        _change_by_client(central, connection, header, body, task)
+
+
+def _shortened(header: ChangeState) -> ChangeState:
+    text = shortened(header.text)
+    return (
+        header
+        if text is header.text
+        else ChangeState(header.number, header.task, header.transition, header.serial, text, header.origin)
+    )
+
+
+# --- the client's ----------------------------------------------------------------------------------------------------
+
+
+def _change_by_client(central: State, connection: Connection, header: ChangeState, body: bytes, task: Task) -> None:
+    cycle, name = task.message.life_cycle, header.transition
+    step = cycle.step(task.state, name, Party.CLIENT)
+    if step is None:
+        _refuse(task, name, Party.CLIENT)
+        if -1 < header.serial < task.serial:  # the server was first
+            central.ignore(connection, header.number, f"{task} is {task.state} by now: '{name}' comes too late")
+            return
+        raise RequestError(Refusal.TOO_LATE, _not_now(task, name, Party.CLIENT))
+    if body and step.effect is not Effect.NEW_GOAL:
+        raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
+    central.tree.forget_asked(task, lambda one: not _is_awaited(task, one))
+    if task.rare is not None and len(task.rare.asked) >= MOST_ASKED:
+        raise RequestError(Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already")
+    asked_for(central, task, step, connection.module.name, header.text, body)
+    central.accept(connection, header.number, task.serial)
+
+
+def asked_for(central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b"") -> None:
+    """A client asks for something: the handler decides, or central for it."""
+    source = task.state
+    _take(central, task, step, Party.CLIENT, module, text, body)
+    handler = handler_of(task)
+    is_told = handler is not None and step.name in handler.takes
+    asked = ClientRequest(step.name, source, task.serial, module, text, body, is_told)
+    central.tree.ask(task, asked)
+    if is_told:
+        _tell_handler(central, task, asked)
+    else:
+        _decide(central, task, step, asked)
+
+
+def _is_awaited(task: Task, asked: ClientRequest) -> bool:
+    """Whether the server has to say something to what a client asked for."""
+    cycle = task.message.life_cycle
+    target = cycle.steps[asked.source, asked.name].target
+    return bool(cycle.refusal(target) or cycle.grant(target) or cycle.ends_on_request(target))
+
+
+def _tell_handler(central: State, task: Task, asked: ClientRequest) -> None:
+    assert task.slot is not None
+    header = Requested(task.given_as, asked.name, asked.serial, asked.text)
+    central.tell(task.slot, header, asked.body)
+
+
+def tell_again(central: State, task: Task) -> None:
+    """The handler of a task may not have heard what clients have asked for."""
+    for asked in task.rare.asked if task.rare is not None else ():
+        if asked.is_told:
+            _tell_handler(central, task, asked)
+
+
+def _decide(central: State, task: Task, step: Transition, asked: ClientRequest) -> None:
+    """The default, where no handler decides."""
+    if why := _why_refused(central, task, step):
+        refusal = task.message.life_cycle.refusal(task.state)
+        central.tree.forget_asked(task)
+        if refusal is not None:
+            _take(central, task, refusal, Party.CENTRAL, "", why)
+    elif step.effect is Effect.NEW_GOAL:
+        _take_goal(central, task, asked.body)
+        retry_task(central, task, asked.body, asked.module)
+    elif task.message.life_cycle.ends_on_request(task.state):
+        kill(central, task, Verdict(asked.text or "a client cancels it", asked.module, central.origin))
+
+
+def _why_refused(central: State, task: Task, step: Transition) -> str:
+    """The reason why a request is refused in the name of the task's handler; "" if it is granted."""
+    handlers = task.message.handlers
+    handler = handler_of(task) or (handlers[-1] if handlers and task.state != task.message.initial else None)
+    cycle = task.message.life_cycle
+    if handler is not None and step.name in handler.refuses and cycle.refusal(task.state) is not None:
+        return f"the handler of '{task.message.name}' takes no '{step.name}'"
+    if step.effect is Effect.NEW_GOAL:
+        try:
+            check_order(central, task, None)
+        except RequestError as error:
+            return error.text
+        return ""
+    is_known = cycle.ends_on_request(task.state)
+    return "" if is_known else f"the handler of '{task.message.name}' knows no '{step.name}'"
+
+
+def _take_goal(central: State, task: Task, goal: bytes) -> None:
+    """The new goal is the task's from now on."""
+    central.tree.forget_asked(task)
+    _set_goal(central, task, goal)
+    grant = task.message.life_cycle.grant(task.state)
+    if grant is not None:
+        _take(central, task, grant, Party.CENTRAL, "", "it begins anew with the new goal")
+
+
+# --- the server's ----------------------------------------------------------------------------------------------------
+
+
+def _change_by_server(central: State, connection: Connection, header: ChangeState, body: bytes, task: Task) -> None:
+    cycle, name = task.message.life_cycle, header.transition
+    seen = header.serial if header.serial >= 0 else task.serial
+    asked = task.rare.asked if task.rare is not None else []
+    unseen = [one for one in asked if one.serial > seen]
+    step, overtaken = cycle.step(task.state, name, Party.SERVER), False
+    if step is None and unseen:
+        step, overtaken = cycle.step(unseen[0].source, name, Party.SERVER), True
+    if step is None:
+        _refuse(task, name, Party.SERVER)
+        raise RequestError(Refusal.PROTOCOL, _not_now(task, name, Party.SERVER))
+    if cycle.is_over(step.target) and step.effect is not Effect.STOP:
+        raise RequestError(Refusal.PROTOCOL, f"'{name}' ends {task}: its handler returns, or fails, instead")
+    if body and step.effect is not Effect.RESULT:
+        raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
+    _apply(central, task, step, connection.module.name, header.text, body, seen)
+    for one in unseen if overtaken else ():
+        _apply_again(central, task, one)
+    if header.number:
+        central.accept(connection, header.number, task.serial)
+
+
+def _apply(
+    central: State, task: Task, step: Transition, module: str, text: str, body: bytes, seen: int
+) -> None:  # fmt: skip
+    """The server's transition, and what it means for what clients have asked for."""
+    if step.effect is Effect.RESULT:
+        central.tree.forget_asked(task, lambda one: one.serial <= seen and not _is_awaited(task, one))
+        central.tree.set_progress(task, body)
+        _take(central, task, step, Party.SERVER, module, text, body)
+        return
+    asked = central.tree.forget_asked(task)
+    if step.effect is Effect.TAKE_GOAL:
+        goals = [one.body for one in asked if one.serial <= seen and one.body]
+        if goals:
+            _set_goal(central, task, goals[-1])
+    if step.effect is Effect.STOP:
+        wanted = asked[-1] if asked else None
+        verdict = Verdict((wanted.text if wanted else "") or "a client cancels it", wanted.module if wanted else module)
+        kill(central, task, verdict)
+        return
+    _take(central, task, step, Party.SERVER, module, text, b"")
+
+
+def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
+    """A client's request that the server had not seen comes after what that did."""
+    step = None if task.killed else task.message.life_cycle.step(task.state, asked.name, Party.CLIENT)
+    if step is None:
+        text = f"{task} is {task.state} by now: '{asked.name}' comes too late"
+        central.facts.append(facts.Ignored(asked.module, text))
+    else:
+        asked_for(central, task, step, asked.module, asked.text, asked.body)
+
+
+def _set_goal(central: State, task: Task, goal: bytes) -> None:
+    central.tree.grow(task, len(goal) - len(task.body))
+    task.body = goal
+
+
+# --- both ------------------------------------------------------------------------------------------------------------
+
+
+def _take(
+    central: State, task: Task, step: Transition, by: Party, module: str, text: str, body: bytes = b""
+) -> None:  # fmt: skip
+    task.state = step.target
+    task.serial += 1
+    central.facts.append(
+        facts.StateChanged(TaskId(task.id), step.name, task.state, task.serial, by, module, text, body)
+    )
+    tell(central, task, step.name, by, module, text, body)
+
+
+def _refuse(task: Task, name: str, by: Party) -> None:
+    """Raise RequestError if the table has no such transition for them at all."""
+    cycle = task.message.life_cycle
+    if name not in cycle.names(by):
+        others = [party for party in (Party.CLIENT, Party.SERVER) if party is not by and name in cycle.names(party)]
+        hint = f", it is the {others[0]}'s" if others else ""
+        text = f"a {by} can't take '{name}' of {task}{hint}: {cycle} has {_listed(cycle.names(by))} for it"
+        raise RequestError(Refusal.UNKNOWN, text)
+
+
+def _not_now(task: Task, name: str, by: Party) -> str:
+    sources = " or ".join(f"'{one}'" for one in task.message.life_cycle.sources(name, by))
+    return f"{task} is '{task.state}': '{name}' is possible while it is {sources}"
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names) or "nothing"

@@ -1,0 +1,136 @@
+"""Observers are told of each change of a task's state; those who come late, first how things stand."""
+
+from collections.abc import Iterable
+
+import msgspec
+
+from tca_central.errors import RequestError
+from tca_central.model.budget import WAIT_BYTES
+from tca_central.model.deliveries import Connection
+from tca_central.model.observers import Observation
+from tca_central.model.task_tree import Task
+from tca_central.state import State
+from tca_wire.life_cycles import GENERAL
+from tca_wire.packets.changes import Observe
+from tca_wire.packets.headers import Answer
+from tca_wire.packets.parts import StateChange
+from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import Outcome, Party, Refusal
+
+MOST_LATE = 10_000
+"""Tasks of which an observer who comes late is told."""
+MOST_LOOKED_AT = 100_000
+"""Tasks that are looked at for that."""
+
+
+def on_observe(central: State, connection: Connection, header: Observe, _: bytes) -> None:
+    """A module wants to be told of states. It is told how things stand; then an answer without a body says that what
+    comes now is news.
+    """
+    observation = Observation(connection, header)
+    central.check_declared(WAIT_BYTES)
+    if header.task and central.tree.task(header.task) is None:
+        _tell_end(central, connection, header)
+        return
+    late = _living(central, observation)
+    connection.outstanding[header.number] = observation
+    central.observers.add(observation)
+    for task in late:
+        _send(central, observation, msgspec.msgpack.encode(_as_it_stands(task)), task.state)
+    central.tell(connection, Answer(header.number, more=True))
+
+
+def _living(central: State, observation: Observation) -> list[Task]:
+    """The tasks that it is about. Raises RequestError if there are too many of them."""
+    tree = central.tree
+    if observation.task_id:
+        return [tree.tasks[observation.task_id]]
+    if observation.below:
+        top = tree.task(TaskId(observation.below))
+        found: Iterable[Task] = tree.subtree(top) if top is not None else ()
+    else:
+        found = tree.tasks.values()
+    if len(tree.tasks) <= MOST_LOOKED_AT:
+        late = [task for task in found if observation.wants(task)]
+        if len(late) <= MOST_LATE:
+            return late
+    text = f"there are {len(tree.tasks)} tasks: observe a message, what is under a task, or one task"
+    raise RequestError(Refusal.OVERLOAD, text)
+
+
+def _tell_end(central: State, connection: Connection, header: Observe) -> None:
+    """The task to be observed has ended: tell how."""
+    outcome = central.outcome_of_ended(header.task)
+    if outcome is None:
+        text = f"task {header.task} ended too long ago to know how: see the journal"
+        raise RequestError(Refusal.TOO_LATE, text)
+    message = central.registry.messages.get(header.message)
+    cycle = message.life_cycle if message is not None else GENERAL
+    result, failure, text, body = outcome
+    change = StateChange(
+        header.task, header.message, -1, cycle.done if result is Outcome.DONE else cycle.cancelled, "", Party.SERVER,
+        text=_why(failure, text), data=body, is_late=True, is_over=True,
+    )  # fmt: skip
+    central.tell(connection, Answer(header.number, more=True), msgspec.msgpack.encode(change))
+    central.send(connection, header.number, Answer(header.number))
+
+
+def _why(failure: str, text: str) -> str:
+    return f"{failure}: {text}" if failure and text else failure or text
+
+
+def _as_it_stands(task: Task) -> StateChange:
+    progress = task.rare.progress if task.rare is not None else b""
+    return StateChange(
+        TaskId(task.id), task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body, data=progress,
+        is_late=True,
+    )  # fmt: skip
+
+
+def tell(
+    central: State, task: Task, transition: str, by: Party, module: str = "", text: str = "", data: bytes = b"",
+    *, is_over: bool = False,
+) -> None:  # fmt: skip
+    """Tell all who observe a task of a change."""
+    if not central.observers.count:
+        return
+    observers = list(central.observers.of(task))
+    if not observers:
+        return
+    change = StateChange(
+        TaskId(task.id), task.message.name, task.serial, task.state, transition, by, module, text, task.body, data,
+        is_over=is_over,
+    )  # fmt: skip
+    encoded = msgspec.msgpack.encode(change)
+    for one in observers:
+        _send(central, one, encoded, task.state)
+        if is_over and one.task_id != ROOT:
+            central.observers.remove(one)
+            one.connection.outstanding.pop(one.number, None)
+            central.send(one.connection, one.number, Answer(one.number))
+
+
+def _send(central: State, observation: Observation, encoded: bytes, state: str) -> None:
+    if not observation.states or state in observation.states:
+        central.tell(observation.connection, Answer(observation.number, more=True), encoded)
+
+
+def tell_birth(central: State, task: Task) -> None:
+    """A task is new."""
+    module = task.sender.module.name if task.sender is not None else ""
+    if task.state == task.message.initial:
+        tell(central, task, "initiated", Party.CLIENT if module else Party.CENTRAL, module)
+
+
+def tell_end(central: State, task: Task) -> None:
+    """A task has ended: its last state is that of its outcome."""
+    if not central.observers.count:
+        return
+    cycle = task.message.life_cycle
+    outcome, failure, text, body = central.outcome(task)
+    end_state = cycle.done if outcome is Outcome.DONE else cycle.cancelled
+    transition = cycle.ending(task.state, end_state, failed=outcome is Outcome.FAILED)
+    task.state = end_state
+    task.serial += 1
+    by = Party.CENTRAL if outcome is Outcome.KILLED else Party.SERVER
+    tell(central, task, transition, by, "", _why(failure, text), body, is_over=True)

@@ -1,0 +1,240 @@
+"""Life cycles as tables: the built-in ones are the figures of Lütkebohle et al., and a table by which no task could go is
+refused when it is made.
+"""
+
+from itertools import product
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tca_wire.errors import BadFormat
+from tca_wire.life_cycles import (
+    BASIC,
+    GENERAL,
+    MOST_TRANSITIONS,
+    Effect,
+    LifeCycle,
+    Transition,
+    ending,
+    read_life_cycle,
+)
+from tca_wire.messages.declarations import Command, Goal
+from tca_wire.vocabulary import Party
+
+CLIENT, SERVER, BOTH = Party.CLIENT, Party.SERVER, Party.BOTH
+ACCEPTED = Transition("accepted", "initiated", "running")
+BEGIN = [ACCEPTED, Transition("rejected", "initiated", "cancelled")]
+RUN = [*BEGIN, *ending("running")]
+Row = tuple[str, str, str, Party]
+
+FIGURE_2: set[Row] = {
+    ("initiated", "accepted", "running", SERVER),
+    ("initiated", "rejected", "cancelled", SERVER),
+    ("initiated", "already done", "done", SERVER),
+    ("running", "completed", "done", SERVER),
+    ("running", "failed", "cancelled", SERVER),
+}
+ACTIVE = ("running", "update requested", "cancel requested")
+FIGURE_10: set[Row] = {
+    *FIGURE_2,
+    ("running", "update", "update requested", CLIENT),
+    ("update requested", "accept", "running", SERVER),
+    ("update requested", "reject", "running", SERVER),
+    ("running", "cancel", "cancel requested", CLIENT),
+    ("cancel requested", "cancel failed", "running", SERVER),
+    ("cancel requested", "aborted", "cancelled", SERVER),
+    *((state, "result available", state, SERVER) for state in ACTIVE),  # the figure draws these three at "Active"
+    *((state, "completed", "done", SERVER) for state in ACTIVE),
+    *((state, "failed", "cancelled", SERVER) for state in ACTIVE),
+}
+MORE_THAN_THE_FIGURE: set[Row] = {
+    ("initiated", "cancel", "cancel requested", CLIENT),
+    ("update requested", "cancel", "cancel requested", CLIENT),
+}
+
+
+def rows(life_cycle: LifeCycle) -> list[Row]:
+    return [(one.source, one.name, one.target, one.by) for one in life_cycle.transitions]
+
+
+def test_the_built_in_ones_are_the_figures() -> None:
+    assert sorted(rows(BASIC)) == sorted(FIGURE_2)
+    assert sorted(rows(GENERAL)) == sorted(FIGURE_10 | MORE_THAN_THE_FIGURE)
+    assert BASIC.active == ("running",)
+    assert set(GENERAL.active) == set(ACTIVE)
+    for one in (BASIC, GENERAL):
+        assert (one.initial, one.done, one.cancelled) == ("initiated", "done", "cancelled")
+        assert [state for state in one.states if one.is_over(state)] == ["done", "cancelled"]
+
+
+@pytest.mark.parametrize("life_cycle", [BASIC, GENERAL], ids=str)
+def test_each_party_takes_its_own_transitions_only(life_cycle: LifeCycle) -> None:
+    table = {(source, name): (target, by) for source, name, target, by in rows(life_cycle)}
+    names = {name for _, name, _, _ in rows(life_cycle)}
+    for state, name, party in product(life_cycle.states, names, (CLIENT, SERVER)):
+        step = life_cycle.step(state, name, party)
+        target, by = table.get((state, name), ("", Party.CENTRAL))
+        assert (step.target if step else "") == (target if by is party else "")
+        assert (state in life_cycle.sources(name, party)) == (step is not None)
+        assert step is None or name in life_cycle.names(party)
+
+
+def test_central_does_something_with_these_only() -> None:
+    with_effect = {(one.source, one.name): one.effect for one in GENERAL.transitions if one.effect}
+    assert with_effect == {
+        ("running", "update"): Effect.NEW_GOAL,
+        ("update requested", "accept"): Effect.TAKE_GOAL,
+        ("update requested", "reject"): Effect.REFUSE,
+        ("cancel requested", "cancel failed"): Effect.REFUSE,
+        ("cancel requested", "aborted"): Effect.STOP,
+        **{(state, "result available"): Effect.RESULT for state in ACTIVE},
+    }
+    assert not any(one.effect for one in BASIC.transitions)
+
+
+def test_what_a_server_may_say_to_what_a_client_asks() -> None:
+    grant, refusal = GENERAL.grant("update requested"), GENERAL.refusal("update requested")
+    assert grant is not None
+    assert refusal is not None
+    assert (grant.name, refusal.name) == ("accept", "reject")
+    failed = GENERAL.refusal("cancel requested")
+    assert failed is not None
+    assert failed.name == "cancel failed"
+    assert GENERAL.grant("cancel requested") is None
+    assert [state for state in GENERAL.states if GENERAL.ends_on_request(state)] == ["cancel requested"]
+    assert not any(BASIC.refusal(state) or BASIC.grant(state) or BASIC.ends_on_request(state) for state in BASIC.states)
+
+
+def test_an_end_has_the_name_that_the_table_gives_it() -> None:
+    assert GENERAL.ending("running", "done") == "completed"
+    assert GENERAL.ending("running", "cancelled", failed=True) == "failed"
+    assert GENERAL.ending("initiated", "done") == "already done"
+    assert GENERAL.ending("initiated", "cancelled", failed=True) == "rejected"
+    assert GENERAL.ending("cancel requested", "cancelled") == "aborted"
+    assert GENERAL.ending("cancel requested", "cancelled", failed=True) == "failed"
+    assert LifeCycle("own", [*BEGIN, Transition("over", "running", "done")]).ending("running", "cancelled") == "failed"
+
+
+PAUSE = [Transition("pause", "running", "paused", CLIENT), Transition("resume", "paused", "running", CLIENT)]
+STRANGE: Any = "strange"
+REFUSED: list[tuple[list[Any], str]] = [
+    ([], "no transition of the server leads from 'initiated' to a state in which the task runs"),
+    ([Transition("accepted", "initiated", "running", CLIENT), *ending("running")], "no transition of the server leads"),
+    ([Transition("already done", "initiated", "done")], "no transition of the server leads from 'initiated' to a state"),
+    ([*RUN, Transition("completed", "running", "cancelled")],
+     "'completed' leaves 'running' twice: give each transition of a state its own name"),
+    ([*RUN, Transition("wake", "asleep", "running")], "'asleep' is never reached from 'initiated'"),
+    ([*RUN, *PAUSE], "the server can't end a task that is 'paused': add a way to an end, see ending()"),
+    ([*RUN, Transition("stick", "running", "stuck")], "the server can't end a task that is 'stuck'"),
+    ([*RUN, Transition("again", "done", "running")], "'again' from 'done': an ended task takes no transition"),
+    ([*RUN, Transition("tick", "running", "running", Party.CENTRAL)],
+     "'tick' from 'running': client, server or both take it"),
+    ([*RUN, Transition("stop", "running", "cancelled", CLIENT)],
+     "'stop' from 'running': the server ends a task, a client asks for it: lead to a state that the server leaves"),
+    ([*RUN, Transition("stop", "running", "cancelled", BOTH)], "'stop' from 'running': the server ends a task"),
+    ([*RUN, Transition("update", "running", "running", SERVER, Effect.NEW_GOAL)],
+     "'update' from 'running': only the client takes a transition with the effect 'new goal'"),
+    ([*RUN, Transition("found", "running", "running", BOTH, Effect.RESULT)],
+     "'found' from 'running': only the server takes a transition with the effect 'result'"),
+    ([*RUN, Transition("aborted", "running", "done", SERVER, Effect.STOP)],
+     "'aborted' from 'running': with the effect 'stop' it leads to 'cancelled'"),
+    ([*RUN, Transition("", "running", "running")], "'' is no name: give a few printable characters"),
+    ([*RUN, Transition("a\nb", "running", "running")], "'a\\nb' is no name"),
+    ([*RUN, Transition(STRANGE, "running", 5)], "5 is no name"),  # type: ignore[arg-type]
+    ([*RUN, *(Transition(f"step {n}", "running", "running") for n in range(MOST_TRANSITIONS))],
+     "104 transitions are too many: 100 are allowed"),
+    ([*RUN, Transition("pause", "running", "running", STRANGE)],
+     "'pause' from 'running': client, server or both take it (Party), not 'strange'"),
+    ([*RUN, Transition("pause", "running", "running", SERVER, STRANGE)],
+     "'pause' from 'running': 'strange' is no Effect"),
+    ([*RUN, "completed"], "'completed' is no Transition"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("transitions", "words"), REFUSED, ids=[words for _, words in REFUSED])
+def test_a_table_by_which_no_task_could_go_is_refused(transitions: list[Any], words: str) -> None:
+    with pytest.raises(BadFormat) as error:
+        LifeCycle("odd", transitions)
+    assert str(error.value).startswith("life cycle 'odd' can't be: ")
+    assert words in str(error.value)
+
+
+def test_its_first_state_and_its_ends_are_three() -> None:
+    for same in ({"done": "over", "cancelled": "over"}, {"done": "initiated"}, {"initial": "cancelled"}):
+        with pytest.raises(BadFormat, match="its first state and its two ends must be three states"):
+            LifeCycle("odd", RUN, **same)
+    with pytest.raises(BadFormat, match="no name"):
+        LifeCycle("", RUN)
+
+
+def test_states_have_the_names_of_the_table() -> None:
+    own = LifeCycle(
+        "polite", [Transition("begin", "asked", "at work"), *ending("at work", done="thanked", cancelled="sorry")],
+        initial="asked", done="thanked", cancelled="sorry",
+    )  # fmt: skip
+    assert own.states == ("asked", "at work", "thanked", "sorry")
+    assert (own.active, own.accepted.name) == (("at work",), "begin")
+    assert [own.is_over(state) for state in own.states] == [False, False, True, True]
+
+
+def test_a_table_goes_into_the_declaration_and_comes_out_the_same() -> None:
+    pausable = LifeCycle("pausable", [*GENERAL.transitions, *PAUSE, *ending("paused")])
+    assert read_life_cycle(Command("grasp", life_cycle=pausable).format.life_cycle) == pausable
+    assert read_life_cycle(Goal("tidy", life_cycle=BASIC).format.life_cycle) == BASIC
+    assert Command("grasp").format.life_cycle == ""  # as in the journals and packets of before
+    assert read_life_cycle("") is GENERAL
+    assert read_life_cycle(GENERAL.text) == GENERAL
+    others = [BASIC, pausable, LifeCycle("pausable", GENERAL.transitions), LifeCycle("general", BASIC.transitions)]
+    assert len({GENERAL, *others}) == 5
+
+
+@pytest.mark.parametrize(
+    "text", ["nonsense", "[]", '["odd","initiated","done","cancelled"]', '["odd","a","b","c",[["x"]]]', "[" * 100_000]
+)
+def test_text_that_is_no_table_is_refused(text: str) -> None:
+    with pytest.raises(BadFormat, match="no table of a life cycle"):
+        read_life_cycle(text)
+
+
+def test_a_message_takes_a_life_cycle_only() -> None:
+    for odd in ("general", None, GENERAL.transitions):
+        with pytest.raises(
+            BadFormat, match="the life cycle of command 'grasp' must be a LifeCycle, such as GENERAL, not"
+        ):
+            Command("grasp", life_cycle=odd)  # type: ignore[call-overload]
+
+
+ALIVE = ["initiated", "running", "paused", "asleep"]
+STATES = st.sampled_from([*ALIVE, "done", "cancelled"])
+NAMES, PARTIES = st.sampled_from("abcdef"), st.sampled_from([CLIENT, SERVER, BOTH])
+TRANSITIONS = st.builds(Transition, NAMES, st.sampled_from(ALIVE) | STATES, STATES, PARTIES)
+
+
+@given(st.lists(TRANSITIONS, max_size=5))
+def test_in_what_is_not_refused_every_task_can_begin_and_end(more: list[Transition]) -> None:
+    """A table is refused just if one of these is not so; told again here, by going all ways of a few steps."""
+    table = [ACCEPTED, Transition("completed", "running", "done"), Transition("failed", "running", "cancelled"), *more]
+
+    def reached(start: str, *, by_client: bool) -> set[str]:
+        met = {start}
+        for _ in range(5):
+            met |= {one.target for one in table if one.source in met and (by_client or one.by is not CLIENT)}
+        return met
+
+    states = {"initiated", "done", "cancelled"} | {one.target for one in table}
+    wrong = (
+        len({(one.source, one.name) for one in table}) < len(table)
+        or any(one.source in ("done", "cancelled") for one in table)
+        or any(one.by is not SERVER and one.target in ("done", "cancelled") for one in table)
+        or reached("initiated", by_client=True) < states | {one.source for one in table}
+        or any(not reached(state, by_client=False) & {"done", "cancelled"} for state in states)
+    )
+    try:
+        made = LifeCycle("random", table)
+    except BadFormat:
+        assert wrong
+    else:
+        assert not wrong
+        assert read_life_cycle(made.text) == made
