@@ -310,19 +310,25 @@ class LocalTransport:
         self._called.notify()
         self._waker.set()
 
-    def receive(self, timeout_seconds: float) -> bytes | None:
-        """The next packet; None if there is none in time, or ``wake`` was called."""
+    def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
+        """The next packet; None if there is none in time, ``wake`` was called, or it is the moment *alarm*."""
         with self._lock:
-            if timeout_seconds > 0 and not self._has_some():
-                self.due = math.inf
+            if not self._central.is_stepped:
+                timeout_seconds = min(timeout_seconds, alarm - self._central.now())
+            if timeout_seconds > 0 and not self._may_go_on(alarm):
+                self.due = alarm if self._central.is_stepped else math.inf
                 self._pause()
-                self._called.wait_for(self._has_some, timeout_seconds)
+                self._called.wait_for(lambda: self._may_go_on(alarm), timeout_seconds)
                 self._run()
             while self._has_some():
                 _, packet = self.packets.popleft()
                 if packet:
                     return packet
         return None
+
+    def _may_go_on(self, alarm: float) -> bool:
+        """Whether its thread has something to do, and may. The lock is held."""
+        return self._has_some() or (alarm <= self._central.now() and self._central.may_take(self))
 
     def _has_some(self) -> bool:
         return bool(self.packets) and self._central.may_take(self)

@@ -6,6 +6,7 @@ resource.
 
 import contextlib
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable
@@ -448,6 +449,19 @@ class Connection:
         self.check_thread()
         with self._lock:
             self.waiting.unless_woken(lambda: False, seconds, what)
+
+    def wait_until(self, is_over: Callable[[], bool], what: object, moment: float | None = None) -> bool:
+        """Wait until *is_over*, at most until a *moment* of the transport's clock; whether it is. ``call_soon`` has it
+        look again. Raises what ``wait`` does.
+        """
+        self.check_thread()
+        time, alarm = self.transport.time, math.inf if moment is None else moment
+        with self._lock:
+            self.line.catch_up()
+            self.waiting.unless_woken(lambda: is_over() or time() >= alarm, None, what, alarm=alarm)
+            if not (came := is_over()):
+                self.waiting.check_woken(what)  # a loop that is late hears it, too
+            return came
 
     def call_soon(self, function: Callable[[], None]) -> None:
         """Have the thread of this connection call a function in its present or next wait; from any thread."""

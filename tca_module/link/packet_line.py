@@ -1,6 +1,7 @@
 """Packets to and from one central, and direct ones. Never waits longer than it is told to."""
 
 import logging
+import math
 from collections.abc import Callable
 
 from tca_module.direct.messages import DirectMessages
@@ -77,9 +78,9 @@ very long; or no central listens there, but another program"
             self.flush(wait_seconds=0)
         return due
 
-    def listen(self, timeout: float) -> bool:
-        """Take in what arrives next; False if nothing does in time."""
-        packet = self._transport.receive(timeout)
+    def listen(self, timeout: float, alarm: float = math.inf) -> bool:
+        """Take in what arrives next; False if nothing does in time, or before the moment *alarm*."""
+        packet = self._transport.receive(timeout, alarm)
         if packet is not None:
             self._take_in(packet)
         else:

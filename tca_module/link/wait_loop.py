@@ -32,9 +32,11 @@ class WaitLoop:
         self.is_calling_back = False  #: one of them is being called
         self._word: Request | None = None  #: asked of central: nothing that is ahead begins before its answer
 
-    def until(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *is_over*; whether it is in time. Raises CentralLost if central is silent for too long."""
-        return self._wait(is_over, timeout, self.patience)
+    def until(self, is_over: Callable[[], bool], timeout: float | None, alarm: float = _FOR_EVER) -> bool:
+        """Wait until *is_over*; whether it is in time. Raises CentralLost if central is silent for too long. It looks
+        again at the moment *alarm* of the clock on which callbacks are due.
+        """
+        return self._wait(is_over, timeout, self.patience, alarm=alarm)
 
     def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None) -> None:
         """Wait until *is_over*, however long central is silent; handle also what is ahead. *idle* is called in between,
@@ -43,19 +45,26 @@ class WaitLoop:
         self._wait(is_over, None, _FOR_EVER, idle)
 
     def unless_woken(
-        self, is_over: Callable[[], bool], timeout: float | None, what: object, request: Request | None = None
-    ) -> bool:
+        self, is_over: Callable[[], bool], timeout: float | None, what: object, request: Request | None = None,
+        alarm: float = _FOR_EVER,
+    ) -> bool:  # fmt: skip
         """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
         open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
         can_wake = one is not None or open_deliveries.is_ending is not never
         if not can_wake or (request is not None and not waits_for_others(request)):
-            return self._wait(is_over, timeout, self.patience)
-        came = self.until(lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout)
+            return self.until(is_over, timeout, alarm)
+        came = self.until(lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout, alarm)
         why = open_deliveries.wake_reason(one)
         if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
+            self.check_woken(what)
+        return came
+
+    def check_woken(self, what: object) -> None:
+        """Raise TaskKilled or Stopped if the calling handler is to be woken, from its wait for *what*."""
+        open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
+        if why := open_deliveries.wake_reason(one):
             open_deliveries.mark_told(one)
             raise wake_error(one, why, self._session.module, str(what))
-        return came
 
     @property
     def has_news(self) -> bool:
@@ -88,7 +97,7 @@ class WaitLoop:
 
     def _wait(
         self, is_over: Callable[[], bool], timeout: float | None, patience: float,
-        idle: Callable[[float], bool] | None = None,
+        idle: Callable[[float], bool] | None = None, alarm: float = _FOR_EVER,
     ) -> bool:  # fmt: skip
         session, line, since = self._session, self._line, self._clock()
         now, deadline = since, _FOR_EVER if timeout is None else since + timeout
@@ -104,7 +113,7 @@ class WaitLoop:
                 due = now
             is_next = idle is not None and self._has_next
             step = 0.0 if is_next else self._seconds_to(due, deadline, since, patience)
-            line.listen(0.0 if idle is not None and idle(step) else step)
+            line.listen(0.0 if idle is not None and idle(step) else step, alarm)
             before, now = now, self._clock()
             if now - before > step + STALL:
                 since = now  # this process stood still, and central's words have yet to be read: blame nobody

@@ -1,7 +1,11 @@
 """The Task that a handler gets: the message being handled, and a Sender for its subtasks."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
+from tca_module import checks
+from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble, context_of
@@ -28,6 +32,7 @@ class Task(Sender, SteerableTask):
 
     def __init__(self, connection: Connection, delivery: Deliver, message: Message[Any, Any]) -> None:
         self._link: Connection | None = connection
+        self._wakes: Connection = connection  # also when the handler has returned
         self._message = message
         self._delivery = delivery
         self._what = numbered(message.name, delivery.task) if delivery.task else f"'{message.name}'"
@@ -102,6 +107,44 @@ class Task(Sender, SteerableTask):
         if not isinstance(context, kind):
             raise MisuseError(f"'{self.message}' was not sent as {what}")
         return context
+
+    # --- time ------------------------------------------------------------------------------------------------------
+
+    def time(self) -> float:
+        """The seconds of the clock by which handlers sleep; it never jumps, and a test may step it."""
+        return self._connection().transport.time()
+
+    def sleep(self, seconds: float) -> None:
+        """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or the module ends."""
+        check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)
+        self.sleep_until(self.time() + seconds)
+
+    def sleep_until(self, moment: float) -> None:
+        """Let time pass until that moment of ``time()``: without drift, what a loop does meanwhile counts. Otherwise
+        like ``sleep``.
+        """
+        self._connection().wait_until(lambda: False, f"the sleep of {self}", moment)
+
+    def wait_until(self, is_over: Callable[[], bool], timeout: float | None = None) -> bool:
+        """Wait until *is_over*, at most *timeout* seconds of ``time()``; whether it is. Otherwise like ``sleep``.
+
+        It looks when ``wake()`` was called, from any thread: a driver's, for example.
+        """
+        what = f"wait_until() of {self}"
+        check(what, checks.TIMEOUT, timeout=timeout)
+        connection = self._connection()
+        connection.transport.waker()
+        return connection.wait_until(is_over, what, None if timeout is None else self.time() + timeout)
+
+    def wake(self) -> None:
+        """Have ``wait_until()`` look again; from any thread, at any time."""
+        self._wakes.transport.wake()
+
+    def shielded(self) -> AbstractContextManager[None]:
+        """A block whose waits no kill and no end of the module cuts short: for what must be done to leave things safe.
+        ``cancelled`` still tells.
+        """
+        return self._connection().session.open_deliveries.shielded()
 
     def reply_later(self) -> LaterReply[Any]:
         """Let somebody else reply: return this from the handler, which is then done; the message is not.

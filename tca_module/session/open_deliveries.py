@@ -5,7 +5,8 @@ because its module ends. Reading ``task.cancelled`` as true counts as being told
 can clean up. The context tells which handler waits: for asyncio tasks, the one that started them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from contextvars import Context, ContextVar
 
 from tca_module.errors import Stopped, TaskKilled
@@ -22,8 +23,8 @@ def never() -> bool:
 class OpenDelivery:
     """A delivery that is being handled, or about to be."""
 
-    __slots__ = ("delivery", "is_killed", "is_suspended", "is_told_of_end", "is_told_of_kill", "name", "owner",
-                 "why_killed")  # fmt: skip
+    __slots__ = ("delivery", "is_killed", "is_shielded", "is_suspended", "is_told_of_end", "is_told_of_kill", "name",
+                 "owner", "why_killed")  # fmt: skip
 
     def __init__(self, owner: "OpenDeliveries", delivery: int, *, is_suspended: bool = False) -> None:
         self.owner = owner
@@ -31,6 +32,7 @@ class OpenDelivery:
         self.name = ""  #: its message, for people
         self.is_killed = False  #: its task; or the task is to be handled again, or forgotten
         self.why_killed = ""  #: and by whom
+        self.is_shielded = False  #: its handler cleans up, and is not woken meanwhile
         self.is_suspended = is_suspended  #: its task
         self.is_told_of_kill = False  #: the handler knows it
         self.is_told_of_end = False  #: the handler knows that the module ends
@@ -133,6 +135,8 @@ class OpenDeliveries:
 
     def wake_reason(self, one: OpenDelivery | None) -> str:
         """Why a handler is to be woken: KILLED, ENDS or "". A callback (None) is woken whenever the module ends."""
+        if one is not None and one.is_shielded:
+            return ""
         if one is not None and one.is_killed and not one.is_told_of_kill:
             return KILLED
         return ENDS if self.is_ending() and not (one is not None and one.is_told_of_end) else ""
@@ -142,6 +146,19 @@ class OpenDeliveries:
         if one is not None:
             one.is_told_of_kill = one.is_killed
             one.is_told_of_end = self.is_ending()
+
+    @contextmanager
+    def shielded(self) -> Iterator[None]:
+        """A block in which the calling handler is not woken: it cleans up."""
+        one = self.waiting_handler()
+        before = one is not None and one.is_shielded
+        if one is not None:
+            one.is_shielded = True
+        try:
+            yield
+        finally:
+            if one is not None:
+                one.is_shielded = before
 
     def waiting_handler(self) -> OpenDelivery | None:
         """The handler that waits now; None for a callback, or outside of handlers."""

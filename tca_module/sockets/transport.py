@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import functools
+import math
 import os
 import select
 import selectors
@@ -57,8 +58,10 @@ class Transport(Beside, Protocol):
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         """Send, waiting so long for central to be there and take it; whether it left."""
 
-    def receive(self, timeout_seconds: float) -> bytes | None:
-        """The next packet; None if there is none in time, or something else has happened."""
+    def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
+        """The next packet; None if there is none in time, or something else has happened, such as *alarm*: a moment
+        of the clock on which callbacks are due.
+        """
 
     def files(self) -> Collection[int]:
         """The files of which one becomes readable when there may be something, or ``wake`` is called."""
@@ -238,9 +241,11 @@ class DealerTransport:
             return self.send(packet, 0)
         return True
 
-    def receive(self, timeout_seconds: float) -> bytes | None:
+    def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
         """The next packet; None if there is none in time, or something else has happened."""
         socket = self._socket
+        if alarm < math.inf:
+            timeout_seconds = min(timeout_seconds, self.seconds_until(alarm))
         if timeout_seconds <= 0:
             # Asking is cheaper than the exception that an empty socket raises.
             return socket.recv(DONTWAIT) if int(socket.getsockopt(EVENTS)) & POLLIN else None

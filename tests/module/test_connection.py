@@ -1,6 +1,7 @@
 """Waiting on a connection: a scripted central, and a clock that runs only while somebody waits."""
 
 import contextlib
+import math
 from collections.abc import Callable
 
 import pytest
@@ -77,7 +78,8 @@ class ScriptedCentral:
                 self.say(*answers)
         return True
 
-    def receive(self, timeout_seconds: float) -> bytes | None:
+    def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
+        timeout_seconds = min(timeout_seconds, alarm - self.now)
         if self.packets and self.packets[0][0] <= self.now + timeout_seconds:
             at, packet = self.packets.pop(0)
             self.now = max(self.now, at)

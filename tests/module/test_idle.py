@@ -1,5 +1,6 @@
 """Who has nothing to do does nothing: modules sleep until something is due, and central says nothing to them."""
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,9 +31,9 @@ class CountedCentral(ScriptedCentral):
 
     wakes = 0
 
-    def receive(self, timeout_seconds: float) -> bytes | None:
+    def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
         self.wakes += timeout_seconds > 0
-        return super().receive(timeout_seconds)
+        return super().receive(timeout_seconds, alarm)
 
 
 def counted() -> tuple[Connection, CountedCentral]:

@@ -439,7 +439,7 @@ def test_a_task_that_is_given_up_unheard_is_called_back(central: LocalCentral, m
     with connect("user", central) as user:
         stop = user.command(STOP)
         link = user._connection()
-        monkeypatch.setattr(link.transport, "receive", lambda _: None)
+        monkeypatch.setattr(link.transport, "receive", lambda *_: None)
         link.waiting.patience = 0.0
         with pytest.raises(CentralLost, match="command 'stop' is killed as soon as central answers, if it had heard"):
             stop.result()
