@@ -182,6 +182,11 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "__main__": {"core", "errors", "loading", "shell"},
         "invariants": {"control", "model", "order", "outgoing", "state", "watching"},
     },
+    "tca_missions": {
+        "outcomes": set(),
+        "serving": {"outcomes"},
+        "__init__": {"outcomes", "serving"},
+    },
     "tca_module": {
         "errors": set(),
         "checks": {"errors"},

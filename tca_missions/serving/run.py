@@ -1,0 +1,154 @@
+"""One run of a task: initialise, iterate, terminate, with all the ways in which it may end."""
+
+import contextlib
+import logging
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from tca_missions.outcomes import (
+    MISSION_TASK_FAILED,
+    MISSION_TASK_INITIALISATION_FAILED,
+    MISSION_TASK_TIMEOUT,
+    Status,
+    TaskEnd,
+)
+from tca_missions.serving.definition import PeriodicTask, ServedTask
+from tca_missions.serving.period import Period
+from tca_module import Callback, FailureRaised, Task
+
+StartTimer = Callable[[float, Callable[[Callback], object]], Callback]
+"""Has a function called after so many seconds, in another thread."""
+
+_PATIENCE = 5.0  # seconds that a task waits for the environment without a word
+
+
+class TaskRun:
+    """A task while it runs."""
+
+    def __init__(self, served: ServedTask[Any], start_timer: StartTimer, log: logging.Logger) -> None:
+        self.served = served
+        self.task: Task = served.task
+        self.status = Status.NEWBORN
+        self.overruns = 0  #: number of periods that were missed
+        self._start_timer = start_timer
+        self._log = log
+
+    def carry_out(self) -> TaskEnd:
+        """TaskRun to the end, and terminate whatever happens. Raises the failure, or what woke the task."""
+        self._initialise()
+        try:
+            if isinstance(self.served, PeriodicTask):
+                self._iterate_periodically(self.served)
+            else:
+                self._iterate_once()
+        except BaseException as error:
+            self._terminate_after(error)
+            raise
+        self._terminate()
+        return TaskEnd(Status.COMPLETED | Status.TERMINATED, self.served.status_text, self.overruns)
+
+    def _initialise(self) -> None:
+        try:
+            with self._environment("initialise"):
+                self.served.initialise()
+        except Exception as error:
+            if self.task.cancelled:
+                raise
+            self.status = Status.INITIALISATION_FAILED
+            if not isinstance(error, FailureRaised):
+                self._log.exception("initialise() of %s failed", self.task)
+            raise MISSION_TASK_INITIALISATION_FAILED(text=self._why(error)) from error
+        self.status = Status.INITIALISED
+
+    # --- working ---------------------------------------------------------------------------------------------------
+
+    def _iterate_periodically(self, served: PeriodicTask[Any]) -> None:
+        began, self.status = self.task.time(), Status.RUNNING
+        period = Period(began, served.task_period)
+        while True:
+            with self._environment("iterate"):
+                if self._is_completed(served.iterate()):
+                    return
+            due = period.next(self.task.time(), served.task_period)
+            self._count_overruns(period)
+            end = began + served.task_timeout if served.task_timeout else due
+            self.task.sleep_until(min(due, end))
+            if served.task_timeout and self.task.time() >= end:
+                raise self._timeout()
+
+    def _count_overruns(self, period: Period) -> None:
+        if period.missed > self.overruns == 0:
+            self._log.warning("%s misses its period of %g s: its iterate() takes longer", self.task, period.seconds)
+        self.overruns = period.missed
+
+    def _iterate_once(self) -> None:
+        self.status, task, seconds = Status.RUNNING, self.task.id, self.served.task_timeout
+
+        def fail(callback: Callback) -> None:
+            if (late := callback.task(task)) is not None:
+                late.fail(self._timeout())
+
+        timer = self._start_timer(seconds, fail) if seconds else None
+        try:
+            returned = self.served.iterate()
+            if returned is not None and not self._is_completed(returned):
+                raise self.served.failed("iterate() returned RUNNING, but the task runs once: return COMPLETED")
+        finally:
+            if timer is not None:
+                timer.cancel()
+
+    def _timeout(self) -> FailureRaised:
+        return MISSION_TASK_TIMEOUT(text=self._with_text(f"it ran for {self.served.task_timeout:g} s"))
+
+    def _is_completed(self, returned: object) -> bool:
+        if returned in (Status.RUNNING, Status.COMPLETED):
+            return returned == Status.COMPLETED
+        if not isinstance(returned, Status):
+            raise self.served.failed(f"iterate() returned {returned!r:.60}: return Status.RUNNING or Status.COMPLETED")
+        raise self.served.failed(self._with_text(f"iterate() returned {returned.name}"))
+
+    # --- the end ---------------------------------------------------------------------------------------------------
+
+    def _terminate(self) -> None:
+        """Call ``terminate``. Raises its error."""
+        self.status = Status.COMPLETED
+        with self.task.shielded(), self._environment("terminate"):
+            self.served.terminate()
+
+    def _terminate_after(self, error: BaseException) -> None:
+        """Call ``terminate``, and keep an error of its own beside *error*."""
+        self.status = Status.TIMEOUT if _is(error, MISSION_TASK_TIMEOUT.name) else Status.FAILED
+        if self.task.cancelled:
+            self.status = Status.INTERRUPTED
+        try:
+            with self.task.shielded(), self._environment("terminate"):
+                self.served.terminate()
+        except Exception as second:  # noqa: BLE001 - the error that ended the run counts
+            self._log.exception("terminate() of %s failed", self.task)
+            error.add_note(f"terminate() failed, too: {type(second).__name__}: {second}")
+
+    @contextlib.contextmanager
+    def _environment(self, what: str) -> Iterator[None]:
+        """A block in which no other task uses the environment. A long wait for it is logged."""
+        lock = self.served.env.lock
+        while not lock.acquire(timeout=_PATIENCE):
+            self._log.warning("%s() of %s waits for env.lock, which another task holds", what, self.task)
+        try:
+            yield
+        finally:
+            lock.release()
+
+    # --- words -----------------------------------------------------------------------------------------------------
+
+    def _with_text(self, words: str) -> str:
+        return f"{words}: {self.served.status_text}" if self.served.status_text else words
+
+    def _why(self, error: Exception) -> str:
+        if isinstance(error, FailureRaised):
+            is_plain = error.name == MISSION_TASK_FAILED.name
+            return self._with_text(error.text) if is_plain else self._with_text(str(error))
+        return self._with_text(f"{type(error).__name__}: {error}")
+
+
+def _is(error: BaseException, failure: str) -> bool:
+    return isinstance(error, FailureRaised) and error.name == failure

@@ -1,0 +1,177 @@
+"""What a run of a task does, from initialise to terminate, on every way out."""
+
+import logging
+
+import pytest
+from missions.gripper import Gripper, serving
+
+from tca_missions import (
+    MISSION_TASK_FAILED,
+    MISSION_TASK_INITIALISATION_FAILED,
+    MISSION_TASK_TIMEOUT,
+    OnceTask,
+    PeriodicTask,
+    Status,
+    TaskEnd,
+    status_of,
+)
+from tca_module import Command, Failure, Module, Task, TaskFailed, TaskKilled
+
+DONE = Status.COMPLETED | Status.TERMINATED
+
+
+def test_a_periodic_task_keeps_its_rate() -> None:
+    with serving() as robot:
+        sent = robot.send("Turn", task_period=0.2)
+        assert robot.after(1) == [
+            "0.00 Turn initialises", "0.00 Turn step 1", "0.20 Turn step 2", "0.40 Turn step 3", "0.40 Turn terminates",
+        ]  # fmt: skip
+        assert sent.result() == TaskEnd(DONE)
+
+
+def test_the_rate_of_the_server_counts_where_nothing_else_is_said() -> None:
+    with serving(rate=2) as robot:
+        robot.send("Turn", steps=2)
+        assert robot.after(1)[1:3] == ["0.00 Turn step 1", "0.50 Turn step 2"]
+
+
+def test_a_task_that_runs_once() -> None:
+    with serving() as robot:
+        sent = robot.send("Grasp", force=2)
+        assert robot.after(2) == ["0.00 Grasp closes", "1.00 Grasp has closed", "1.00 Grasp terminates"]
+        assert sent.result() == TaskEnd(DONE, "closed")
+
+
+@pytest.mark.parametrize(
+    ("fails_in", "failure", "text", "status"),
+    [
+        ("iterate", MISSION_TASK_FAILED, "the wrist is stuck", Status.FAILED),
+        ("status", MISSION_TASK_FAILED, "iterate() returned FAILED", Status.FAILED),
+        ("terminate", MISSION_TASK_FAILED, "the brake does not hold", Status.FAILED),
+    ],
+)
+def test_a_failure_terminates(fails_in: str, failure: Failure[None], text: str, status: Status) -> None:
+    with serving() as robot:
+        sent = robot.send("Turn", fails_in=fails_in)
+        assert robot.after(1)[-1].endswith("Turn terminates")
+        with pytest.raises(TaskFailed) as failed:
+            sent.result()
+        assert (failed.value.failure, failed.value.text) == (failure.name, text)
+        assert status_of(failed.value.failure) is status
+
+
+def test_what_could_not_be_initialised_is_not_terminated(caplog: pytest.LogCaptureFixture) -> None:
+    with serving() as robot, caplog.at_level(logging.CRITICAL, "tca.gripper"):
+        sent = robot.send("Turn", fails_in="initialise")
+        assert robot.after(1) == ["0.00 Turn initialises"]
+        with pytest.raises(TaskFailed) as failed:
+            sent.result()
+        assert failed.value.failure == MISSION_TASK_INITIALISATION_FAILED.name
+        assert failed.value.text == "ValueError: the wrist is stuck"
+        assert status_of(failed.value.failure) is Status.INITIALISATION_FAILED
+
+
+@pytest.mark.parametrize("task", ["Turn", "Grasp"])
+def test_a_timeout_terminates(task: str) -> None:
+    with serving() as robot:
+        sent = robot.send(task, task_timeout=0.25, **({"steps": 9} if task == "Turn" else {"force": 2}))
+        assert robot.after(1)[-1] == f"0.25 {task} terminates"
+        with pytest.raises(TaskFailed, match=r"it ran for 0\.25 s") as failed:
+            sent.result()
+        assert failed.value.failure == MISSION_TASK_TIMEOUT.name
+
+
+def test_a_task_in_time_is_left_alone_later() -> None:
+    with serving() as robot:
+        sent = robot.send("Grasp", force=2, task_timeout=1.5)
+        robot.after(3)
+        assert sent.result().status == DONE
+
+
+@pytest.mark.parametrize("task", ["Turn", "Grasp"])
+def test_a_kill_terminates_at_once(task: str) -> None:
+    with serving() as robot:
+        sent = robot.send(task, **({"steps": 9} if task == "Turn" else {"force": 2}))
+        robot.after(0.15)
+        sent.kill("enough")
+        assert robot.after(0) == [f"0.15 {task} terminates"]
+        with pytest.raises(TaskKilled, match="enough"):
+            sent.result()
+
+
+@pytest.mark.parametrize("task", ["Turn", "Grasp"])
+def test_the_end_of_the_server_terminates(task: str) -> None:
+    with serving() as robot:
+        robot.send(task, **({"steps": 9} if task == "Turn" else {"force": 2}))
+        robot.after(0.15)
+    assert robot.gripper.read() == [f"0.15 {task} terminates"]
+
+
+def test_an_interrupt_in_iterate_terminates() -> None:
+    class Broken(PeriodicTask[Gripper]):
+        def iterate(self) -> Status:
+            raise KeyboardInterrupt
+
+        def terminate(self) -> None:
+            self.env.note(self, "terminates")
+
+    with pytest.raises(KeyboardInterrupt), serving(Broken) as robot:
+        robot.send("Broken").wait()
+    assert robot.gripper.read() == ["0.00 Broken terminates"]
+
+
+def test_a_kill_cuts_no_wait_of_terminate_short() -> None:
+    class Careful(PeriodicTask[Gripper]):
+        def iterate(self) -> Status:
+            return Status.COMPLETED
+
+        def terminate(self) -> None:
+            self.env.note(self, "brakes")
+            self.sleep(1.0)
+            self.env.note(self, "stands")
+
+    with serving(Careful) as robot:
+        sent = robot.send("Careful")
+        robot.after(0.5)
+        sent.kill()
+        assert robot.after(2) == ["1.00 Careful stands"]
+
+
+STUCK = Failure("stuck", float)
+
+
+def test_a_failure_of_its_own_keeps_its_name_and_data() -> None:
+    class Bend(PeriodicTask[Gripper]):
+        def iterate(self) -> Status:
+            raise STUCK(0.5)
+
+    with serving(Bend) as robot:
+        sent = robot.send("Bend")
+        robot.after(0)
+        with pytest.raises(TaskFailed) as failed:
+            sent.result()
+        assert failed.value.data_as(STUCK) == 0.5
+        assert status_of(failed.value.failure) is Status.FAILED
+
+
+NAME = Command("name", result=str)
+
+
+def test_a_run_is_a_task_that_sends() -> None:
+    class Ask(OnceTask[Gripper]):
+        def iterate(self) -> None:
+            self.report(self.task.command(NAME).result())
+
+    with serving(Ask) as robot:
+        helper = Module("helper", robot.central)
+
+        @helper.handles(NAME)
+        def name(task: Task) -> str:
+            parent = task.parent()
+            assert parent is not None
+            return f"under {parent.message}"
+
+        with helper.running():
+            sent = robot.send("Ask")
+            robot.after(0)
+            assert sent.result().text == "under gripper.Ask"
