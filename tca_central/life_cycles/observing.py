@@ -14,7 +14,7 @@ from tca_wire.life_cycles import GENERAL
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Answer
 from tca_wire.packets.parts import StateChange
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome, Party, Refusal
 
 MOST_LATE = 10_000
@@ -31,6 +31,10 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
     central.check_declared(WAIT_BYTES)
     if header.task and central.tree.task(header.task) is None:
         _tell_end(central, connection, header)
+        return
+    if header.below and central.tree.task(header.below) is None:  # nothing stands under it, and nothing will
+        central.tell(connection, Answer(header.number, more=True))
+        central.send(connection, header.number, Answer(header.number))
         return
     late = _living(central, observation)
     connection.outstanding[header.number] = observation
@@ -64,12 +68,14 @@ def _tell_end(central: State, connection: Connection, header: Observe) -> None:
     if outcome is None:
         text = f"task {header.task} ended too long ago to know how: see the journal"
         raise RequestError(Refusal.TOO_LATE, text)
-    message = central.registry.messages.get(header.message)
+    kept = central.kept.get(header.task)
+    name, goal = (kept.message.name, kept.body) if kept is not None else (header.message, b"")
+    message = central.registry.messages.get(name)
     cycle = message.life_cycle if message is not None else GENERAL
     result, failure, text, body = outcome
     change = StateChange(
-        header.task, header.message, -1, cycle.done if result is Outcome.DONE else cycle.cancelled, "", Party.SERVER,
-        text=_why(failure, text), data=body, is_late=True, is_over=True,
+        header.task, name, -1, cycle.done if result is Outcome.DONE else cycle.cancelled, "", Party.SERVER,
+        text=_why(failure, text), goal=goal, data=body, is_late=True, is_over=True,
     )  # fmt: skip
     central.tell(connection, Answer(header.number, more=True), msgspec.msgpack.encode(change))
     central.send(connection, header.number, Answer(header.number))
@@ -95,16 +101,17 @@ def tell(
     if not central.observers.count:
         return
     observers = list(central.observers.of(task))
-    if not observers:
+    if not (observers or is_over):
         return
     change = StateChange(
         TaskId(task.id), task.message.name, task.serial, task.state, transition, by, module, text, task.body, data,
         is_over=is_over,
     )  # fmt: skip
-    encoded = msgspec.msgpack.encode(change)
+    encoded = msgspec.msgpack.encode(change) if observers else b""
     for one in observers:
         _send(central, one, encoded, task.state)
-        if is_over and one.task_id != ROOT:
+    if is_over:
+        for one in [one for one in (*observers, *central.observers.others) if task.id in (one.task_id, one.below)]:
             central.observers.remove(one)
             one.connection.outstanding.pop(one.number, None)
             central.send(one.connection, one.number, Answer(one.number))

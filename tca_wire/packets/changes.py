@@ -29,8 +29,8 @@ class ChangeState(_Header, frozen=True, tag=31):
 
 class Observe(_Header, frozen=True, tag=32):
     """Tell of each change of state of one task, of a message's tasks, of those under a task, or (without any) of all;
-    and first of each living one how it stands. Each is an Answer with *more* and a StateChange; of one *task* that has
-    ended comes the end. GiveUp ends it.
+    and first of each living one how it stands. Each is an Answer with *more* and a StateChange; where the
+    *task*, or that *below* which they are, has ended, comes the end. GiveUp ends it.
     """
 
     number: int
