@@ -244,6 +244,7 @@ TWINS = (
     ("tca_module tca_wire", "the library's object, and the cause in the journal", "Request"),
     ("tca_module tca_wire", "the library's object, and the part of a packet", "Trouble"),
     ("robots robots", "where it is, of a robot with legs and of one that draws", "Pose"),
+    ("robots tca_tools", "the task of a turtle, and a wait of a run", "Wait"),
     ("tca_explorer tca_tools", "what is broken, in a scenario and in a run", "Violation"),
     ("tca_wire tca_wire tca_wire tca_wire", "the base of a file's headers", "_Header"),
 )  # fmt: skip

@@ -21,7 +21,6 @@ from robots.ambler_sim import task_manager
 from robots.ambler_sim.killing import Killings, schedule
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
-from robots.ambler_sim.processes import Processes
 from robots.ambler_sim.reactions import (
     FOOTFALL_CHECK,
     GIVE_UP,
@@ -33,6 +32,7 @@ from robots.ambler_sim.reactions import (
 from robots.ambler_sim.robot import pybullet_is_installed
 from robots.ambler_sim.terrain import scattered_rocks
 from robots.ambler_sim.vocabulary import Rock
+from robots.processes import Processes
 from tca_module import Outcome, TaskFailed, TcaError, Timeout
 from tca_module.sending.task_ref import SentTask
 from tca_tools.gantt.__main__ import gantt

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from random import Random
 
-from robots.ambler_sim.processes import Processes
+from robots.processes import Processes
 from tca_module import Module
 
 CENTRAL = "central"

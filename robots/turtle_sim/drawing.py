@@ -1,9 +1,10 @@
 """The sheet as an SVG picture: a faint grid, the strokes, and the turtles on top."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
-from robots.turtle_sim.world import SIZE, Pose, Stroke
+from robots.turtle_sim.messages import SeenTurtle, Sheet
+from robots.turtle_sim.world import SIZE, Stroke
 from tca_tools.drawing.svg import document, text
 
 SCALE = 50.0
@@ -15,11 +16,11 @@ BODY = ((0.32, 0.0), (-0.2, 0.2), (-0.1, 0.0), (-0.2, -0.2))
 
 STYLE = (
     ".line { stroke: #e4e8ec; } .sheet { fill: #fff; stroke: #9aa5b1; } .stroke { fill: none; stroke-linejoin: round;"
-    " stroke-linecap: round; } .turtle { fill: #3a7d44; stroke: #fff; stroke-width: 1.5; } .name { font-weight: bold; }"
+    " stroke-linecap: round; } .turtle { stroke: #fff; stroke-width: 1.5; } .name { font-weight: bold; }"
 )
 
 
-def draw(strokes: Iterable[Stroke], turtles: Mapping[str, Pose], title: str) -> str:
+def draw(sheet: Sheet, title: str) -> str:
     """The picture, as text."""
     side = SIZE * SCALE
     left, top = _at(0.0, SIZE)
@@ -27,8 +28,8 @@ def draw(strokes: Iterable[Stroke], turtles: Mapping[str, Pose], title: str) -> 
         f'<text class="title" x="{left:.0f}" y="{top - 12:.0f}">{text(title)}</text>',
         f'<rect class="sheet" x="{left:.0f}" y="{top:.0f}" width="{side:.0f}" height="{side:.0f}"/>',
         *_grid(),
-        *map(_line, strokes),
-        *(_turtle(name, pose) for name, pose in turtles.items()),
+        *map(_line, sheet.strokes),
+        *(_turtle(name, turtle) for name, turtle in sheet.turtles.items()),
     ]
     return document(side + 2 * MARGIN, side + TOP + MARGIN, title, STYLE, body)
 
@@ -58,10 +59,11 @@ def _line(stroke: Stroke) -> str:
     return f'<polyline class="stroke" {look} points="{_points(stroke.points)}"/>'
 
 
-def _turtle(name: str, pose: Pose) -> str:
+def _turtle(name: str, turtle: SeenTurtle) -> str:
+    pose = turtle.pose
     cos, sin = math.cos(pose.theta), math.sin(pose.theta)
     body = [(pose.x + cos * ahead - sin * left, pose.y + sin * ahead + cos * left) for ahead, left in BODY]
     x, y = _at(pose.x, pose.y)
     above = y - 18 if y > TOP + 30 else y + 28
     label = f'<text class="name" x="{x:.1f}" y="{above:.1f}" text-anchor="middle">{text(name)}</text>'
-    return f'<polygon class="turtle" points="{_points(body)}"/>{label}'
+    return f'<polygon class="turtle" fill="{turtle.pen.colour}" points="{_points(body)}"/>{label}'

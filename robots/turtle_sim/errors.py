@@ -15,3 +15,7 @@ class TurtleExists(TurtleError):
 
 class NoSuchPartner(TurtleError):
     """A partner was named that this turtle does not know."""
+
+
+class BadTeam(TurtleError):
+    """The file of a team can't be used, or a robot is not in it."""

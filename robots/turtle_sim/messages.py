@@ -15,11 +15,19 @@ class Velocity:
 
 
 @dataclass
+class SeenTurtle:
+    """What is to be seen of a turtle."""
+
+    pose: Pose
+    pen: Pen
+
+
+@dataclass
 class Sheet:
     """All that is to be seen."""
 
     strokes: list[Stroke] = field(default_factory=list)
-    turtles: dict[str, Pose] = field(default_factory=dict)
+    turtles: dict[str, SeenTurtle] = field(default_factory=dict)
 
 
 POSE = Variable("pose", Pose)

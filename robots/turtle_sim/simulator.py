@@ -2,7 +2,7 @@
 
 import threading
 
-from robots.turtle_sim.messages import CHANGE_PEN, CLEAR_SHEET, POSE, SHEET, VELOCITY, Sheet, Velocity
+from robots.turtle_sim.messages import CHANGE_PEN, CLEAR_SHEET, POSE, SHEET, VELOCITY, SeenTurtle, Sheet, Velocity
 from robots.turtle_sim.world import Pen, Pose, Stroke, TurtleWorld
 from tca_module import Callback, Module, Task
 from tca_module.link.opening import CentralAddress
@@ -24,7 +24,9 @@ class Simulator:
         """What is to be seen now."""
         with self._lock:
             strokes = [Stroke(one.pen, one.points[:]) for one in self._world.strokes]
-            return Sheet(strokes, {name: turtle.pose for name, turtle in self._world.turtles.items()})
+            return Sheet(
+                strokes, {name: SeenTurtle(turtle.pose, turtle.pen) for name, turtle in self._world.turtles.items()}
+            )
 
     def module(self, name: str, central: CentralAddress = None) -> Module:
         """The module that moves the turtle of this name, which must be there."""
@@ -62,3 +64,14 @@ class Simulator:
             return self.sheet()
 
         return simulator
+
+
+def main() -> None:
+    """Simulate one turtle until told to end."""
+    world = TurtleWorld()
+    world.spawn("turtle")
+    Simulator(world).module("turtle").run()
+
+
+if __name__ == "__main__":
+    main()

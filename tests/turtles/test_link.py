@@ -3,33 +3,22 @@
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import pytest
 
-from robots.turtle_sim.errors import NoSuchPartner
-from robots.turtle_sim.sync.link import Address, StatusLink
+from robots.turtle_sim.errors import BadTeam, NoSuchPartner
+from robots.turtle_sim.sync.link import StatusLink
+from robots.turtle_sim.sync.team import free_team, load_team
 
 NAMES = ("a", "b", "c")
 
 
-def free_addresses() -> dict[str, Address]:
-    with ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in NAMES]
-        for one in sockets:
-            one.bind(("127.0.0.1", 0))
-        return dict(zip(NAMES, (one.getsockname() for one in sockets), strict=True))
-
-
 @contextmanager
 def links(loss: float) -> Iterator[dict[str, StatusLink]]:
-    addresses = free_addresses()
     with ExitStack() as stack:
-        made = {}
-        for name in NAMES:
-            others = {other: ("localhost", port) for other, (_, port) in addresses.items() if other != name}
-            made[name] = stack.enter_context(StatusLink(name, others, loss=loss, seed=7))
-            made[name].open(addresses[name])
-        yield made
+        team = free_team(*NAMES)
+        yield {name: stack.enter_context(StatusLink(name, team, loss=loss, seed=7)) for name in NAMES}
 
 
 def test_everything_arrives_though_half_of_the_datagrams_are_lost() -> None:
@@ -42,8 +31,7 @@ def test_everything_arrives_though_half_of_the_datagrams_are_lost() -> None:
 
 
 def test_a_partner_that_never_comes_is_named() -> None:
-    with StatusLink("a", {"b": ("127.0.0.1", 9)}) as link:
-        link.open(("127.0.0.1", 0))
+    with StatusLink("a", free_team("a", "b")) as link:
         link.set_status(1)
         assert not link.wait_until_told(0.01)
         assert link.status("b") is None
@@ -54,20 +42,45 @@ def test_a_partner_that_never_comes_is_named() -> None:
 
 def test_strangers_and_noise_are_ignored() -> None:
     with links(loss=0.0) as made, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        address = made["a"].address
         for noise in (b"", b"noise", bytes(20_000)):
-            stranger.sendto(noise, address)
+            stranger.sendto(noise, made["a"]._own)
         made["b"]._send("a", b"noise of a partner")
         made["b"].set_status(4)
         assert made["b"].wait_until_told(30)
         assert made["a"].status("b") == 4
 
 
-def test_two_links_need_two_addresses() -> None:
-    with links(loss=0.0) as made, StatusLink("d", {}) as other, pytest.raises(OSError, match="in use"):
-        other.open(made["a"].address)
+def test_an_address_that_is_taken_is_named() -> None:
+    team = free_team("a")
+    with StatusLink("a", team), pytest.raises(BadTeam, match=r"'a' can't listen at 127\.0\.0\.1:\d+: .*in use"):
+        StatusLink("a", team).open()
 
 
-def test_a_host_without_an_address_is_named() -> None:
-    with pytest.raises(OSError, match="no address is known for host 'nowhere\\.invalid' of 'b'"):
-        StatusLink("a", {"b": ("nowhere.invalid", 1)})
+def test_a_robot_must_be_in_its_team() -> None:
+    with pytest.raises(BadTeam, match="'c' is not in the team: it is one of a, b"):
+        StatusLink("c", free_team("a", "b"))
+
+
+@pytest.mark.parametrize(
+    ("line", "error"),
+    [
+        ('a = "127.0.0.1"', "the address of 'a' is HOST:PORT"),
+        ('a = "127.0.0.1:70000"', "the address of 'a' is HOST:PORT"),
+        ("a = 7500", "the address of 'a' is HOST:PORT"),
+        ('a = "nowhere.invalid:1"', r"there is no host 'nowhere\.invalid', where 'a' should be"),
+        ("a = ", r"team\.toml can't be read"),
+    ],
+)
+def test_a_team_that_can_not_be_used_says_why(tmp_path: Path, line: str, error: str) -> None:
+    file = tmp_path / "team.toml"
+    file.write_text(line)
+    with pytest.raises(BadTeam, match=error):
+        load_team(file)
+
+
+def test_the_file_of_a_team(tmp_path: Path) -> None:
+    file = tmp_path / "team.toml"
+    file.write_text('a = "localhost:7501"\n"b 2" = "10.0.0.7:7502"')
+    assert load_team(file) == {"a": ("127.0.0.1", 7501), "b 2": ("10.0.0.7", 7502)}
+    with pytest.raises(BadTeam, match="can't be read"):
+        load_team(tmp_path / "none.toml")

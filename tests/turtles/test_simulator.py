@@ -57,4 +57,7 @@ def test_two_turtles_of_two_centrals_draw_on_one_sheet() -> None:
                 user.inform(VELOCITY, Velocity(1.0))
             one.advance(0.25)
             other.advance(5.0)
-        assert {name: pose.x for name, pose in made.sheet().turtles.items()} == {"t": pytest.approx(1.5), "u": 1.0}
+        assert {name: turtle.pose.x for name, turtle in made.sheet().turtles.items()} == {
+            "t": pytest.approx(1.5),
+            "u": 1.0,
+        }

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from robots.turtle_sim.drawing import draw
 from robots.turtle_sim.errors import NoSuchTurtle, TurtleExists
+from robots.turtle_sim.simulator import Simulator
 from robots.turtle_sim.world import COMMAND_LIFE, SIZE, Pen, Pose, TurtleWorld
 
 
@@ -143,7 +144,7 @@ def test_the_picture_has_a_line_for_each_stroke_and_a_shape_for_each_turtle() ->
     made.set_pen("t", Pen(1, 2, 255, width=7))
     made.command("t", 1.0, 0.0)
     made.advance(1.0)
-    svg = draw(made.strokes, {name: turtle.pose for name, turtle in made.turtles.items()}, "a & b")
+    svg = draw(Simulator(made).sheet(), "a & b")
     assert '<polyline class="stroke" stroke="#0102ff" stroke-width="7" points="80.0,536.0 130.0,536.0"/>' in svg
     assert svg.count('class="turtle"') == 2
     assert "&lt;u&gt;" in svg

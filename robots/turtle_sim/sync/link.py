@@ -4,17 +4,16 @@ import random
 import socket
 import threading
 import time
-from collections.abc import Mapping
 from typing import Self
 
 import msgspec
 
+from robots.turtle_sim.errors import BadTeam
 from robots.turtle_sim.sync.statuses import LARGEST, Statuses
+from robots.turtle_sim.sync.team import Team
 
 REPEAT = 0.05
 """Seconds after which a datagram is sent again that was not acknowledged."""
-
-Address = tuple[str, int]
 
 
 class StatusLink:
@@ -23,12 +22,15 @@ class StatusLink:
     It believes whatever comes from a partner's address: on an open network let the partners talk through a tunnel.
     """
 
-    def __init__(self, name: str, partners: Mapping[str, Address], *, loss: float = 0.0, seed: int = 0) -> None:
-        """Of the datagrams that it sends the part *loss* is thrown away, for tests. Raises OSError for a host with no
-        address.
+    def __init__(self, name: str, team: Team, *, loss: float = 0.0, seed: int = 0) -> None:
+        """The robot of that name in the *team*; the others are its partners. Of the datagrams that it sends the part
+        *loss* is thrown away, for trials. Raises BadTeam.
         """
-        self._statuses = Statuses(name, partners)
-        self._addresses = {partner: _resolved(partner, address) for partner, address in partners.items()}
+        if name not in team:
+            raise BadTeam(f"'{name}' is not in the team: it is one of {', '.join(team) or 'nobody'}")
+        self._own = team[name]
+        self._addresses = {partner: address for partner, address in team.items() if partner != name}
+        self._statuses = Statuses(name, self._addresses)
         self._loss, self._chance = loss, random.Random(f"{seed} {name}")  # noqa: S311 - a simulated loss
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._changed = threading.Condition()
@@ -36,17 +38,16 @@ class StatusLink:
         self._is_closed = False
         self.sent = self.lost = 0  #: datagrams
 
-    def open(self, address: Address) -> None:
-        """Begin to listen. Raises OSError if that can't be done."""
-        self._socket.bind(address)
+    def open(self) -> None:
+        """Begin to listen. Raises BadTeam if its address can't be had."""
+        try:
+            self._socket.bind(self._own)
+        except OSError as error:
+            self._socket.close()
+            host, port = self._own
+            raise BadTeam(f"'{self._statuses.name}' can't listen at {host}:{port}: {error}") from None
         self._socket.settimeout(REPEAT)
         self._thread.start()
-
-    @property
-    def address(self) -> Address:
-        """Where it listens."""
-        host, port = self._socket.getsockname()
-        return host, port
 
     def close(self) -> None:
         """Stop, and tell nobody anything more."""
@@ -56,6 +57,7 @@ class StatusLink:
         self._socket.close()
 
     def __enter__(self) -> Self:
+        self.open()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -78,6 +80,11 @@ class StatusLink:
         """What is known of a partner, for people. Raises NoSuchPartner."""
         with self._changed:
             return self._statuses.words(partner)
+
+    def wait_for(self, partner: str, status: int, timeout: float) -> bool:
+        """Wait until a partner has a status; whether it has now. Raises NoSuchPartner."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._statuses.status(partner) == status, timeout)
 
     def wait_until_told(self, timeout: float) -> bool:
         """Wait until every partner knows what this robot knows; whether they do now."""
@@ -124,11 +131,3 @@ class StatusLink:
             self._socket.sendto(datagram, self._addresses[partner])
         except OSError:
             self.lost += 1  # no way there now: it is repeated
-
-
-def _resolved(partner: str, address: Address) -> Address:
-    host, port = address
-    try:
-        return socket.gethostbyname(host), port
-    except OSError as error:
-        raise OSError(f"no address is known for host '{host}' of '{partner}': {error}") from error

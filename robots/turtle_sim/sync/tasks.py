@@ -1,0 +1,36 @@
+"""The tasks by which robots wait for each other: SetStatusSync and WaitForStatusSync."""
+
+from robots.turtle_sim.errors import NoSuchPartner
+from robots.turtle_sim.sync.environment import SyncEnvironment
+from tca_missions import OnceTask, PeriodicTask, Status, parameter
+
+
+class SetStatusSync(OnceTask[SyncEnvironment]):
+    """Change the status that the partners see."""
+
+    status: int = parameter(description="The new status; what it means, the missions agree on")
+
+    def iterate(self) -> None:
+        """Tell the partners; the link repeats it until each has acknowledged."""
+        self.env.link.set_status(self.status)
+
+
+class WaitForStatusSync(PeriodicTask[SyncEnvironment]):
+    """Wait until a partner has a status. It must keep it until this is over."""
+
+    partner: str = parameter(description="Name of the partner")
+    status: int = parameter(description="The status to wait for")
+
+    def initialise(self) -> None:
+        """Fail at once if there is no such partner."""
+        try:
+            self.env.link.status(self.partner)
+        except NoSuchPartner as error:
+            raise self.failed(str(error)) from None
+
+    def iterate(self) -> Status:
+        """Look what is known."""
+        if self.env.link.status(self.partner) == self.status:
+            return Status.COMPLETED
+        self.report(f"waits for status {self.status}: {self.env.link.words(self.partner)}")
+        return Status.RUNNING

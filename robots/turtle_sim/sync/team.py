@@ -1,0 +1,51 @@
+"""The robots that know of each other, and where each is reached: a file with a line for each.
+
+::
+
+    turtle1 = "192.168.1.11:7500"
+    turtle2 = "192.168.1.12:7500"
+"""
+
+import socket
+import tomllib
+from contextlib import ExitStack
+from pathlib import Path
+
+from robots.turtle_sim.errors import BadTeam
+
+Address = tuple[str, int]
+Team = dict[str, Address]
+
+
+def free_team(*names: str) -> Team:
+    """A team on this machine, at ports that nobody has now: for shows and tests."""
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in names]
+        for one in sockets:
+            one.bind(("127.0.0.1", 0))
+        return dict(zip(names, (one.getsockname() for one in sockets), strict=True))
+
+
+def save_team(team: Team, path: Path) -> None:
+    """Write a team's file."""
+    path.write_text("".join(f'"{name}" = "{host}:{port}"\n' for name, (host, port) in team.items()))
+
+
+def load_team(path: Path) -> Team:
+    """Read a team's file, with the hosts' numbers for their names. Raises BadTeam."""
+    try:
+        lines = tomllib.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise BadTeam(f"the team's file {path} can't be read: {error}") from None
+    return {name: address_of(name, text) for name, text in lines.items()}
+
+
+def address_of(name: str, text: object) -> Address:
+    """Where the robot of that name is reached. Raises BadTeam."""
+    host, _, port = text.rpartition(":") if isinstance(text, str) else ("", "", "")
+    if not host or not port.isdecimal() or int(port) >= 2**16:
+        raise BadTeam(f"the address of '{name}' is HOST:PORT, as in {name} = \"127.0.0.1:7500\", not {text!r:.60}")
+    try:
+        return socket.gethostbyname(host), int(port)
+    except OSError as error:
+        raise BadTeam(f"there is no host '{host}', where '{name}' should be: {error}") from None

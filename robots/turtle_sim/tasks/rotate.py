@@ -1,0 +1,32 @@
+"""The task Rotate."""
+
+from math import copysign, remainder, tau
+
+from robots.turtle_sim.environment import TurtleEnvironment
+from tca_missions import PeriodicTask, Status, parameter
+
+
+class Rotate(PeriodicTask[TurtleEnvironment]):
+    """Turn on the spot, by an angle that may be more than a whole turn."""
+
+    angle: float = parameter(tau / 4, "Radians, to the left")
+    velocity: float = parameter(0.5, "Radians a second", minimum=0.01, maximum=10)
+    threshold: float = parameter(0.02, "Radians at which the angle is considered reached", minimum=0)
+
+    def initialise(self) -> None:
+        """Keep what is left to turn, and where the turtle looks."""
+        self._left, self._theta = self.angle, self.env.pose.theta
+
+    def iterate(self) -> Status:
+        """Turn on; slower towards the end."""
+        theta = self.env.pose.theta
+        self._left -= remainder(theta - self._theta, tau)
+        self._theta = theta
+        if abs(self._left) < self.threshold:
+            return Status.COMPLETED
+        self.env.publish_velocity(self.task, 0.0, copysign(min(self.velocity, abs(self._left)), self._left))
+        return Status.RUNNING
+
+    def terminate(self) -> None:
+        """Stand still."""
+        self.env.publish_velocity(self.task, 0.0, 0.0)

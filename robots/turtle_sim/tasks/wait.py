@@ -1,0 +1,14 @@
+"""The task Wait."""
+
+from robots.turtle_sim.environment import TurtleEnvironment
+from tca_missions import OnceTask, parameter
+
+
+class Wait(OnceTask[TurtleEnvironment]):
+    """Do nothing for some time."""
+
+    duration: float = parameter(1.0, "Seconds to wait", minimum=0)
+
+    def iterate(self) -> None:
+        """Sleep."""
+        self.sleep(self.duration)

@@ -1,0 +1,61 @@
+"""SetStatusSync and WaitForStatusSync: a turtle's task server, and the links of its partners."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from turtles.towns import Town, town
+
+from robots.turtle_sim.sync.environment import SyncEnvironment
+from robots.turtle_sim.sync.link import StatusLink
+from robots.turtle_sim.sync.task_server import TASKS_OF_TEAMS
+from robots.turtle_sim.sync.team import free_team
+from tca_missions import MISSION_TASK_INITIALISATION_FAILED, MISSION_TASK_TIMEOUT
+from tca_module import Outcome, TaskFailed
+
+
+@contextmanager
+def team() -> Iterator[tuple[Town, StatusLink]]:
+    """The town of a turtle "a", and the link of its partner "b"; there is a "c" that never comes."""
+    addresses = free_team("a", "b", "c")
+    with StatusLink("a", addresses, loss=0.5) as own, StatusLink("b", addresses, loss=0.5) as partner:
+        with town(environment=SyncEnvironment(own), tasks=TASKS_OF_TEAMS) as there:
+            yield there, partner
+
+
+def link_of(there: Town) -> StatusLink:
+    assert isinstance(there.server.environment, SyncEnvironment)
+    return there.server.environment.link
+
+
+def test_a_status_that_is_set_comes_to_the_partner() -> None:
+    with team() as (there, partner):
+        there.run("SetStatusSync", status=3)
+        assert partner.wait_for("a", 3, timeout=30)
+
+
+def test_wait_for_status_ends_when_the_partner_has_it() -> None:
+    with team() as (there, partner):
+        waiting = there.start("WaitForStatusSync", partner="b", status=2)
+        partner.set_status(1)
+        assert link_of(there).wait_for("b", 1, timeout=30)
+        there.central.advance(1.0)
+        assert waiting.info() is not None
+        partner.set_status(2)
+        assert link_of(there).wait_for("b", 2, timeout=30)
+        there.central.advance(0.2)
+        assert waiting.wait(timeout=5) is Outcome.DONE
+
+
+def test_an_unknown_partner_fails_at_once() -> None:
+    with team() as (there, _), pytest.raises(TaskFailed) as failed:
+        there.run("WaitForStatusSync", partner="z", status=1)
+    assert failed.value.failure == MISSION_TASK_INITIALISATION_FAILED.name
+    assert "'a' has no partner 'z': its partners are b, c" in str(failed.value)
+
+
+def test_a_partner_that_never_comes_is_named_when_the_time_is_over() -> None:
+    with team() as (there, _), pytest.raises(TaskFailed) as failed:
+        there.run("WaitForStatusSync", partner="c", status=1, task_timeout=5.0)
+    assert failed.value.failure == MISSION_TASK_TIMEOUT.name
+    assert "it ran for 5 s: waits for status 1: nothing was ever heard of 'c'" in str(failed.value)

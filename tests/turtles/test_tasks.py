@@ -1,0 +1,127 @@
+"""The turtle's tasks, each by itself."""
+
+import math
+
+import pytest
+from turtles.towns import town
+
+from robots.turtle_sim.world import Pen, Pose
+from tca_missions import MISSION_TASK_TIMEOUT, Status
+from tca_module import Outcome, TaskFailed, TaskKilled
+
+COMPLETED = Status.COMPLETED | Status.TERMINATED
+
+
+def test_all_tasks_of_the_folder_are_offered() -> None:
+    with town() as there:
+        assert sorted(there.server.definitions) == [
+            "Clear",
+            "Constant",
+            "GoTo",
+            "Rotate",
+            "SetPen",
+            "Wait",
+            "WaitForROI",
+        ]
+
+
+def test_go_to_comes_to_its_goal_and_stands_still() -> None:
+    with town() as there:
+        assert there.run("GoTo", goal_x=1.0, goal_y=1.0).status == COMPLETED
+        there.central.advance(0.1)
+        assert math.dist(there.place, (1.0, 1.0)) < 0.11
+        assert (there.pose.linear_velocity, there.pose.angular_velocity) == (0.0, 0.0)
+
+
+def test_go_to_turns_on_the_spot_before_it_drives() -> None:
+    with town(Pose(5.0, 5.0, theta=math.pi)) as there:
+        going = there.start("GoTo", goal_x=9.0, goal_y=5.0)
+        there.central.advance(2.0)
+        assert there.place == (5.0, 5.0)
+        there.until_over(going)
+        assert math.dist(there.place, (9.0, 5.0)) < 0.11
+
+
+def test_a_go_to_that_is_stopped_stands_still() -> None:
+    with town() as there:
+        going = there.start("GoTo", goal_x=9.0, goal_y=5.5)
+        there.central.advance(1.0)
+        assert there.pose.linear_velocity == 1.0
+        going.kill("enough")
+        there.until_over(going)
+        there.central.advance(0.1)
+        assert there.pose.linear_velocity == 0.0
+        with pytest.raises(TaskKilled, match="enough"):
+            going.result(timeout=5)
+
+
+def test_a_go_to_that_takes_too_long_fails_and_stands_still() -> None:
+    with town() as there:
+        with pytest.raises(TaskFailed) as failed:
+            there.run("GoTo", goal_x=9.0, goal_y=5.5, task_timeout=1.0)
+        assert failed.value.failure == MISSION_TASK_TIMEOUT.name
+        there.central.advance(0.1)
+        assert there.pose.linear_velocity == 0.0
+
+
+def test_a_newer_go_to_takes_the_place_of_an_older() -> None:
+    with town() as there:
+        first = there.start("GoTo", goal_x=9.0, goal_y=5.5)
+        there.central.advance(1.0)
+        there.run("GoTo", goal_x=5.5, goal_y=7.0)
+        assert first.wait(timeout=5) is Outcome.KILLED
+        assert math.dist(there.place, (5.5, 7.0)) < 0.11
+
+
+def test_wait_takes_its_time() -> None:
+    with town() as there:
+        waiting = there.start("Wait", duration=2.0)
+        there.central.advance(1.9)
+        assert waiting.info() is not None
+        there.central.advance(0.2)
+        assert waiting.wait(timeout=5) is Outcome.DONE
+
+
+def test_wait_for_roi_ends_when_the_turtle_comes_by() -> None:
+    with town() as there:
+        watch = there.start("WaitForROI", foreground=False, roi_x=9.0, roi_y=5.5, roi_radius=1.0)
+        there.central.advance(1.0)
+        assert watch.info() is not None
+        there.run("GoTo", goal_x=9.0, goal_y=5.5)
+        assert watch.wait(timeout=5) is Outcome.DONE
+
+
+def test_set_pen_and_constant_draw_a_circle() -> None:
+    with town(Pose(5.0, 4.0)) as there:
+        there.run("SetPen", r=200, g=60, b=40, width=5)
+        there.run("Constant", linear=1.0, angular=1.0, duration=6.3)
+        (stroke,) = there.world.strokes
+        assert stroke.pen == Pen(200, 60, 40, 5)
+        assert max(y for _, y in stroke.points) == pytest.approx(6.0, abs=0.01)
+        assert math.dist(there.place, (5.0, 4.0)) < 0.2
+        there.run("SetPen", on=False)
+        there.run("Constant", linear=1.0, duration=1.0)
+        assert there.world.strokes == [stroke]
+
+
+def test_rotate_may_be_more_than_a_whole_turn() -> None:
+    with town(Pose(5.0, 5.0, theta=1.0)) as there:
+        there.run("Rotate", angle=-8.0, velocity=2.0)
+        assert math.remainder(there.pose.theta - (1.0 - 8.0), math.tau) == pytest.approx(0.0, abs=0.03)
+        assert there.place == (5.0, 5.0)
+
+
+def test_clear_takes_an_argument_that_is_more_than_a_number() -> None:
+    with town() as there:
+        there.run("Constant", linear=1.0, duration=1.0)
+        assert there.world.strokes
+        assert there.run("Clear", header={"frame_id": "Hello"}).text == "got an extra header, frame_id=Hello"
+        assert there.world.strokes == []
+        assert there.run("Clear").text == ""
+
+
+def test_without_a_simulator_tasks_say_what_is_missing() -> None:
+    with town() as there:
+        there.server.environment._pose = None  # type: ignore[attr-defined]  # as if nothing had been heard
+        with pytest.raises(TaskFailed, match="the turtle has not told where it is: does its simulator run"):
+            there.run("GoTo")
