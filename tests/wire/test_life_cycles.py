@@ -96,10 +96,12 @@ def test_central_does_something_with_these_only() -> None:
 
 def test_what_a_server_may_say_to_what_a_client_asks() -> None:
     grant, refusal = GENERAL.grant("update requested"), GENERAL.refusal("update requested")
-    assert grant is not None and refusal is not None
+    assert grant is not None
+    assert refusal is not None
     assert (grant.name, refusal.name) == ("accept", "reject")
     failed = GENERAL.refusal("cancel requested")
-    assert failed is not None and failed.name == "cancel failed"
+    assert failed is not None
+    assert failed.name == "cancel failed"
     assert GENERAL.grant("cancel requested") is None
     assert [state for state in GENERAL.states if GENERAL.ends_on_request(state)] == ["cancel requested"]
     assert not any(BASIC.refusal(state) or BASIC.grant(state) or BASIC.ends_on_request(state) for state in BASIC.states)
