@@ -24,7 +24,7 @@ _GROUPS = {
         "send", "query", "get", "set", "kill", "suspend", "resume", "retry", "raise", "unlock", "detach",
     ),
     "See a run, live or afterwards": ("view", "tree", "gantt", "report", "replay", "log", "stats", "check", "export"),
-    "Try a robot before it moves": ("explore",),
+    "Try a robot before it moves": ("explore", "lifecycle"),
 }  # fmt: skip
 """How the help lists the commands; those of other packages come last."""
 _COMPLETION_VARIABLE = "_TCA_COMPLETE"

@@ -218,6 +218,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "export": {"errors", "log", "options", "output", "run", "spans", "why"},
         "gantt": {"drawing", "options", "output", "run", "spans", "terminal", "why"},
         "tasktree_viz": {"drawing", "errors", "gantt", "options", "output", "run", "terminal", "why"},
+        "life_cycle": {"drawing", "errors", "options", "output", "run", "terminal"},
         "replay": {"errors", "log", "options", "run", "tasktree_viz", "terminal", "why"},
         "report": {
             "analysis", "errors", "gantt", "options", "output", "run", "spans", "tasktree_viz", "terminal", "why",

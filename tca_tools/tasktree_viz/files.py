@@ -1,13 +1,11 @@
 """A tree as a file: a figure or an outline, a page or text, as its name and its size ask for."""
 
-import shutil
-import subprocess
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import click
 
+from tca_tools.drawing.graphviz import drawn
 from tca_tools.drawing.page import zoomed_page
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
@@ -17,7 +15,6 @@ from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.text import Guides, tree_lines
-from tca_wire.text.missing import missing_package
 
 KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 LAYOUTS = ("auto", "figure", "outline")
@@ -69,21 +66,3 @@ def _picture(kind: str, at: RunAt, rows: list[Row], title: str, layout: str, *, 
     if kind == "html":
         return zoomed_page(title, svg).encode()
     return svg.encode() if kind == "svg" else converted(svg, kind)
-
-
-def drawn(source: str, kind: str) -> bytes:
-    """Dot source as "svg", "png" or "pdf", by this machine's Graphviz or a package's. Raises NoPicture."""
-    if program := shutil.which("dot"):
-        done = subprocess.run([program, f"-T{kind}"], input=source.encode(), capture_output=True, check=False)
-        if done.returncode:
-            raise NoPicture(f"dot failed: {' '.join(done.stderr.decode(errors='replace').split())}")
-        return done.stdout
-    try:
-        import pygraphviz  # noqa: PLC0415 - pictures are an extra
-    except ImportError:
-        raise NoPicture(missing_package("this picture", "pygraphviz", "pictures", "install Graphviz")) from None
-    graph: Any = pygraphviz.AGraph(string=source)
-    try:
-        return bytes(graph.draw(format=kind, prog="dot"))
-    except (OSError, ValueError) as error:
-        raise NoPicture(f"pygraphviz failed: {error}") from None

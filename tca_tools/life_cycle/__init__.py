@@ -1,0 +1,1 @@
+"""Life cycles of tasks as tables and diagrams."""

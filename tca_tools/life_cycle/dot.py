@@ -1,0 +1,101 @@
+"""A life cycle as a diagram, in the language of Graphviz: as figures 2 and 10 of Lütkebohle et al. draw theirs.
+
+The active states stand in a frame. An arrow that leaves every one of them is drawn once, from the frame; what leads
+each of them back to itself is written in the frame.
+"""
+
+from collections.abc import Iterator
+
+from tca_tools.life_cycle.table import TAKEN_BY
+from tca_wire.life_cycles import LifeCycle, Transition
+from tca_wire.text.printable import printable
+from tca_wire.vocabulary import Party
+
+COLOURS = {Party.CLIENT: "#0b4f8a", Party.SERVER: "#1f2933", Party.BOTH: "#7b3fa0"}
+"""Of the arrows, and their words: who takes the transition."""
+_FILLS = {"first": "#fff3c4", "active": "#ffe4b0", "done": "#cfeccb", "cancelled": "#d5d5d5"}
+_LOOKS = """\
+  graph [fontname="Helvetica,Arial,sans-serif", fontsize=11, fontcolor="#1f2933", labelloc=t, labeljust=l,
+    bgcolor=white, pad=0.3, nodesep=0.5, ranksep=0.7, rankdir=LR, compound=true];
+  node [shape=box, style="rounded,filled", fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="#1f2933",
+    color="#1f2933", margin="0.15,0.08", height=0.3];
+  edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, arrowsize=0.7];
+"""
+
+
+def dot_source(life_cycle: LifeCycle) -> str:
+    """A directed graph of the states."""
+    body = "\n".join(f"  {line}" for line in _statements(life_cycle))
+    return f"digraph life_cycle {{\n{_LOOKS}  label={_quoted(*_title(life_cycle))};\n{body}\n}}\n"
+
+
+def _title(life_cycle: LifeCycle) -> list[str]:
+    parties = [party for party in TAKEN_BY if any(one.by is party for one in life_cycle.transitions)]
+    words = {Party.CLIENT: "dashed, blue", Party.SERVER: "black", Party.BOTH: "violet"}
+    return [f"life cycle '{life_cycle.name}'", *(f"{words[party]}: by {TAKEN_BY[party]}" for party in parties)]
+
+
+def _statements(life_cycle: LifeCycle) -> Iterator[str]:
+    ids = {state: f"s{number}" for number, state in enumerate(life_cycle.states)}
+    common = _common(life_cycle)
+    yield f"start [shape=point, width=0.12]; start -> {ids[life_cycle.initial]};"
+    yield _node(ids, life_cycle.initial, _FILLS["first"])
+    within = [one for one in common if one.source == one.target]
+    words = _quoted("active", *(f"{one.name} ({TAKEN_BY[one.by]})" for one in within))
+    inner = " ".join(_node(ids, state, _FILLS["active"]) for state in life_cycle.active)
+    yield f'subgraph cluster_active {{ label={words}; style="rounded"; color="#52606d"; {inner} }}'
+    for state, kind in ((life_cycle.done, "done"), (life_cycle.cancelled, "cancelled")):
+        yield _node(ids, state, _FILLS[kind], ", peripheries=2")
+    drawn = [one for one in life_cycle.transitions if not any(_alike(one, other) for other in common)]
+    leaving = [one for one in common if one not in within]
+    for rows, looks in ((drawn, ""), (leaving, ", ltail=cluster_active")):
+        for (source, target, by), names in _joined(rows).items():
+            yield f"{ids[source]} -> {ids[target]} [{_arrow(names, by)}{looks}];"
+
+
+def _common(life_cycle: LifeCycle) -> list[Transition]:
+    """A row of the first active state for each transition that all active states have."""
+    active = life_cycle.active
+    if len(active) < 2:
+        return []
+    rows = set(life_cycle.transitions)
+    return [one for one in life_cycle.transitions if one.source == active[0] and _of_all(one, active, rows)]
+
+
+def _of_all(one: Transition, active: tuple[str, ...], rows: set[Transition]) -> bool:
+    """Whether every active state has this transition, to the same end or back to itself."""
+    if one.target in active and one.target != one.source:
+        return False
+    to_itself = one.target == one.source
+    return all(
+        Transition(one.name, state, state if to_itself else one.target, one.by, one.effect) in rows for state in active
+    )
+
+
+def _alike(one: Transition, common: Transition) -> bool:
+    """Whether the row is one of those that *common* stands for."""
+    ends_alike = one.target == common.target or (one.source, common.source) == (one.target, common.target)
+    return (one.name, one.by, one.effect) == (common.name, common.by, common.effect) and ends_alike
+
+
+def _joined(rows: list[Transition]) -> dict[tuple[str, str, Party], list[str]]:
+    """The names of the transitions that one arrow has."""
+    joined: dict[tuple[str, str, Party], list[str]] = {}
+    for one in rows:
+        joined.setdefault((one.source, one.target, one.by), []).append(one.name)
+    return joined
+
+
+def _node(ids: dict[str, str], state: str, fill: str, more: str = "") -> str:
+    return f'{ids[state]} [label={_quoted(state)}, fillcolor="{fill}"{more}];'
+
+
+def _arrow(names: list[str], by: Party) -> str:
+    style = ', style="dashed"' if by is Party.CLIENT else ""
+    words = _quoted(*names)
+    return f'label={words}, color="{COLOURS[by]}", fontcolor="{COLOURS[by]}", tooltip={words}{style}'
+
+
+def _quoted(*lines: str) -> str:
+    safe = (printable(line).replace("\\", "\\\\").replace('"', '\\"') for line in lines)
+    return '"' + "\\n".join(safe) + '"'

@@ -1,0 +1,58 @@
+"""The life cycles that somebody means: a built-in one, those of a Python file, or that of a message of a run."""
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from pathlib import Path
+
+import click
+
+from tca_tools.errors import NotInLog
+from tca_tools.run.journals import Log, open_log
+from tca_wire.journal.facts import FormatDefined
+from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, read_life_cycle
+from tca_wire.messages.declarations import TaskMessage
+from tca_wire.text.printable import printable
+from tca_wire.user_file import CannotRun, names_of
+
+BUILT_IN = {one.name: one for one in (GENERAL, BASIC)}
+
+
+def meant(what: str, log_path: Path | None) -> list[LifeCycle]:
+    """Each once. Raises UsageError or NotInLog where there is none."""
+    if what in BUILT_IN and log_path is None:
+        return [BUILT_IN[what]]
+    if Path(what).suffix == ".py" and log_path is None:
+        return _in_file(Path(what))
+    return [_of_message(what, log_path)]
+
+
+def _in_file(path: Path) -> list[LifeCycle]:
+    if not path.is_file():
+        raise click.UsageError(f"{printable(str(path))}: there is no such file")
+    try:
+        names = names_of(path)
+    except CannotRun as error:
+        raise click.UsageError(str(error)) from None
+    found = [value for value in names.values() if isinstance(value, LifeCycle)]
+    found += [value.life_cycle for value in names.values() if isinstance(value, TaskMessage)]
+    if not found:
+        raise click.UsageError(f"{path} has no life cycle: declare a LifeCycle, goal or command at its top level")
+    return [one for one in dict.fromkeys(found) if one not in BUILT_IN.values()] or list(dict.fromkeys(found))
+
+
+def _of_message(name: str, log_path: Path | None) -> LifeCycle:
+    journal = open_log(log_path)
+    found = {fact.message: fact for fact in _formats(journal)}
+    journal.check()
+    fact = found.get(name)
+    if fact is None:
+        near = get_close_matches(name, [*found, *BUILT_IN], 1)
+        hint = f": did you mean '{printable(near[0])}'?" if near else ""
+        raise NotInLog(f"no message '{printable(name)}' in the journal {journal.name}{hint}")
+    if not fact.message_class.is_task:
+        raise NotInLog(f"{fact.message_class} '{printable(name)}' is no task: only tasks have a life cycle")
+    return read_life_cycle(fact.life_cycle)
+
+
+def _formats(journal: Log) -> Iterator[FormatDefined]:
+    return (fact for entry in journal for fact in entry.facts if isinstance(fact, FormatDefined))

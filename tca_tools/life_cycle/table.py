@@ -1,0 +1,45 @@
+"""A life cycle as a table of text: a row for each transition, and which states are the first, active, and ends."""
+
+from collections.abc import Iterator
+
+from tca_tools.terminal import columns_of, cut
+from tca_wire.life_cycles import Effect, LifeCycle
+from tca_wire.vocabulary import Party
+
+TAKEN_BY = {Party.CLIENT: "client", Party.SERVER: "server", Party.BOTH: "client or server"}
+_EFFECTS = {
+    Effect.NONE: "",
+    Effect.NEW_GOAL: "asks for a new goal",
+    Effect.TAKE_GOAL: "the new goal is the task's",
+    Effect.REFUSE: "refuses the client's request",
+    Effect.RESULT: "tells an intermediate result",
+    Effect.STOP: "ends as the client asked",
+}
+_HEAD = ("state", "transition", "by", "to", "")
+
+
+def table_lines(life_cycle: LifeCycle, width: int | None = None) -> list[str]:
+    """The table, each line in at most *width* columns."""
+    rows = [_HEAD, *_rows(life_cycle)]
+    widths = [max(columns_of(row[column]) for row in rows) for column in range(len(_HEAD))]
+    lines = ["  ".join(map(_filled, row, widths)).rstrip() for row in rows]
+    return [cut(line, width) for line in [f"life cycle '{life_cycle.name}'", *_kinds(life_cycle), "", *lines]]
+
+
+def _kinds(life_cycle: LifeCycle) -> Iterator[str]:
+    yield f"  first: {life_cycle.initial}"
+    yield f"  active: {', '.join(life_cycle.active)}"
+    yield f"  ends: {life_cycle.done}, {life_cycle.cancelled}"
+
+
+def _rows(life_cycle: LifeCycle) -> Iterator[tuple[str, ...]]:
+    last = ""
+    for state in life_cycle.states:
+        for one in life_cycle.transitions:
+            if one.source == state:
+                yield "" if state == last else state, one.name, TAKEN_BY[one.by], one.target, _EFFECTS[one.effect]
+                last = state
+
+
+def _filled(text: str, width: int) -> str:
+    return text + " " * (width - columns_of(text))
