@@ -44,6 +44,7 @@ class Player:
         self.inbox: dict[str, list[tuple[Any, bytes]]] = {}
         self.numbers: dict[str, int] = {}
         self.principals: dict[str, str] = {}  #: whose a connection is ("": of the user who runs central)
+        self.life_cycles: dict[str, str] = {}  #: by message: the table that its declarations have
 
     @classmethod
     def of(cls, *modules: str, check: bool = True) -> Self:
@@ -110,13 +111,18 @@ class Player:
         pending: int = 0,
         resource: str = "",
         direct: bool = False,
+        **wishes: Any,
     ) -> None:
-        """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles."""
+        """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles; *wishes*
+        are what its handlers say of the life cycles of tasks.
+        """
         self.hello(name)
-        messages = [self.format(words) for words in handles]
+        messages = [self.declared(words) for words in handles]
         may_be_direct = (MessageClass.INFORM, MessageClass.QUERY) if direct else ()
         handlers = [
-            HandlerFormat(message.name, resource or name, pool, pending, message.message_class in may_be_direct)
+            HandlerFormat(
+                message.name, resource or name, pool, pending, message.message_class in may_be_direct, **wishes
+            )
             for message in messages
         ]
         self.receive(name, headers.Register(self.number(name), messages, handlers))
@@ -132,8 +138,25 @@ class Player:
         reply = ANY if message_class in ("query", "multi-query", "command") else ""
         return MessageFormat(name, message_class, ANY, reply)
 
+    def declared(self, words: str) -> MessageFormat:
+        """The declaration of a message, with the life cycle that its tasks have here."""
+        message = self.format(words)
+        life_cycle = self.life_cycles.get(message.name, "")
+        return msgspec.structs.replace(message, life_cycle=life_cycle) if life_cycle else message
+
     def declare(self, connection: str, *messages: str) -> list[Any]:
-        return self.receive(connection, headers.Register(self.number(connection), [self.format(m) for m in messages]))
+        declared = [self.declared(words) for words in messages]
+        return self.receive(connection, headers.Register(self.number(connection), declared))
+
+    def change(
+        self, connection: str, task: int, transition: str, value: Any = None, *, serial: int = -1, **options: Any
+    ) -> list[Any]:
+        """Take a transition of a task: as its handler where it is that, else as a client."""
+        header = headers.ChangeState(self.number(connection), TaskId(task), transition, serial, **options)
+        return self.receive(connection, header, b"" if value is None else msgspec.msgpack.encode(value))
+
+    def observe(self, connection: str, **about: Any) -> list[Any]:
+        return self.receive(connection, headers.Observe(self.number(connection), **about))
 
     def send(
         self,

@@ -1,6 +1,7 @@
 """Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
 
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N] [resource NAME]
+                [accepting] [taking TRANSITION and ...] [refusing TRANSITION and ...] [when busy BUSY] [life cycle LIFE CYCLE]
     NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled]
                         [kept] [here]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
@@ -10,6 +11,8 @@
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
+    NAME: take TRANSITION of TASK [with VALUE] [having seen SERIAL] [because TEXT]
+    NAME: observe [TASK, MESSAGE] [below TASK] [states STATE or ...]
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
     NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK or MESSAGE [with ACTION] | end monitor TASK
     NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
@@ -33,6 +36,7 @@ from central.transcript_words import (
     describe,
     describe_answer,
     describe_inspected,
+    describe_observed,
     read_attachment,
     read_point,
     read_watch,
@@ -40,11 +44,22 @@ from central.transcript_words import (
 
 from tca_central.order.holds import held_counts
 from tca_wire.constraints import Flags
+from tca_wire.life_cycles import BASIC, GENERAL, LifeCycle, Transition, ending
 from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import ROOT, TaskId, describe_moments
-from tca_wire.vocabulary import Condition, MessageClass, Scope
+from tca_wire.vocabulary import Busy, Condition, MessageClass, Party, Scope
 
+PAUSABLE = LifeCycle(
+    "pausable",
+    [
+        *GENERAL.transitions,
+        Transition("pause", "running", "paused", Party.CLIENT),
+        Transition("resume", "paused", "running", Party.BOTH),
+        *ending("paused"),
+    ],
+)
+LIFE_CYCLES = {one.name: one for one in (BASIC, PAUSABLE)}
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 
 
@@ -55,6 +70,8 @@ class Transcript:
         self.declared: set[tuple[str, str]] = set()
         self.locked: dict[str, int] = {}
         self.asked: dict[str, list[int]] = {}
+        self.observing: dict[str, set[int]] = {}  #: by connection: the numbers of these requests
+        self.read: dict[str, int] = {}
 
     def play(self, command: str) -> str:
         """Do one command; what happened, a line each."""
@@ -66,14 +83,38 @@ class Transcript:
         else:
             raise ValueError(f"no such command: {command}")
         lines = [describe(fact) for entry in self.player.entries[self.shown :] for fact in entry.facts]
-        lines += [f"  -> {describe_answer(answer)}" for answer in answers if not isinstance(answer, headers.Deliver)]
+        answers = [answer for answer in answers if not isinstance(answer, headers.Deliver)]
+        lines += [f"  -> {describe_answer(answer)}" for answer in answers if not self.is_observed(answer)]
+        lines += self.seen()
         return "\n".join(line for line in lines if line) if command != "tree" else self.tree()
 
-    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str, resource: str) -> list[Any]:
+    def is_observed(self, answer: Any) -> bool:
+        """Whether an answer is to an observer, of whom is told what he sees."""
+        return isinstance(answer, headers.Answer) and any(answer.number in them for them in self.observing.values())
+
+    def seen(self) -> list[str]:
+        """What observers have seen since then."""
+        lines = []
+        for name, numbers in self.observing.items():
+            inbox = self.player.inbox[name]
+            new, self.read[name] = inbox[self.read[name] :], len(inbox)
+            told = [item for item in new if isinstance(item[0], headers.Answer) and item[0].number in numbers]
+            lines += [f"  -> {name} {describe_observed(header, body)}" for header, body in told]
+        return lines
+
+    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str, resource: str, accepting: str,
+               taking: str, refusing: str, busy: str, life_cycle: str) -> list[Any]:  # fmt: skip
         words = [part.strip() for part in handles.split(",")] if handles else []
         known = {connection: len(inbox) for connection, inbox in self.player.inbox.items()}
+        wishes: dict[str, Any] = {"takes": taking.split(" and ")} if taking else {}
+        wishes |= {"refuses": refusing.split(" and ")} if refusing else {}
+        wishes |= {"accepts": True} if accepting else {}
+        wishes |= {"busy": Busy(busy)} if busy else {}
+        if life_cycle:
+            for part in words:
+                self.player.life_cycles[self.player.format(part).name] = LIFE_CYCLES[life_cycle].text
         numbers: dict[str, Any] = {"capacity": int(capacity or 1), "pending": int(pending or 0)}
-        self.player.module(name, *words, pool=pool or "", resource=resource or "", **numbers)
+        self.player.module(name, *words, pool=pool or "", resource=resource or "", **numbers, **wishes)
         new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
         return [header for header, _ in new if isinstance(header, headers.Answer)]
 
@@ -191,6 +232,18 @@ class Transcript:
             return [header]
         return [describe_inspected(row) for row in msgspec.msgpack.decode(body)] or ["(nothing)"]
 
+    def take(self, name: str, transition: str, task: str, value: str, serial: str, text: str) -> list[Any]:
+        data = int(value) if value else None
+        return self.player.change(name, int(task), transition, data, serial=int(serial or -1), text=text or "")
+
+    def observe(self, name: str, task: str, message: str, below: str, states: str) -> list[Any]:
+        self.observing.setdefault(name, set()).add(self.player.numbers.get(name, 0) + 1)
+        self.read.setdefault(name, len(self.player.inbox.get(name, ())))
+        return self.player.observe(
+            name, task=TaskId(int(task or 0)), message=message or "", below=TaskId(int(below or 0)),
+            states=states.split(" or ") if states else [],
+        )  # fmt: skip
+
     def deadline(self, name: str, seconds: str, point: str) -> list[Any]:
         header = headers.Deadline(self.player.number(name), read_point(point), float(seconds))
         return self.player.receive(name, header)
@@ -257,7 +310,11 @@ class Transcript:
 
 
 NAME = r"(?P<name>[\w/#]+)"
-OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?(?: resource (?P<resource>\w+))?"
+OPTIONS = (
+    r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?(?: resource (?P<resource>\w+))?"
+    r"(?P<accepting> accepting)?(?: taking (?P<taking>[\w ]+?))?(?: refusing (?P<refusing>[\w ]+?))?(?: when busy (?P<busy>\w+))?"
+    r"(?: life cycle (?P<life_cycle>\w+))?"
+)
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
     (rf"{NAME}: await the last (?P<number>\d+)", Transcript.awaits),
@@ -278,6 +335,10 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: (?P<what>suspend|resume) (?P<task>\d+)", Transcript.suspend),
     (rf"{NAME}: (?P<what>keep|release) (?P<task>\d+)", Transcript.keep),
     (rf"{NAME}: inspect (?P<relation>\w+) of (?P<task>\d+)", Transcript.inspect),
+    (rf"{NAME}: take (?P<transition>[\w ]+?) of (?P<task>\d+)(?: with (?P<value>\d+))?(?: having seen (?P<serial>\d+))?"
+     r"(?: because (?P<text>.*))?", Transcript.take),
+    (rf"{NAME}: observe(?: (?P<task>\d+))?(?: (?!below|states)(?P<message>\w+))?(?: below (?P<below>\d+))?"
+     r"(?: states (?P<states>.*))?", Transcript.observe),
     (rf"{NAME}: deadline (?P<seconds>[\d.]+) for (?P<point>.*)", Transcript.deadline),
     (r"pass (?P<seconds>[\d.]+)", Transcript.pass_),
     (rf"{NAME}: wait (?P<point>.*?)(?P<here> here)?", Transcript.wait),

@@ -9,7 +9,7 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.facts import kind_of
 from tca_wire.messages.notices import NOTICES
-from tca_wire.packets.parts import Attachment, WatchOptions
+from tca_wire.packets.parts import Attachment, StateChange, WatchOptions
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
 from tca_wire.text.facts_in_words import fields_of, kill_reason
 from tca_wire.vocabulary import CENTRAL
@@ -105,6 +105,9 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'} by {fact.by}"
         case facts.Killed() | facts.Retried() | facts.KillPlanned() | facts.DeadlineSet() | facts.SendPlanned():
             return describe_ending(fact)
+        case facts.StateChanged():
+            whose = f"{fact.by} {fact.module}".rstrip()
+            return f"{fact.task} {fact.transition} by {whose}: {fact.state}, change {fact.serial}{_why(fact.text, fact.body)}"
         case facts.TimedOut():
             return f"time is up for {fact.constraint}"
         case facts.Unhandled() | facts.Recovered():
@@ -153,6 +156,25 @@ def describe_claim(fact: facts.Claimed | facts.Granted | facts.ClaimEnded) -> st
             return f"{fact.id} granted"
         case facts.ClaimEnded():
             return f"{fact.id} ended: {fact.why}"
+
+
+def _why(text: str, body: bytes) -> str:
+    """The reason for a change of state, and its data."""
+    data = f", data {msgspec.msgpack.decode(body)}" if body else ""
+    return (f", {text}" if text else "") + data
+
+
+def describe_observed(header: Any, body: bytes) -> str:
+    """An answer to an observer."""
+    if not body:
+        return "observes" if header.more else "observes no longer"
+    change = msgspec.msgpack.decode(body, type=StateChange)
+    whose = f" by {change.by} {change.module}".rstrip() if change.transition else ""
+    what = f"{change.transition}{whose}, " if change.transition else ""
+    goal = f", goal {msgspec.msgpack.decode(change.goal)}" if change.goal else ""
+    late = ", late" if change.is_late else ""
+    over = ", over" if change.is_over else ""
+    return f"sees {change.task} {change.message}: {what}{change.state}, change {change.serial}{_why(change.text, change.data)}{goal}{late}{over}"
 
 
 def describe_inspected(row: dict[str, Any]) -> str:
