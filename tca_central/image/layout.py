@@ -125,8 +125,9 @@ OBJECTS: dict[type, str] = {
     Permissions: "barred licences newest_licence outcome_owners rules",
     Rights: "known patterns",
     Rare: (
-        "asked attached attempts ended_followers farewells fired guests invocations is_guest is_tapped is_void kept "
-        "kept_by listeners pending progress recovering retry_askers retry_targets sequence taps watch"
+        "asked attached attempts client_serial ended_followers farewells fired guests invocations is_guest "
+        "is_tapped is_void kept kept_by listeners pending progress recovering retry_askers retry_targets sequence taps "
+        "watch"
     ),
     Registry: "_names bytes connections dropped look_after lost messages modules permissions",
     Task: (

@@ -4,7 +4,7 @@ Theory of operation (Lütkebohle et al., 4.5.1). Each change of a task's state g
 a change says which number it has seen last. A number that central has not given yet means that it has missed changes:
 an error. Where a client has not seen what the server did meanwhile, its change is applied after that if the table
 allows, and else ignored. Where the server has not seen what a client did, its change is applied as if it had come
-first, and then the client's after it, if the table allows.
+first, and then the client's after it, if the table allows; the handler was told of that already, and is not again.
 
 What a client asks for is decided by the handler that takes such transitions, and else by these defaults: an update
 kills what is under the task and lets it be handled again with the new goal; a cancel kills the task.
@@ -56,9 +56,10 @@ def begin(central: State, task: Task) -> None:
 def restart(central: State, task: Task) -> None:
     """A task goes to a handler once more. One that is to end at a client's request ends instead."""
     asked = central.tree.forget_asked(task)
+    if task.rare is not None:
+        task.rare.client_serial = 0  # another run of a handler has seen nothing
     if task.message.life_cycle.ends_on_request(task.state):
-        last = asked[-1] if asked else None
-        kill(central, task, Verdict(last.text if last else "a client cancels it", last.module if last else CENTRAL))
+        kill(central, task, _wanted_by(asked, CENTRAL))
     elif task.state != task.message.initial:
         task.state = task.message.initial
         task.serial += 1
@@ -105,12 +106,12 @@ def _change_by_client(central: State, connection: Connection, header: ChangeStat
     if step is None:
         _refuse(task, name, Party.CLIENT)
         if -1 < header.serial < task.serial:  # the server was first
-            central.ignore(connection, header.number, f"{task} is {task.state} by now: '{name}' comes too late")
+            central.ignore(connection, header.number, _too_late(task, name))
             return
         raise RequestError(Refusal.TOO_LATE, _not_now(task, name, Party.CLIENT))
     if body and step.effect is not Effect.NEW_GOAL:
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
-    central.tree.forget_asked(task, lambda one: not _is_awaited(task, one))
+    central.tree.forget_asked(task, lambda one: not _is_awaited(task, one.source, one.name))
     if task.rare is not None and len(task.rare.asked) >= MOST_ASKED:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already")
     asked_for(central, task, step, connection.module.name, header.text, body)
@@ -119,10 +120,12 @@ def _change_by_client(central: State, connection: Connection, header: ChangeStat
 
 def asked_for(central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b"") -> None:
     """A client asks for something: the handler decides, or central for it."""
-    source = task.state
-    _take(central, task, step, Party.CLIENT, module, text, body)
     handler = handler_of(task)
     is_told = handler is not None and step.name in handler.takes
+    if not (is_told or _is_awaited(task, task.state, step.name)):
+        raise RequestError(Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes=")
+    source = task.state
+    _take(central, task, step, Party.CLIENT, module, text, body)
     asked = ClientRequest(step.name, source, task.serial, module, text, body, is_told)
     central.tree.ask(task, asked)
     if is_told:
@@ -131,10 +134,10 @@ def asked_for(central: State, task: Task, step: Transition, module: str, text: s
         _decide(central, task, step, asked)
 
 
-def _is_awaited(task: Task, asked: ClientRequest) -> bool:
-    """Whether the server has to say something to what a client asked for."""
+def _is_awaited(task: Task, source: str, name: str) -> bool:
+    """Whether the server, or central for it, has to say something to that transition of a client."""
     cycle = task.message.life_cycle
-    target = cycle.steps[asked.source, asked.name].target
+    target = cycle.steps[source, name].target
     return bool(cycle.refusal(target) or cycle.grant(target) or cycle.ends_on_request(target))
 
 
@@ -162,7 +165,7 @@ def _decide(central: State, task: Task, step: Transition, asked: ClientRequest) 
         _take_goal(central, task, asked.body)
         retry_task(central, task, asked.body, asked.module)
     elif task.message.life_cycle.ends_on_request(task.state):
-        kill(central, task, Verdict(asked.text or "a client cancels it", asked.module, central.origin))
+        kill(central, task, _wanted_by([asked], asked.module)._replace(origin=central.origin))
 
 
 def _why_refused(central: State, task: Task, step: Transition) -> str:
@@ -204,6 +207,10 @@ def _change_by_server(central: State, connection: Connection, header: ChangeStat
         step, overtaken = cycle.step(unseen[0].source, name, Party.SERVER), True
     if step is None:
         _refuse(task, name, Party.SERVER)
+        if task.rare is not None and seen < task.rare.client_serial:  # a client was first
+            central.facts.append(facts.Ignored(connection.module.name, _too_late(task, name)))
+            _answer(central, connection, header, 0)
+            return
         raise RequestError(Refusal.PROTOCOL, _not_now(task, name, Party.SERVER))
     if cycle.is_over(step.target) and step.effect is not Effect.STOP:
         raise RequestError(Refusal.PROTOCOL, f"'{name}' ends {task}: its handler returns, or fails, instead")
@@ -212,8 +219,12 @@ def _change_by_server(central: State, connection: Connection, header: ChangeStat
     _apply(central, task, step, connection.module.name, header.text, body, seen)
     for one in unseen if overtaken else ():
         _apply_again(central, task, one)
+    _answer(central, connection, header, task.serial)
+
+
+def _answer(central: State, connection: Connection, header: ChangeState, serial: int) -> None:
     if header.number:
-        central.accept(connection, header.number, task.serial)
+        central.accept(connection, header.number, serial)
 
 
 def _apply(
@@ -221,7 +232,7 @@ def _apply(
 ) -> None:  # fmt: skip
     """The server's transition, and what it means for what clients have asked for."""
     if step.effect is Effect.RESULT:
-        central.tree.forget_asked(task, lambda one: one.serial <= seen and not _is_awaited(task, one))
+        central.tree.forget_asked(task, lambda one: one.serial <= seen and not _is_awaited(task, one.source, one.name))
         central.tree.set_progress(task, body)
         _take(central, task, step, Party.SERVER, module, text, body)
         return
@@ -231,9 +242,7 @@ def _apply(
         if goals:
             _set_goal(central, task, goals[-1])
     if step.effect is Effect.STOP:
-        wanted = asked[-1] if asked else None
-        verdict = Verdict((wanted.text if wanted else "") or "a client cancels it", wanted.module if wanted else module)
-        kill(central, task, verdict)
+        kill(central, task, _wanted_by(asked, module))
         return
     _take(central, task, step, Party.SERVER, module, text, b"")
 
@@ -242,10 +251,17 @@ def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
     """A client's request that the server had not seen comes after what that did."""
     step = None if task.killed else task.message.life_cycle.step(task.state, asked.name, Party.CLIENT)
     if step is None:
-        text = f"{task} is {task.state} by now: '{asked.name}' comes too late"
-        central.facts.append(facts.Ignored(asked.module, text))
+        central.facts.append(facts.Ignored(asked.module, _too_late(task, asked.name)))
     else:
-        asked_for(central, task, step, asked.module, asked.text, asked.body)
+        source = task.state
+        _take(central, task, step, Party.CLIENT, asked.module, asked.text, asked.body)
+        central.tree.ask(task, asked._replace(source=source))
+
+
+def _wanted_by(asked: list[ClientRequest], module: str) -> Verdict:
+    """The end of a task, as a client wants it."""
+    text, by = (asked[-1].text, asked[-1].module) if asked else ("", module)
+    return Verdict(text or "a client cancels it", by)
 
 
 def _set_goal(central: State, task: Task, goal: bytes) -> None:
@@ -275,6 +291,10 @@ def _refuse(task: Task, name: str, by: Party) -> None:
         hint = f", it is the {others[0]}'s" if others else ""
         text = f"a {by} can't take '{name}' of {task}{hint}: {cycle} has {_listed(cycle.names(by))} for it"
         raise RequestError(Refusal.UNKNOWN, text)
+
+
+def _too_late(task: Task, name: str) -> str:
+    return f"{task} is {task.state} by now: '{name}' comes too late"
 
 
 def _not_now(task: Task, name: str, by: Party) -> str:

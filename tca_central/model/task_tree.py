@@ -22,7 +22,7 @@ class ClientRequest(NamedTuple):
 
     name: str
     source: str  #: the state in which the task was
-    serial: int  #: that it has got
+    serial: int  #: that it got, and that the handler was told
     module: str  #: the client's
     text: str
     body: bytes  #: the new goal, if it is for one
@@ -36,6 +36,7 @@ class Rare(Stored):
         "asked",
         "attached",
         "attempts",
+        "client_serial",
         "ended_followers",
         "farewells",
         "fired",
@@ -60,6 +61,7 @@ class Rare(Stored):
     def __init__(self) -> None:
         self.attached: list[AttachedHandler] = []  #: its exception handlers, newest last
         self.asked: list[ClientRequest] = []  #: transitions of clients since the handler's last one, oldest first
+        self.client_serial = 0  #: of the newest of these
         self.progress = b""  #: its newest intermediate result
         self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
         self.attempts = 1  #: how often it is being or has been handled
@@ -302,6 +304,7 @@ class TaskTree(Stored):
     def ask(self, task: Task, asked: ClientRequest) -> None:
         """Remember what a client has asked for."""
         task.more.asked.append(asked)
+        task.more.client_serial = asked.serial
         self.grow(task, DELIVERY_BYTES + len(asked.body))
 
     def forget_asked(
