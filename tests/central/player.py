@@ -16,6 +16,7 @@ from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal.facts import Entry
 from tca_wire.messages.notices import NOTICES
 from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Entrance
 from tca_wire.points import Moment, Point, TaskId
@@ -152,11 +153,11 @@ class Player:
         self, connection: str, task: int, transition: str, value: Any = None, *, serial: int = -1, **options: Any
     ) -> list[Any]:
         """Take a transition of a task: as its handler where it is that, else as a client."""
-        header = headers.ChangeState(self.number(connection), TaskId(task), transition, serial, **options)
+        header = ChangeState(self.number(connection), TaskId(task), transition, serial, **options)
         return self.receive(connection, header, b"" if value is None else msgspec.msgpack.encode(value))
 
     def observe(self, connection: str, **about: Any) -> list[Any]:
-        return self.receive(connection, headers.Observe(self.number(connection), **about))
+        return self.receive(connection, Observe(self.number(connection), **about))
 
     def send(
         self,

@@ -102,21 +102,16 @@ class Transcript:
             lines += [f"  -> {name} {describe_observed(header, body)}" for header, body in told]
         return lines
 
-    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str, resource: str, accepting: str,
-               taking: str, refusing: str, busy: str, life_cycle: str) -> list[Any]:  # fmt: skip
+    def module(self, name: str, handles: str, capacity: str, pending: str, **options: str) -> list[Any]:
         words = [part.strip() for part in handles.split(",")] if handles else []
         known = {connection: len(inbox) for connection, inbox in self.player.inbox.items()}
-        wishes: dict[str, Any] = {"takes": taking.split(" and ")} if taking else {}
-        wishes |= {"refuses": refusing.split(" and ")} if refusing else {}
-        wishes |= {"accepts": True} if accepting else {}
-        wishes |= {"busy": Busy(busy)} if busy else {}
-        if life_cycle:
+        if life_cycle := options["life_cycle"]:
             for part in words:
                 self.player.life_cycles[self.player.format(part).name] = LIFE_CYCLES[life_cycle].text
-        numbers: dict[str, Any] = {"capacity": int(capacity or 1), "pending": int(pending or 0)}
-        self.player.module(name, *words, pool=pool or "", resource=resource or "", **numbers, **wishes)
+        chosen = {"pool": options["pool"] or "", "resource": options["resource"] or "", **wishes(**options)}
+        self.player.module(name, *words, capacity=int(capacity or 1), pending=int(pending or 0), **chosen)
         new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
-        return [header for header, _ in new if isinstance(header, headers.Answer)]
+        return [header for header, _ in new if isinstance(header, headers.Answer | headers.Refused)]
 
     def send(self, name: str, what: str, options: str) -> list[Any]:
         message = what.rsplit(" ", 1)[1]
@@ -309,11 +304,23 @@ class Transcript:
         return "\n".join(lines) or "(empty)"
 
 
+def wishes(*, accepting: str, taking: str, refusing: str, busy: str, **_: str) -> dict[str, Any]:
+    """What the handlers of a module say of the life cycles of tasks."""
+    said: dict[str, Any] = {"accepts": True} if accepting else {}
+    said |= {"takes": taking.split(" and ")} if taking else {}
+    said |= {"refuses": refusing.split(" and ")} if refusing else {}
+    return said | ({"busy": Busy(busy)} if busy else {})
+
+
 NAME = r"(?P<name>[\w/#]+)"
 OPTIONS = (
     r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?(?: resource (?P<resource>\w+))?"
     r"(?P<accepting> accepting)?(?: taking (?P<taking>[\w ]+?))?(?: refusing (?P<refusing>[\w ]+?))?(?: when busy (?P<busy>\w+))?"
     r"(?: life cycle (?P<life_cycle>\w+))?"
+)
+TAKEN = r"(?: with (?P<value>\d+))?(?: having seen (?P<serial>\d+))?(?: because (?P<text>.*))?"
+OBSERVED = (
+    r"(?: (?P<task>\d+))?(?: (?!below|states)(?P<message>\w+))?(?: below (?P<below>\d+))?(?: states (?P<states>.*))?"
 )
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
@@ -335,10 +342,8 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: (?P<what>suspend|resume) (?P<task>\d+)", Transcript.suspend),
     (rf"{NAME}: (?P<what>keep|release) (?P<task>\d+)", Transcript.keep),
     (rf"{NAME}: inspect (?P<relation>\w+) of (?P<task>\d+)", Transcript.inspect),
-    (rf"{NAME}: take (?P<transition>[\w ]+?) of (?P<task>\d+)(?: with (?P<value>\d+))?(?: having seen (?P<serial>\d+))?"
-     r"(?: because (?P<text>.*))?", Transcript.take),
-    (rf"{NAME}: observe(?: (?P<task>\d+))?(?: (?!below|states)(?P<message>\w+))?(?: below (?P<below>\d+))?"
-     r"(?: states (?P<states>.*))?", Transcript.observe),
+    (rf"{NAME}: take (?P<transition>[\w ]+?) of (?P<task>\d+){TAKEN}", Transcript.take),
+    (rf"{NAME}: observe{OBSERVED}", Transcript.observe),
     (rf"{NAME}: deadline (?P<seconds>[\d.]+) for (?P<point>.*)", Transcript.deadline),
     (r"pass (?P<seconds>[\d.]+)", Transcript.pass_),
     (rf"{NAME}: wait (?P<point>.*?)(?P<here> here)?", Transcript.wait),

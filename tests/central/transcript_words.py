@@ -105,9 +105,6 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'} by {fact.by}"
         case facts.Killed() | facts.Retried() | facts.KillPlanned() | facts.DeadlineSet() | facts.SendPlanned():
             return describe_ending(fact)
-        case facts.StateChanged():
-            whose = f"{fact.by} {fact.module}".rstrip()
-            return f"{fact.task} {fact.transition} by {whose}: {fact.state}, change {fact.serial}{_why(fact.text, fact.body)}"
         case facts.TimedOut():
             return f"time is up for {fact.constraint}"
         case facts.Unhandled() | facts.Recovered():
@@ -127,7 +124,17 @@ def describe_control(fact: facts.Fact) -> str:
             place = fact.message or f"task {fact.task}"
             return f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"
         case _:
-            return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
+            return describe_rest(fact)
+
+
+def describe_rest(fact: facts.Fact) -> str:
+    """Changes of states; and what has no words of its own."""
+    if isinstance(fact, facts.StateChanged):
+        whose = f"{fact.by} {fact.module}".rstrip()
+        return (
+            f"{fact.task} {fact.transition} by {whose}: {fact.state}, change {fact.serial}{_why(fact.text, fact.body)}"
+        )
+    return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
 
 
 def describe_ending(
