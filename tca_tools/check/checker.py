@@ -4,7 +4,7 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.check import births, failing, handling, moments, presence, taps
+from tca_tools.check import births, failing, handling, lives, moments, presence, taps
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CLOCK, Violation
 from tca_tools.check.world import JournalWorld
@@ -86,6 +86,7 @@ class Checker:
         self.gaps.append(f"{why}: what was under way then is not known")
         self.world = JournalWorld(self._report, is_whole=False, events=known.events)
         self.world.now, self.world.formats, self.world.classes = known.now, known.formats, known.classes
+        self.world.cycles, self.world.accepting = known.cycles, known.accepting
         self._may_have_missed_opening = True
 
     def close(self) -> None:
@@ -192,6 +193,7 @@ FOLD: dict[type, Take] = {
     facts.WaitEnded: moments.wait_ended,
     facts.Killed: _of(_TASK, "task", "was killed", failing.killed),
     facts.SuspendedOrResumed: _of(_TASK, "task", "was suspended or resumed", failing.suspended),
+    facts.StateChanged: _of(_TASK, "task", "changed its state", lives.changed),
     facts.Retried: _of(_TASK, "task", "was retried", failing.retried),
     facts.Attached: failing.attached,
     facts.Removed: failing.removed,

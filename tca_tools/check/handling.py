@@ -1,6 +1,6 @@
 """Messages on their way: queued, given to one handler, returned; and the capacity and locks of resources."""
 
-from tca_tools.check import rules
+from tca_tools.check import lives, rules
 from tca_tools.check.births import not_met, not_startable
 from tca_tools.check.failing import failed as failed_task
 from tca_tools.check.presence import claim_in_words
@@ -23,6 +23,7 @@ def queued(world: JournalWorld, fact: facts.Queued) -> None:
     if item.waits_at is not None and item.message not in world.rehandled:
         world.broken(rules.QUEUED, item, f"was queued for {said(item.waits_at)} already")
     _leave_queue(world, item)
+    lives.go_on(world, item)
     place = item.waits_at = world.place(fact.module, fact.resource)
     place.waiting[item.given_as] = item
     if fact.module and world.is_whole and item.message not in world.handlers:
@@ -36,6 +37,7 @@ def unqueued(world: JournalWorld, item: MessageRecord, fact: facts.Unqueued) -> 
         if item.place is None and not item.is_stranger:
             world.broken(rules.QUEUED, item, "left a queue in which it was not")
         _leave_lost(world, item, "was taken back")
+        lives.go_on(world, item)
     _leave_queue(world, item)
 
 
@@ -58,6 +60,7 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     _may_go_to(world, item, place)
     is_nested = item.message_class.has_reply and item.sender == place.module
     (place.nested if is_nested else place.runs)[item.given_as] = item
+    lives.go_on(world, item, place.module)
     item.place, item.is_begun = place, True
     if item.is_task and not item.message_class.is_monitor:
         if world.is_holding:

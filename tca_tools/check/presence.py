@@ -1,5 +1,6 @@
 """Modules, what they handle, their resources, and locks and reservations of these."""
 
+from tca_tools.check import lives
 from tca_tools.check.records import MessageRecord, ResourceRecord
 from tca_tools.check.rules import CAPACITY, GRANTED, HANDLES, NUMBERS, PRESENT
 from tca_tools.check.world import JournalWorld, said
@@ -63,6 +64,7 @@ def format_defined(world: JournalWorld, fact: facts.FormatDefined) -> None:
     """A message is declared."""
     world.classes[fact.message] = fact.message_class
     world.formats[fact.message] = fact.data
+    lives.declared(world, fact)
 
 
 def handler(world: JournalWorld, fact: facts.HandlerAdded) -> None:
@@ -72,6 +74,7 @@ def handler(world: JournalWorld, fact: facts.HandlerAdded) -> None:
     if fact.module in handlers:
         world.broken(HANDLES, 0, f"module '{fact.module}' handles {fact.message} already")
     handlers[fact.module] = fact.resource
+    (world.accepting.add if fact.accepts else world.accepting.discard)((fact.message, fact.module))
     _handlers_changed(world, fact.message)
 
 

@@ -101,6 +101,10 @@ class MessageRecord(MessageView):
     never_began: int = 0  #: once it was killed, the starts that it had not reached
     is_suspended: bool = False
     is_over: bool = False
+    state: str = ""  #: of its life cycle ("": the first one)
+    serial: int = 0  #: the number of changes of that
+    overtaken: list[str] = field(default_factory=list)
+    """The states from which clients have asked for something since its handler's last word."""
     is_retried: bool = False
     is_answered: bool = False
     is_dropped: bool = False

@@ -58,6 +58,8 @@ SETTLED = Rule("what may happen happens at once", "TCM 2.10: the agenda is drain
 KILLED = Rule("what is killed is not begun, and dies with all under it", f"{MANUAL}, killing task trees")
 SUSPENDED = Rule("nothing is begun while it is suspended", "TCM 2.10: Suspend")
 
+LIFE = Rule("a task's state goes by its life cycle, and its changes are numbered one after the other",
+            "Lütkebohle et al., The Task-State Pattern, 4.4 and 4.5")  # fmt: skip
 RESTARTED = Rule("after a restart of central no task begins before all are back or lost, or somebody says so",
                  "docs/reliability.md")  # fmt: skip
 

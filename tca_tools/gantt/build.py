@@ -15,6 +15,7 @@ from tca_tools.run.records import HandlerWait, Handling, ModuleRecord, Queueing,
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import lanes
 from tca_tools.why.waits import told_waits
+from tca_wire.life_cycles import Effect
 from tca_wire.text.facts_in_words import place
 from tca_wire.vocabulary import Outcome
 
@@ -98,7 +99,7 @@ class _Filler:
             number = queueing.message_id
             span = run.name(number), queueing.start, queueing.end
             bar = self._bar(BarKind.QUEUED, *span, titles.queued, queueing, of=number)
-            bar.raised = self._raised(number, bar)
+            bar.marks = self._marks(number, bar)
             self._row(queueing.module, queueing.resource).queued.append(bar)
         for task in run.tasks.values():
             self._add_kept(task)
@@ -144,7 +145,7 @@ class _Filler:
             part = self._bar(BarKind.WAITING, one.name, wait.start, wait.end, titles.waits, who, wait)
             part.end = min(part.end, bar.end)
             bar.waits = [*bar.waits, part]
-        bar.raised = self._raised(one.message_id, bar)
+        bar.marks = self._marks(one.message_id, bar)
         return bar
 
     def _awaited(self, module: str, wait: HandlerWait) -> Bar:
@@ -153,19 +154,23 @@ class _Filler:
         bar.waits = [self._bar(BarKind.WAITING, *what)]
         return bar
 
-    def _raised(self, number: int, bar: Bar) -> list[Mark]:
-        """The failures that were raised on a task in a bar of it, or after its last one."""
-        run, task, failures = self.run, self.run.tasks.get(number), self.run.raised.get(number)
-        if task is None or not failures:
+    def _marks(self, number: int, bar: Bar) -> list[Mark]:
+        """The failures raised on a task and the requests of its clients, in a bar of it or after the last one."""
+        run, task, failures = self.run, self.run.tasks.get(number), self.run.raised.get(number, ())
+        if task is None or not (failures or task.life):
             return []
         starts = (one.start for one in (*task.handlings, *task.queueings) if one.start > bar.start)
         after = min(starts, default=inf)
         endings = {True: Ending.COPED, False: Ending.FAILED}
-        return [
-            Mark(one.time, endings[went_on(run, task, one.time)], titles.raised(run, task, one))
-            for one in failures
-            if bar.start <= one.time < after
+        marks = [
+            Mark(one.time, endings[went_on(run, task, one.time)], titles.raised(run, task, one)) for one in failures
         ]
+        marks += [
+            Mark(one.time, Ending.NONE, titles.changed(task, one))
+            for one in task.life
+            if one.effect is not Effect.RESULT
+        ]
+        return [one for one in marks if bar.start <= one.time < after]
 
     def _add_kept(self, task: Task) -> None:
         """The spans in which a task was held, where it was or would be handled, or suspended, in a row of their own."""

@@ -36,9 +36,10 @@ class Ending(StrEnum):
 
 
 CONNECTED = "connected"
-RAISED = {
+MARKED = {
     Ending.FAILED: "failure raised beside the handler",
     Ending.COPED: "failure raised beside the handler, and handled",
+    Ending.NONE: "request of a client, or its answer",
 }
 MEANINGS: dict[str, str] = {
     BarKind.HANDLED: "handling",
@@ -52,14 +53,14 @@ MEANINGS: dict[str, str] = {
     Ending.FAILED: "failed",
     Ending.COPED: "failed, and handled",
     Ending.KILLED: "killed",
-    **{words: words for words in RAISED.values()},
+    **{words: words for words in MARKED.values()},
 }
 """The legend of a chart: what is to be seen in it, and what that means."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A failure that was raised beside the handler."""
+    """A moment in a bar: a failure that was raised beside the handler, or a request of a client, or its answer."""
 
     time: float
     ending: Ending
@@ -83,7 +84,7 @@ class Bar:
     """Whether it is not what was asked for, but what that waited for."""
     ending: Ending = Ending.NONE
     waits: "Sequence[Bar]" = ()
-    raised: Sequence[Mark] = ()
+    marks: Sequence[Mark] = ()
     why: Callable[[], str] | None = None
     """Of what is held: what that waits for. It stands on the bar if some of it has room."""
     follows: "Bar | None" = None
@@ -176,9 +177,9 @@ class Chart:
     def seen(self) -> set[str]:
         """The keys of ``MEANINGS`` that the legend has to explain."""
         claims = (one for row in self.rows for one in row.claims if self.shows(one.start, one.end))
-        bars, marks = list(self.bars()), (mark for bar in self.bars() for mark in bar.raised if self.shows(mark.time))
+        bars, marks = list(self.bars()), (mark for bar in self.bars() for mark in bar.marks if self.shows(mark.time))
         seen: set[str] = {bar.kind for bar in (*bars, *claims)} | {bar.ending for bar in bars}
-        seen |= {RAISED[mark.ending] for mark in marks} | {CONNECTED for row in self.rows if row.is_idle}
+        seen |= {MARKED[mark.ending] for mark in marks} | {CONNECTED for row in self.rows if row.is_idle}
         return seen | {BarKind.WAITING for bar in bars if bar.waits}
 
 

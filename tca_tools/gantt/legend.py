@@ -5,7 +5,7 @@ from html import escape
 
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale
-from tca_tools.gantt.chart import MEANINGS, RAISED, BarKind, Chart, Ending
+from tca_tools.gantt.chart import MARKED, MEANINGS, BarKind, Chart, Ending
 from tca_tools.gantt.looks import COLOURS, LONGEST_LABEL, MARGIN, dark
 from tca_tools.gantt.queues import CURVE, is_curve
 from tca_tools.terminal import cut
@@ -27,7 +27,7 @@ _LOOKS: dict[str, str] = {
     Ending.FAILED: 'class="failed"',
     Ending.COPED: 'class="coped"',
     Ending.KILLED: 'fill="url(#killed)"',
-    **{words: f'fill="{COLOURS[ending]}"' for ending, words in RAISED.items()},
+    **{words: f'fill="{COLOURS[ending]}"' for ending, words in MARKED.items()},
 }
 """The square of each meaning, as attributes of a ``<rect>``."""
 _FLAGS = (
@@ -43,7 +43,7 @@ def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     seen -= {BarKind.QUEUED, BarKind.SUSPENDED} - hatched
     items = [(_LOOKS[key], words) for key, words in MEANINGS.items() if key in seen and key in _LOOKS]
     items += [(f'fill="{CURVE}"', "how many are queued or suspended")] * bool(curves)
-    items += [(f'fill="url(#{flag})"', words) for end, flag, words in _FLAGS if not seen.isdisjoint((end, RAISED[end]))]
+    items += [(f'fill="url(#{flag})"', words) for end, flag, words in _FLAGS if not seen.isdisjoint((end, MARKED[end]))]
     shown = {bar.name for bar in chart.bars()}
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]

@@ -13,7 +13,7 @@ CHARACTER = 6.5
 LONGEST_LABEL = 40
 _WIDEST = 1.2
 """How much wider than usual letters are where a machine has none of the fonts that are asked for."""
-COLOURS = {Ending.FAILED: "#c81e1e", Ending.COPED: "#f0a500", Ending.KILLED: "#10161d"}
+COLOURS = {Ending.FAILED: "#c81e1e", Ending.COPED: "#f0a500", Ending.KILLED: "#10161d", Ending.NONE: "#10161d"}
 """That of what was handled is brighter than all of messages, of which some are orange or gold."""
 OWN_STYLE = f"""\
 .on {{ fill: #ffffff; font-size: 11px; }} .connected {{ fill: #f1f3f5; }} .in {{ font-size: 11px; }}

@@ -111,10 +111,10 @@ class Painter:
             yield f'<text class="faint" x="3" y="{y:.1f}" pointer-events="none">and up to {more} more are held</text>'
 
     def _marks(self, bars: list[Bar], top: float, lane: float, most: int) -> Iterator[str]:
-        """The moments at which failures were raised beside the handlers: strokes that are higher than the bar."""
+        """The marks of bars: strokes that are higher than these."""
         drawn: set[tuple[int, int]] = set()
         for bar in bars:
-            for mark in filter(lambda one: self._chart.shows(one.time), bar.raised):
+            for mark in filter(lambda one: self._chart.shows(one.time), bar.marks):
                 x, number = self._scale.x(mark.time), min(bar.lane, most - 1)
                 place = number, round(x / self._scale.finest)
                 if place not in drawn:
@@ -183,7 +183,7 @@ class Painter:
         """Flags where something failed, for its bar may be too narrow to be seen: red ones over amber ones."""
         for ending in (Ending.COPED, Ending.FAILED):
             found = [(bar.end, bar.title()) for bar in row.handled if bar.ending is ending]
-            found += [(one.time, one.title) for bar in row.bars for one in bar.raised if one.ending is ending]
+            found += [(one.time, one.title) for bar in row.bars for one in bar.marks if one.ending is ending]
             flags: list[list[tuple[float, str]]] = []
             for one in sorted((one for one in found if self._chart.shows(one[0])), key=itemgetter(0)):
                 if flags and one[0] - flags[-1][0][0] <= _TOGETHER * self._scale.pixel:

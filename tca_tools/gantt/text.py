@@ -8,7 +8,7 @@ import click
 
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import queue_lengths
-from tca_tools.gantt.chart import CONNECTED, MEANINGS, RAISED, Bar, BarKind, Chart, Ending, ResourceRow, lanes_of
+from tca_tools.gantt.chart import CONNECTED, MARKED, MEANINGS, Bar, BarKind, Chart, Ending, ResourceRow, lanes_of
 from tca_tools.terminal import columns_of, cut, padded
 from tca_wire.text.printable import printable
 
@@ -17,6 +17,7 @@ _MOST_LANES = 8
 _MOST_QUEUE_LANES = 4
 """Of a longer queue only the length is shown."""
 _FAILURES = {Ending.FAILED: ("!", "red"), Ending.COPED: ("~", "yellow")}
+_MARKS = {**_FAILURES, Ending.NONE: ("?", None)}
 _COLOURS = "blue yellow green magenta cyan bright_blue bright_magenta bright_green bright_cyan"
 _END, _NEXT_CAUSE, _TICK = "end", "next cause", "tick"
 _DRAWN = (
@@ -60,10 +61,10 @@ class _Cells:
         self.colours[first : first + len(line)] = [colour] * len(line)
 
     def mark(self, bar: Bar) -> None:
-        """The moments at which failures were raised beside its handler."""
-        for one in bar.raised:
+        """Its marks."""
+        for one in bar.marks:
             if self.chart.shows(one.time):
-                character, colour = _FAILURES[one.ending]
+                character, colour = _MARKS[one.ending]
                 self.put(self.span(one.time, one.time)[0], [character], colour)
 
     def line(self) -> str:
@@ -92,7 +93,7 @@ def _legend(chart: Chart, width: int, blocks: dict[str, str]) -> Iterator[str]:
     """The meanings of the characters, in lines of at most *width* columns."""
     looks = {kind: character * 2 for kind, character in blocks.items()}
     looks |= {ending: blocks[BarKind.HANDLED] + character for ending, (character, _) in _FAILURES.items()}
-    looks |= {RAISED[ending]: character for ending, (character, _) in _FAILURES.items()}
+    looks |= {MARKED[ending]: character for ending, (character, _) in _MARKS.items()}
     seen, line = chart.seen(), ""
     for word in (f"{looks[key]} {meaning}" for key, meaning in MEANINGS.items() if key in seen and key in looks):
         if line and len(line) + 2 + len(word) > width:

@@ -4,7 +4,7 @@ from math import inf
 
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fates import failing, told_to
-from tca_tools.run.records import Claim, Failure, HandlerWait, Handling, Queueing, Raised, Task
+from tca_tools.run.records import Claim, Failure, HandlerWait, Handling, LifeChange, Queueing, Raised, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
 from tca_tools.why.wait import Wait
@@ -54,6 +54,12 @@ def raised(run: Run, task: Task, failure: Raised) -> str:
     what = _words_or_data(failure.failure, task.was("failure_data", failure.time))
     title = f"{task} failed at {run_time(failure.time)}: {what}{raised_by(failure.by)}"
     return title + (f", {told}" if told else "")
+
+
+def changed(task: Task, change: LifeChange) -> str:
+    """``grasp {7} at 2.000 s: update by planner, now update requested: {"width": 0.1}``."""
+    data = cut(data_text(change.body), _LONGEST_DATA)
+    return f"{task} at {run_time(change.time)}: {change}" + (f": {data}" if data else "")
 
 
 def waits(run: Run, who: str, wait: HandlerWait) -> str:

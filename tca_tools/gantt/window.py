@@ -52,7 +52,7 @@ def span_of(
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
     bars = [bar for row in rows for bar in row.bars]
     claims = [one for row in rows for one in row.claims] if pick.messages is None else []
-    times = [time for bar in bars for time in (bar.start, bar.end, *(mark.time for mark in bar.raised))]
+    times = [time for bar in bars for time in (bar.start, bar.end, *(mark.time for mark in bar.marks))]
     times += [time for one in claims for time in (one.start, *([] if one.is_open else [one.end]))]
     first, last = min(times, default=0.0), max(times, default=now)
     room = (last - first) * ROOM

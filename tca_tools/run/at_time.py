@@ -12,6 +12,7 @@ from operator import attrgetter, itemgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from tca_tools.run.fates import standing, watches
+from tca_tools.run.lives import Life, life_at
 from tca_tools.run.records import (
     OVER,
     Claim,
@@ -84,6 +85,11 @@ class TaskAt:
     def state(self) -> TaskState:
         """Its state."""
         return self.record.state_at(self.moment)
+
+    @property
+    def life(self) -> Life:
+        """How it stood for its clients and its server."""
+        return life_at(self._run, self.record, self.moment)
 
     @property
     def standing(self) -> str:

@@ -155,9 +155,10 @@ class History(ReactionFold):
 
     def _handler(self, fact: facts.HandlerAdded) -> None:
         known = self._offered.get((fact.message, fact.module))
-        if known is None or known.resource != fact.resource:
+        if known is None or (known.resource, known.accepts) != (fact.resource, fact.accepts):
             self._withdraw(fact.message, fact.module)
-            offer = self._offered[fact.message, fact.module] = Offer(fact.module, fact.resource, self.time)
+            offer = Offer(fact.module, fact.resource, self.time, accepts=fact.accepts)
+            self._offered[fact.message, fact.module] = offer
             self.offers.setdefault(fact.message, []).append(offer)
 
     def _no_handler(self, fact: facts.HandlerRemoved) -> None:

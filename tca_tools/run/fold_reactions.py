@@ -6,9 +6,11 @@ Each method that takes a ``fact`` takes all of that type.
 from math import inf
 
 from tca_tools.run.fold_records import RecordFold
-from tca_tools.run.records import EventAhead, Exhausted, Failure, Hold, Retry, Task, added
+from tca_tools.run.lives import effect_of
+from tca_tools.run.records import EventAhead, Exhausted, Failure, Hold, LifeChange, Retry, Task, added
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
+from tca_wire.life_cycles import Effect
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.rules import CONDITIONS, recurs_on_retry
 from tca_wire.vocabulary import Refusal
@@ -95,6 +97,19 @@ class ReactionFold(RecordFold):
             else:
                 for one in self._living(task):
                     self._end_suspension(one, is_resumed=True, by=fact.by)
+
+    def _state_changed(self, fact: facts.StateChanged) -> None:
+        if fact.task > 0:
+            task = self._task(fact.task)
+            effect = effect_of(self, task, fact.transition, fact.state)
+            change = LifeChange(
+                self.time, fact.transition, fact.state, fact.serial, fact.by, fact.module, fact.text, fact.body, effect
+            )
+            task.life = added(task.life, change)
+            self.news.append(task)
+            if effect is Effect.TAKE_GOAL:
+                asked = (one.body for one in reversed(task.life) if one.effect is Effect.NEW_GOAL)
+                self._change(task, "body", next(asked, task.body))
 
     def _refused(self, fact: facts.RequestRefused) -> None:
         if fact.refusal is Refusal.DEADLOCK:

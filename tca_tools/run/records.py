@@ -15,9 +15,10 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
+from tca_wire.life_cycles import Effect
 from tca_wire.points import ALL_MOMENTS, MOMENTS, ROOT, Moment, Point, TaskId
-from tca_wire.text.facts_in_words import kill_reason, place
-from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Role, Scope
+from tca_wire.text.facts_in_words import kill_reason, place, state_change
+from tca_wire.vocabulary import Dropping, MessageClass, Outcome, Party, Role, Scope
 
 
 class TaskState(StrEnum):
@@ -217,6 +218,8 @@ class Offer(Span):
     start: float
     end: float | None = None
     """When it took that back, or left."""
+    accepts: bool = False
+    """It says itself when it accepts a task."""
 
 
 class Failure(str):
@@ -260,6 +263,29 @@ class Retry(NamedTuple):
     """The number of tasks that had been sent under it."""
     asker: Handling | None = None
     """The run of a handler that asked for it."""
+
+
+class LifeChange(NamedTuple):
+    """A transition of a task's life cycle."""
+
+    time: float
+    transition: str
+    state: str
+    """The state from then on."""
+    serial: int
+    by: Party
+    module: str = ""
+    """Of the client or server."""
+    text: str = ""
+    """The reason, for people."""
+    body: bytes = b""
+    """The goal that a client asks for, or an intermediate result."""
+    effect: Effect = Effect.NONE
+
+    def __str__(self) -> str:
+        """``update by planner, now update requested``; without the state, where that stays."""
+        stays = self.effect in (Effect.RESULT, Effect.STOP)
+        return state_change(self.transition, "" if stays else self.state, self.module, self.text)
 
 
 Change = tuple[float, str, Any]
@@ -440,6 +466,8 @@ class Task(Message):
     """Nobody dealt with its failure. Unless killed (it is retried, or survives what is above it) it goes on."""
     suspensions: Sequence[Suspension] = NONE
     retries: Sequence[Retry] = NONE
+    life: Sequence[LifeChange] = NONE
+    """The transitions of its life cycle that are facts of their own; lives.py adds those that other facts imply."""
     since: Sequence[float] = NONE
     """From when on it was in each of its states."""
     stages: bytes = b""

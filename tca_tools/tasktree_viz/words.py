@@ -32,6 +32,8 @@ from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitFor, WaitKind
 
 _LONGEST_FAILURE = 200
+_LONGEST_PROGRESS = 40
+"""Columns of an intermediate result."""
 _LEAST_TEXT = 28
 """Columns of a cause that stay, if what it leads to is said behind it."""
 _SHORTEST = 0.0005
@@ -141,7 +143,8 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     if task.state is TaskState.ENDING and not failed:
         failed = ": ".join(filter(None, ("killed", _why_killed(at, task))))
     text, age = "; ".join(coming(at, task)), age_of(waits)
-    says_state = not failed and bool(waits) and is_told_with_state(task)
+    said = "; ".join(filter(None, (failed, _life(task))))
+    says_state = not said and bool(waits) and is_told_with_state(task)
     if waits:
         ahead = coming(at, task) if task.state is not TaskState.ENDING else []
         text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (f" ({'; '.join(ahead)})" if ahead else "")
@@ -151,7 +154,16 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     elif queries := asked(at, task):
         since = task.asking[0].received
         text, age = f"goes on while it waits {several_in_words(queries)}", Age(since, since)
-    return TaskNote("; ".join(filter(None, (failed, printable(text)))), age, last, is_named, says_state, told)
+    return TaskNote("; ".join(filter(None, (said, printable(text)))), age, last, is_named, says_state, told)
+
+
+def _life(task: TaskAt) -> str:
+    """What a client has asked for, while that is open, and the newest progress: ``cancel requested, progress 0.4``."""
+    if not task.record.life:  # as most
+        return ""
+    life, progress = task.life, data_text(task.life.progress)
+    told = [life.state] * life.is_telling + [f"progress {cut(progress, _LONGEST_PROGRESS)}"] * bool(progress)
+    return printable(", ".join(told))
 
 
 _OF_TASKS = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.LISTENER)

@@ -23,7 +23,7 @@ from tca_wire.journal.facts import kind_of
 from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording, subject_of
-from tca_wire.text.measures import duration, run_time
+from tca_wire.text.measures import counted, duration, run_time
 from tca_wire.text.printable import printable, printable_lines
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitFor
@@ -116,6 +116,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         told = [{"text": note.text, "since": age.since}]
     return {
         "state": task.standing,
+        **_life_answer(task),
         "isSuspended": task.suspension is not None,
         "waits": told,
         "start": age.begun if age else None,
@@ -128,6 +129,13 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
             *(_constraint(at, hold, f", by way of {at.describe(above)}") for above, hold in held_above(at, task.id)),
         ],
     }
+
+
+def _life_answer(task: TaskAt) -> Data:
+    """How it stands for its clients and its server, its newest progress, and the goal that is asked for."""
+    life = task.life
+    told = f"{life.state}, {counted(life.serial, 'change')}"
+    return {"life": told, "progress": data_text(life.progress), "asked": data_text(life.asked)}
 
 
 def _constraint(at: RunAt, hold: Hold, way: str = "") -> Data:

@@ -17,6 +17,7 @@ from tca_tools.why.keepers import WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.why.wait import Wait
 from tca_tools.why.wait_words import of_ahead, of_claim, of_query, of_queueing, told, wait_for
 from tca_tools.why.waits import NAMED, NO_TIME, of_handler_wait, told_waits
+from tca_wire.life_cycles import Effect
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
 from tca_wire.text.measures import counted, listed
@@ -89,6 +90,7 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
     if isinstance(message, Task):
         told += _exception_handlers(run, message)
         told += _suspensions(run, message, moment)
+        told += _changes(message, moment)
         told += _kills(message)
         told += _tests(run, message, moment)
         told += _plans(run, message)
@@ -195,6 +197,25 @@ def _tests(run: Run, monitor: Task, moment: float) -> Iterator[Sentence]:
         text = "its condition holds" if holds else "its condition does not hold"
         often = f", {1 + len(more)} times" if more else ""
         yield Sentence(first, text, more[-1] - first if more else None, ending=often)
+
+
+def _changes(task: Task, moment: float) -> Iterator[Sentence]:
+    """The requests of clients, the answers to them, and intermediate results: one after the other, these are told
+    together.
+    """
+    for (_, are_results), some in groupby(
+        task.life, key=lambda one: (one.time <= moment, one.effect is Effect.RESULT and one.transition)
+    ):
+        first, *more = some
+        if are_results and more:
+            ending = f", {1 + len(more)} times; the last: {data_text(more[-1].body)}"
+            yield Sentence(first.time, str(first), more[-1].time - first.time, ending=ending)
+        else:
+            yield from (Sentence(one.time, str(one) + _behind(data_text(one.body))) for one in (first, *more))
+
+
+def _behind(data: str) -> str:
+    return f": {data}" if data else ""
 
 
 def _plans(run: Run, task: Task) -> Iterator[Sentence]:

@@ -196,7 +196,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
         say.name(fact.task) + ("" if fact.is_suspended else " is resumed") + by_whom(fact.by)
     ),
     facts.StateChanged: lambda say, fact: (
-        f"{say.name(fact.task)}: {fact.transition}, is {fact.state}{_after_colon(fact.text)}{by_whom(fact.module)}"
+        f"{say.name(fact.task)}: {state_change(fact.transition, fact.state, fact.module, fact.text)}"
     ),
     facts.Kept: _kept,
     facts.Released: _kept,
@@ -257,6 +257,13 @@ def by_whom(by: str) -> str:
     if by.startswith(_COMMAND):
         return f" by the command '{called(by)}'"
     return f" by {by}" if by not in ("", CENTRAL) else ""
+
+
+def state_change(transition: str, state: str, module: str, text: str = "") -> str:
+    """A transition of a task's life cycle: ``update by planner, now update requested: it slips``. Without a *state*,
+    that stays as it was.
+    """
+    return f"{transition}{by_whom(module)}{f', now {state}' if state else ''}{_after_colon(text)}"
 
 
 def kill_reason(why: str, by: str) -> str:

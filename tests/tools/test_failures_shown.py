@@ -154,8 +154,8 @@ def late() -> Story:
 def test_charts_mark_the_moment() -> None:
     made = chart(late().fold())
     (row,) = made.rows
-    assert [mark.time for bar in row.handled for mark in bar.raised] == [3.0]
-    (mark,) = row.queued[0].raised
+    assert [mark.time for bar in row.handled for mark in bar.marks] == [3.0]
+    (mark,) = row.queued[0].marks
     assert mark.title == "move {2} failed at 4.000 s: slip: on ice (raised by the command 'tca raise')"
     picture = svg_text(made, "late")
     assert mark.title.replace("'", "&#x27;") in picture

@@ -34,7 +34,7 @@ def told(drawing: Chart) -> Iterator[str]:
         for bar in (*row.bars, *row.claims):
             end = "open" if bar.is_open else bar.ending
             yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {end}: {bar.title()}".replace(" : ", ": ")
-            yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.raised)
+            yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
             yield from (f"    {wait.start} {wait.end}: {wait.title()}" for wait in bar.waits)
             yield from [f"    {bar.words(200)}"] * (bar.why is not None)
 
@@ -409,4 +409,4 @@ def test_a_failure_that_was_raised_without_words_shows_its_data() -> None:
     move = story.command("move", "user", to="legs")
     raised = facts.Failed(move, "collision", "", is_beside=True, by="eye", body=msgspec.msgpack.encode({"at": 3}))
     (bar,) = (bar for row in chart(story.at(2.0).say(raised).fold()).rows for bar in row.handled)
-    assert [mark.title for mark in bar.raised] == ['move {1} failed at 2.000 s: collision {"at": 3} (raised by eye)']
+    assert [mark.title for mark in bar.marks] == ['move {1} failed at 2.000 s: collision {"at": 3} (raised by eye)']

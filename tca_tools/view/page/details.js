@@ -44,6 +44,8 @@ export class Details {
       yield element("h3", { text: "constraints" });
       yield element("table", { id: "constraints" }, ...this.#constraints(about));
     }
+    yield* this.#data("newest progress", about.progress);
+    yield* this.#data("goal asked for", about.asked);
     yield* this.#data("data", about.data);
     yield* this.#data("result", about.result);
     yield* this.#data("data of the failure", about.failureData);
@@ -82,8 +84,8 @@ export class Details {
 
   #paragraph(kind, text, ...ages) { return element("p", { class: `lead ${kind}`.trim() }, ...this.#linked(text), ...ages); }
 
-  *#relations({ relations, spans = {} }) {
-    const lines = relations.map(([name, text]) => [name, [...this.#linked(text)]]);
+  *#relations({ relations, life, spans = {} }) {
+    const lines = [...life ? [["life cycle", life]] : [], ...relations].map(([name, text]) => [name, [...this.#linked(text)]]);
     for (const [name, span] of Object.entries(spans)) if (span) lines.push([name, times(span)]);
     yield element("table", {}, ...lines.map(([name, what]) => element("tr", {}, element("td", { class: "faint", text: name }), element("td", {}, ...what))));
   }

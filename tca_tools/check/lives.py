@@ -1,0 +1,70 @@
+"""The states of tasks, held against the tables of their life cycles."""
+
+from tca_tools.check.records import MessageRecord
+from tca_tools.check.rules import LIFE
+from tca_tools.check.world import JournalWorld
+from tca_wire.errors import BadFormat
+from tca_wire.journal import facts
+from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition, read_life_cycle
+from tca_wire.vocabulary import Party
+
+
+def declared(world: JournalWorld, fact: facts.FormatDefined) -> None:
+    """A message is declared, perhaps with a table of its own."""
+    try:
+        world.cycles[fact.message] = read_life_cycle(fact.life_cycle)
+    except BadFormat as error:
+        world.broken(LIFE, 0, f"{fact.message} was declared, and {error}")
+
+
+def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
+    """A task waits for a handler, or a *module* gets it: once more, or for the first time, which accepts it."""
+    if not task.is_task or task.is_stranger:
+        return
+    cycle = _cycle(world, task)
+    if task.is_begun and task.state not in ("", cycle.initial):
+        task.state, task.serial, task.overtaken = cycle.initial, task.serial + 1, []
+    if module and task.state in ("", cycle.initial) and (task.message, module) not in world.accepting:
+        task.state, task.serial = cycle.accepted.target, task.serial + 1
+
+
+def changed(world: JournalWorld, task: MessageRecord, fact: facts.StateChanged) -> None:
+    """Somebody takes a transition."""
+    if task.is_stranger or task.message_class.is_monitor:
+        task.state, task.serial = fact.state, fact.serial
+        return
+    cycle = _cycle(world, task)
+    before = task.state or cycle.initial
+    step = _step(cycle, task, before, fact)
+    if step is None:
+        others = [one for (state, name), one in cycle.steps.items() if (state, name) == (before, fact.transition)]
+        whose = f", which is the {others[0].by}'s" if others else f": {cycle} has no such transition"
+        world.broken(LIFE, task, f"was {before}, and a {fact.by} took '{fact.transition}'{whose}")
+    elif fact.state != (before if step.effect is Effect.STOP else step.target):
+        world.broken(LIFE, task, f"is {fact.state} after '{fact.transition}', which leads to {step.target}")
+    due = task.serial + (step is None or step.effect is not Effect.STOP)
+    if fact.serial != due:
+        world.broken(LIFE, task, f"changed its state for time {fact.serial}, and it was time {due}")
+    _follow(task, before, fact, step)
+
+
+def _step(cycle: LifeCycle, task: MessageRecord, before: str, fact: facts.StateChanged) -> Transition | None:
+    """The row of the table: central may take those of both, and a server may have taken its own before it knew what
+    clients ask for.
+    """
+    parties = (Party.CLIENT, Party.SERVER) if fact.by is Party.CENTRAL else (fact.by,)
+    sources = [before, *task.overtaken] if fact.by is Party.SERVER else [before]
+    found = (cycle.step(source, fact.transition, party) for source in sources for party in parties)
+    return next((one for one in found if one is not None), None)
+
+
+def _follow(task: MessageRecord, before: str, fact: facts.StateChanged, step: Transition | None) -> None:
+    task.state, task.serial = fact.state, fact.serial
+    if fact.by is Party.CLIENT:
+        task.overtaken.append(before)
+    elif step is None or step.effect is not Effect.RESULT:
+        task.overtaken.clear()
+
+
+def _cycle(world: JournalWorld, task: MessageRecord) -> LifeCycle:
+    return world.cycles.get(task.message, GENERAL)
