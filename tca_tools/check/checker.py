@@ -85,8 +85,8 @@ class Checker:
         known = self.world
         self.gaps.append(f"{why}: what was under way then is not known")
         self.world = JournalWorld(self._report, is_whole=False, events=known.events)
-        self.world.now, self.world.formats, self.world.classes = known.now, known.formats, known.classes
-        self.world.cycles, self.world.accepting = known.cycles, known.accepting
+        self.world.now, self.world.lives = known.now, known.lives
+        self.world.formats, self.world.classes = known.formats, known.classes
         self._may_have_missed_opening = True
 
     def close(self) -> None:

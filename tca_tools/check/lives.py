@@ -12,7 +12,7 @@ from tca_wire.vocabulary import Party
 def declared(world: JournalWorld, fact: facts.FormatDefined) -> None:
     """A message is declared, perhaps with a table of its own."""
     try:
-        world.cycles[fact.message] = read_life_cycle(fact.life_cycle)
+        world.lives.cycles[fact.message] = read_life_cycle(fact.life_cycle)
     except BadFormat as error:
         world.broken(LIFE, 0, f"{fact.message} was declared, and {error}")
 
@@ -24,7 +24,7 @@ def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
     cycle = _cycle(world, task)
     if task.is_begun and task.state not in ("", cycle.initial):
         task.state, task.serial, task.overtaken = cycle.initial, task.serial + 1, []
-    if module and task.state in ("", cycle.initial) and (task.message, module) not in world.accepting:
+    if module and task.state in ("", cycle.initial) and (task.message, module) not in world.lives.accepting:
         task.state, task.serial = cycle.accepted.target, task.serial + 1
 
 
@@ -67,4 +67,4 @@ def _follow(task: MessageRecord, before: str, fact: facts.StateChanged, step: Tr
 
 
 def _cycle(world: JournalWorld, task: MessageRecord) -> LifeCycle:
-    return world.cycles.get(task.message, GENERAL)
+    return world.lives.cycles.get(task.message, GENERAL)

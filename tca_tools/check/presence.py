@@ -74,7 +74,8 @@ def handler(world: JournalWorld, fact: facts.HandlerAdded) -> None:
     if fact.module in handlers:
         world.broken(HANDLES, 0, f"module '{fact.module}' handles {fact.message} already")
     handlers[fact.module] = fact.resource
-    (world.accepting.add if fact.accepts else world.accepting.discard)((fact.message, fact.module))
+    accepting = world.lives.accepting
+    (accepting.add if fact.accepts else accepting.discard)((fact.message, fact.module))
     _handlers_changed(world, fact.message)
 
 

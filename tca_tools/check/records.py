@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from tca_properties.world import MessageView
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
+from tca_wire.life_cycles import LifeCycle
 from tca_wire.points import ALL_MOMENTS
 from tca_wire.vocabulary import MessageClass, Role
 
@@ -54,6 +55,16 @@ class ResourceRecord:
     """Messages that a handler may have taken while it waits for its own module."""
     is_recalling: bool = False  #: nobody is let in before its slot has spoken
     waiting: "dict[int, MessageRecord]" = field(default_factory=dict)
+
+
+@dataclass(slots=True, eq=False)
+class LifeDeclarations:
+    """What was declared of the states of tasks."""
+
+    cycles: dict[str, LifeCycle] = field(default_factory=dict)
+    """By message."""
+    accepting: set[tuple[str, str]] = field(default_factory=set)
+    """Messages and modules whose handlers say themselves when they accept a task."""
 
 
 @dataclass(slots=True, eq=False)

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from sys import intern
 from typing import NamedTuple
 
-from tca_tools.check.records import MessageRecord, ResourceClaims, ResourceRecord
+from tca_tools.check.records import LifeDeclarations, MessageRecord, ResourceClaims, ResourceRecord
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.whole_run import Run
 from tca_wire.journal import facts
-from tca_wire.life_cycles import LifeCycle
 from tca_wire.text.facts_in_words import called
 from tca_wire.text.facts_in_words import place as words_of_place
 from tca_wire.vocabulary import MessageClass
@@ -62,8 +61,7 @@ class JournalWorld:
         self.waits: dict[tuple[str, int, int], list[int]] = {}  #: by module, origin and task: for which moments
         self.classes: dict[str, MessageClass] = {}  #: of the declared messages
         self.formats: dict[str, str] = {}  #: of their data, as JSON Schema
-        self.cycles: dict[str, LifeCycle] = {}  #: of their tasks, other than the general one
-        self.accepting: set[tuple[str, str]] = set()  #: messages and modules whose handlers say when they accept
+        self.lives = LifeDeclarations()  #: of their tasks
         # Of the event that is being folded:
         self.touched: dict[MessageRecord, None] = {}
         self.places_touched: dict[ResourceRecord, None] = {}

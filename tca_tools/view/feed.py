@@ -12,6 +12,7 @@ from typing import Any
 
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
+from tca_tools.gantt.titles import changed
 from tca_tools.run.fates import WATCHING, Failing, failing, watches
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
@@ -19,7 +20,8 @@ from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.traffic import TRAFFIC_TABLES, Traffic
 from tca_tools.view.verdicts import Verdicts
-from tca_wire.journal.facts import Entry, Failed, Killed, Received
+from tca_wire.journal.facts import Entry, Failed, Killed, Received, StateChanged
+from tca_wire.life_cycles import Effect
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place
 from tca_wire.vocabulary import Outcome
 
@@ -49,6 +51,9 @@ TABLES = {
     "verdict.failure": "i",  # the row of a failure
     "verdict.good": "B",  # whether the run went on after it, from then on
     "verdict.time": "d",
+    "change.span": "i",  # a request of a task's client, or its answer
+    "change.time": "d",
+    "change.text": "t",
     "said.message": "i",
     "said.time": "d",
     "said.text": "t",  # how it failed, or why it was killed
@@ -201,6 +206,15 @@ class Feed:
             self._ended_badly.remove(one)
         self._tell_failure(self.history.messages.get(number), number, self.history.time, runs[0][1] if runs else -1)
 
+    def _tell_changed(self, fact: StateChanged) -> None:
+        """Add a mark to the newest bar of a task; not for an intermediate result, of which there are many."""
+        task, span = self.history.tasks.get(fact.task), self._newest.get(fact.task)
+        if task is None or span is None:
+            return
+        change = next(one for one in reversed(task.life) if one[1:4] == (fact.transition, fact.state, fact.serial))
+        if change.effect is not Effect.RESULT:
+            self.columns.add("change", span, change.time, changed(task, change))
+
     def _tell_failure(
         self, failed: Failing | None, message: int, time: float, span: int, is_beside: bool = False
     ) -> None:
@@ -349,4 +363,5 @@ _TELL_FACT: dict[type, Callable[[Feed, Any], None]] = {
     Received: Feed._tell_received,
     Failed: Feed._tell_failed,
     Killed: Feed._tell_killed,
+    StateChanged: Feed._tell_changed,
 }

@@ -213,7 +213,9 @@ export class Chart {
       const x = this.#x(span.end);
       if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
     }
-    for (const failure of row.raised) this.#drawRaised(failure, top + held * THIN, lanes, thin, step);
+    const where = [top + held * THIN, lanes, thin, step];
+    for (const change of row.changes) this.#drawMoment(change, css("--ink"), ...where);
+    for (const failure of row.raised) this.#drawMoment(failure, css(wasHandled(failure, this.time) ? "--handled" : "--bad"), ...where);
     context.fillStyle = css("--paper");
     context.fillRect(0, top - BETWEEN / 2, this.labels - 1, bottom - top + BETWEEN);
     context.fillStyle = css("--ink");
@@ -285,14 +287,15 @@ export class Chart {
     if (last > now) this.toCome.push(() => write(Math.max(x, now), x + wide, ink));
   }
 
-  // The moment at which a failure was raised beside the handler: a stroke across the bar, and a mark on it.
-  #drawRaised(failure, top, lanes, thin, step) {
-    const { context } = this, { time, span } = failure, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? step - 2 : LANE - 2;
+  // The moment at which a failure was raised beside the handler, or of a client's request: a stroke across the bar, and a
+  // mark on it.
+  #drawMoment({ time, span }, tint, top, lanes, thin, step) {
+    const { context } = this, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? step - 2 : LANE - 2;
     if (x < this.labels || x > this.width) return;
     const y = isQueued ? top + lanes * LANE + Math.min(span.lane, thin - 1) * step : top + Math.min(span.lane, lanes - 1) * LANE;
     context.fillStyle = css("--paper");
     context.fillRect(x - 2, y, 4, tall); // seen in bars of its own colour, too
-    context.fillStyle = css(wasHandled(failure, this.time) ? "--handled" : "--bad");
+    context.fillStyle = tint;
     context.fillRect(x - 1, y, 2, tall);
     this.#mark(x, y, context.fillStyle);
   }
@@ -364,8 +367,8 @@ export class Chart {
       const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
       if (!span || span.start > time + near) return null;
       const wait = span.waits.find((one) => one.start <= time && one.end >= time);
-      const failure = row.raised.find((one) => one.span === span && Math.abs(one.time - time) <= 1.5 * near);
-      return { span, wait, row, failure };
+      const isThere = (one) => one.span === span && Math.abs(one.time - time) <= 1.5 * near;
+      return { span, wait, row, failure: row.raised.find(isThere), change: row.changes.find(isThere) };
     }
     return null;
   }

@@ -72,7 +72,7 @@ export function firstWith(list, holds, start = 0) {
 // A row of the chart; of no module's the module is "".
 export function newRow(label, module) {
   const lanes = { handled: new Lanes(), queued: new Lanes(), held: new Lanes() };
-  return { label, module, ...lanes, connected: [], failed: [], raised: [], suspends: false };
+  return { label, module, ...lanes, connected: [], failed: [], raised: [], changes: [], suspends: false };
 }
 
 // The rows in which there is anything, in the order in which they stand: those of a module together, the modules as they

@@ -103,6 +103,7 @@ export class Store {
     this.#addSpans(tables.span);
     tables.suspended.span.forEach((span, i) => { this.spans[span].by = tables.suspended.by[i]; });
     this.#endSpans(tables.end);
+    tables.change.span.forEach((number, i) => this.#addChange(this.spans[number], tables.change.time[i], tables.change.text[i]));
     this.#addFailures(tables.failure);
     this.#addVerdicts(tables.verdict);
     this.#addTraffic(tables);
@@ -156,6 +157,9 @@ export class Store {
       if (task && before && task !== before) task.holds.push({ before, kind: kind[i], time: time[i] });
     });
   }
+
+  // A client of a task asked for something, or was answered.
+  #addChange(span, time, text) { this.rows[span.row].changes.push({ span, time, text }); }
 
   #addFailures({ message: messages, time, span: spans, beside }) {
     messages.forEach((message, i) => {

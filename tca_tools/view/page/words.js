@@ -46,12 +46,13 @@ export function parted(text, nameOf) {
 const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
 
 // What is known of it at a time; what is to come is said to come later.
-export function spanWords({ span: one, wait, row, failure }, store, time) {
-  const shown = wait ?? one, later = (failure?.time ?? shown.start) > time ? "later: " : "";
+export function spanWords({ span: one, wait, row, failure, change }, store, time) {
+  const shown = wait ?? one, later = ((failure ?? change)?.time ?? shown.start) > time ? "later: " : "";
   if (failure) {
     const dealt = wasHandled(failure, time) ? ", and handled" : "";
     return `${later}a failure was raised on ${called(one)}, beside its handler, at ${seconds(failure.time)}${dealt}`;
   }
+  if (change) return `${later}${change.text}`;
   if (wait) return `${later}${what(one, store)} in ${row.label} waits for ${called(wait)}${went(wait, "", store, time)}`;
   const where = one.kind === "suspended" ? one.by : ` ${row.label}`, dealt = wasHandled(one.failure, time) ? ", and handled" : "";
   const how = one.outcome && one.outcome !== "done" ? `: ${one.outcome}${dealt}` : "";
