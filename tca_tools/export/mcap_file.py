@@ -16,9 +16,11 @@ from tca_tools.export.schemas import Schema, object_schema, plain_schema
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.run.at_time import TaskAt
 from tca_tools.run.fates import went_on
+from tca_tools.run.lives import effect_of
 from tca_tools.run.whole_run import Run
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, kind_of
+from tca_wire.life_cycles import Effect
 from tca_wire.text.bodies import plain_data
 from tca_wire.text.facts_in_words import Wording, place
 from tca_wire.text.measures import run_time
@@ -80,16 +82,27 @@ def _from_entries(run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds) 
                 level = _WARNING
             yield _logged(time, began, level, f"{kind}: {wording.words(fact)}", entry.number)
             yield Said(time, "/tca/facts", "", fact_row(entry, fact))
-            if isinstance(fact, facts.Received):
-                content = {"id": fact.id, "sender": fact.sender, "parent": fact.parent, "origin": fact.origin}
-                yield Said(time, "/messages", fact.message, content | _data(fact.body))
-            elif isinstance(fact, facts.Returned) and fact.outcome is Outcome.DONE:
-                message, data = run.delivered(fact.id), _data(fact.body)
-                if message and data:
-                    yield Said(time, "/results", message.name, {"id": fact.id} | data)
+            if said := _data_of(run, fact, time):
+                yield said
     if run.is_live and run.times:  # so far the file goes
         text = f"still running: nothing has happened since {run_time(run.times[-1])}"
         yield _logged(max(nanoseconds(run.time), time), began, _INFO, text, run.numbers[-1])
+
+
+def _data_of(run: Run, fact: facts.Fact, time: int) -> Said | None:
+    """The data of a message that is sent, of a result, or of an intermediate one; None of other facts."""
+    if isinstance(fact, facts.Received):
+        content = {"id": fact.id, "sender": fact.sender, "parent": fact.parent, "origin": fact.origin}
+        return Said(time, "/messages", fact.message, content | _data(fact.body))
+    if isinstance(fact, facts.Returned) and fact.outcome is Outcome.DONE:
+        topic, number, message = "/results", fact.id, run.delivered(fact.id)
+    elif isinstance(fact, facts.StateChanged) and (task := run.tasks.get(fact.task)):
+        is_result = effect_of(run, task, fact.transition, fact.state) is Effect.RESULT
+        topic, number, message = "/progress", fact.task, task if is_result else None
+    else:
+        return None
+    data = _data(fact.body)
+    return Said(time, topic, message.name, {"id": number} | data) if message and data else None
 
 
 def _logged(time: int, began: int, level: int, text: str, number: int) -> Said:
@@ -189,6 +202,8 @@ class _Topics:
     def _schema_about(self, topic: str, about: str) -> Schema:
         """The schema of what is sent or returned, from how the message was declared."""
         known = self._run.formats.get(about)
+        if topic == "/progress":
+            return object_schema(f"{about} (progress)", id=_INT)
         if topic == "/results":
             return object_schema(f"{about} (result)", id=_INT, data=plain_schema(known.reply) if known else None)
         data = plain_schema(known.data) if known else None

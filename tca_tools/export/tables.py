@@ -91,6 +91,13 @@ def _states(run: Run) -> Iterator[TableRow]:
             yield task.id, task.name, str(state), start, end
 
 
+def _changes(run: Run) -> Iterator[TableRow]:
+    for task in run.tasks.values():
+        for one in task.life:
+            said = (one.transition, one.state, one.serial, str(one.by), one.module or None, one.text or None)
+            yield task.id, task.name, one.time, *said, _json(one.body)
+
+
 def _handlings(run: Run) -> Iterator[TableRow]:
     for handling in run.handlings:
         yield (
@@ -167,6 +174,7 @@ TABLES = (
         _tasks,
     ),
     Table("states", "task:int name state start:s end:s", _states),
+    Table("changes", "task:int name time:s transition state serial:int by module text data:json", _changes),
     Table(
         "handlings",
         "message:int delivery:int name module resource start:s end:s outcome handled:flag direct_from slot:int"

@@ -7,8 +7,10 @@ import pytest
 from msgspec.structs import replace
 from tools.runs import checked
 from tools.story import Story
+from tools.test_export_mcap import topics_of
 
 from tca_tools.check import rules
+from tca_tools.export.tables import TABLES
 from tca_tools.gantt.build import chart
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.lives import life_at, life_of
@@ -114,6 +116,17 @@ def test_requests_and_their_answers_are_marks_on_the_bar() -> None:
     (bar,) = (bar for row in chart(grasping().fold()).rows for bar in row.handled)
     assert [mark.time for mark in bar.marks] == [3.0, 4.0, 7.0, 8.0]
     assert bar.marks[0].title.startswith("grasp {1} at 3.000 s: update by planner, now update requested")
+
+
+def test_exports_have_a_row_for_each_change_and_a_topic_of_progress() -> None:
+    run = grasping().fold()
+    table = next(one for one in TABLES if one.name == "changes")
+    rows = list(table.rows(run))
+    assert len(rows) == 7
+    assert rows[1] == (1, "grasp", 3.0, "update", "update requested", 3, "client", "planner", "it is narrower",
+                       '{"width": 0.05}')  # fmt: skip
+    told = topics_of(grasping())["/progress/grasp"]
+    assert (told.times, [one["data"]["force"] for one in told.contents]) == ([2.0, 5.0, 6.0], [1, 2, 3])
 
 
 # --- the check ---------------------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from tca_tools.export.trace.events import (
 from tca_tools.run.fates import went_on
 from tca_tools.run.records import Task
 from tca_wire.points import Moment
+from tca_wire.text.bodies import plain_data
 
 _DEEPEST = 12
 """Deeper tasks share one track: a tree may be a hundred thousand tasks deep."""
@@ -46,7 +47,7 @@ def add_task_tree(trace: Trace) -> None:
 
 def _task(trace: Trace, track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
     outer = begin(track, span, task.name, "task", of_task(trace.run, task))
-    return within(track, span, outer, _failures_and_kills(trace, track, span, task), _states(trace, track, span, task))
+    return within(track, span, outer, _moments(trace, track, span, task), _states(trace, track, span, task))
 
 
 def _states(trace: Trace, track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
@@ -61,18 +62,22 @@ def _states(trace: Trace, track: Track, span: TraceSpan, task: Task) -> Iterator
     return slices(track, found)
 
 
-def _failures_and_kills(trace: Trace, track: Track, span: TraceSpan, task: Task) -> list[Event]:
-    news: list[tuple[float, str, Details]] = [
-        (time, "failed", {"failure": text, "handled": went_on(trace.run, task, time)})
+def _moments(trace: Trace, track: Track, span: TraceSpan, task: Task) -> list[Event]:
+    """Its failures and kills, and what was asked of it and told of it while it went on."""
+    news: list[tuple[float, str, str, Details]] = [
+        (time, "failed", "failure", {"failure": text, "handled": went_on(trace.run, task, time)})
         for time, text in task.became("failure")
         if text
     ]
     news += [
-        (time, "killed", {"why": why, "by": task.was("killed_by", time) or None})
+        (time, "killed", "failure", {"why": why, "by": task.was("killed_by", time) or None})
         for time, why in task.became("killed")
         if why is not None
     ]
+    for one in task.life:
+        details: Details = {"state": one.state, "by": one.module or str(one.by), "why": one.text or None}
+        news.append((one.time, one.transition, "change", details | {"data": plain_data(one.body)}))
     return [
-        instant(track, int(min(trace.nanoseconds(time), span.last)), name, "failure", details)
-        for time, name, details in sorted(news, key=itemgetter(0))
+        instant(track, int(min(trace.nanoseconds(time), span.last)), name, category, details)
+        for time, name, category, details in sorted(news, key=itemgetter(0))
     ]
