@@ -9,6 +9,7 @@ from tca_tools.check.taps import answered as condition_answered
 from tca_tools.check.taps import check_fired
 from tca_tools.check.world import JournalWorld, said
 from tca_wire.journal import facts
+from tca_wire.messages.failures import REJECTED
 from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import Outcome, Role
 
@@ -166,7 +167,7 @@ def failed(world: JournalWorld, fact: facts.Failed) -> None:
     if not fact.is_beside:
         if item.place is not None:  # of a module that was lost no handler returns
             _leave_lost(world, item, f"failed ({fact.failure})")
-        elif item.is_task and not (item.must_fail or item.message_class.is_monitor or item.is_stranger):
+        elif item.is_task and not _may_fail(world, item, fact.failure):
             world.broken(rules.CAUGHT, item, f"failed ({fact.failure}), and no handler had it")
         item.must_fail = False
         _leave_queue(world, item)
@@ -179,6 +180,12 @@ def failed(world: JournalWorld, fact: facts.Failed) -> None:
         world.task(fact.id, "failed")
     else:
         failed_task(world, item, fact)
+
+
+def _may_fail(world: JournalWorld, task: MessageRecord, failure: str) -> bool:
+    """Whether a task that no handler has may fail."""
+    is_rejected = failure == REJECTED and task.begun_in == world.event  # by central: its handler is busy
+    return task.must_fail or task.message_class.is_monitor or task.is_stranger or is_rejected
 
 
 def dropped(world: JournalWorld, fact: facts.Dropped) -> None:

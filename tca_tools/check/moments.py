@@ -8,6 +8,7 @@ from tca_tools.check.records import MessageRecord
 from tca_tools.check.taps import check_fired, check_watchers, forget_task
 from tca_tools.check.world import JournalWorld
 from tca_wire.journal import facts
+from tca_wire.messages.failures import REJECTED
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,
@@ -86,7 +87,8 @@ def _check_starts(world: JournalWorld, item: MessageRecord, moments: int, before
         if item.is_suspended and not item.is_orphan:
             world.broken(rules.SUSPENDED, item, "was begun while it was suspended")
         if item.place is None and not item.message_class.is_monitor:
-            world.broken(rules.ONE_HANDLER, item, "was begun, and no handler has it")
+            what = "was begun, and no handler has it"
+            world.expect(lambda: item.failure == REJECTED, rules.ONE_HANDLER, item, what)
         item.begun_in = world.event
     if moments & END_HANDLING and before & START_HANDLING:
         _check_handled(world, item)

@@ -42,7 +42,7 @@ def life_of(run: Run, task: Task, moment: float = inf) -> Iterator[LifeChange]:
     cycle, state, serial = cycle_of(run, task), "", 0
     state = cycle.initial
     for time, _, what in sorted(_steps(run, task), key=lambda step: step[:2]):
-        if time > moment:
+        if time > min(moment, run.time):
             return
         change = what if isinstance(what, LifeChange) else _implied(cycle, task, state, what, time)
         if change is not None:
@@ -95,8 +95,10 @@ def _steps(run: Run, task: Task) -> Iterator[tuple[float, int, LifeChange | int]
         offer = going_on(offers, handling.start)
         if offer is None or not offer.accepts:
             yield handling.start, _BEGINS, _BEGINS
-    if not task.handlings and (begun := task.time_of(Moment.START_HANDLING)) < task.time_of(Moment.END_ACHIEVING):
-        yield begun, _BEGINS, _BEGINS  # a monitor
+    if task.message_class.is_monitor:  # it watches without a handler
+        begun = [retry.time if retry.asker is None else retry.asker.until for retry in task.retries]
+        yield from ((time, _BEGINS_ANEW, _BEGINS_ANEW) for time in begun)
+        yield from ((time, _BEGINS, _BEGINS) for time in (task.time_of(Moment.START_HANDLING), *begun))
     if task.has_ended:
         yield task.time_of(Moment.END_ACHIEVING), _ENDS, _ENDS
 
@@ -108,11 +110,11 @@ def _implied(cycle: LifeCycle, task: Task, state: str, what: int, time: float) -
     if what == _BEGINS_ANEW:
         goes_on = state != cycle.initial and task.was("killed", time) is None
         return LifeChange(time, _RESTARTED, cycle.initial, 0, Party.CENTRAL) if goes_on else None
-    if what == _BEGINS and state != cycle.initial:
-        return None
     if what == _BEGINS:
-        runs = (one.module for one in task.handlings if one.start == time)
-        return LifeChange(time, cycle.accepted.name, cycle.accepted.target, 0, Party.SERVER, next(runs, ""))
+        runs = [one.module for one in task.handlings if one.start == time]
+        if state != cycle.initial or not (runs or task.was("killed", time) is None):
+            return None
+        return LifeChange(time, cycle.accepted.name, cycle.accepted.target, 0, Party.SERVER, runs[0] if runs else "")
     is_done = task.state_at(time) is TaskState.ACHIEVED
     has_failed = not is_done and bool(task.was("failure", time))
     end = cycle.done if is_done else cycle.cancelled
