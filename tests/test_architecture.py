@@ -75,6 +75,7 @@ ONLY_IN = {
         "tca_bench/own/costs.py",
     },
     "pybullet": {"robots/ambler_sim/physics.py"},
+    "statemachine": {"tca_missions/charts/statechart.py"},
     "perfetto": {"tca_tools/export/trace/packets.py"},
     "mcap": {"tca_tools/export/mcap_file.py"},
     "pyarrow": {"tca_tools/export/parquet_files.py"},
@@ -85,6 +86,7 @@ ONLY_IN = {
 EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
     ("tca_tools/check/rerun.py", "tca_central"),  # whose inputs are handled again
+    ("tca_missions/charts/drawing.py", "tca_tools"),  # pictures of state machines
     ("tca_tools/view/steering.py", "tca_live"),  # the page steers a running central as the commands do
 }
 
@@ -98,6 +100,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "keys": {"errors"},
         "user_file": set(),
         "waits": set(),
+        "charts": set(),
         "rules": {"points", "vocabulary"},
         "life_cycles": {"errors", "vocabulary"},
         "constraints": {"points"},
@@ -185,6 +188,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_missions": {
         "outcomes": set(),
         "serving": {"outcomes"},
+        "charts": {"outcomes"},
         "__init__": {"outcomes", "serving"},
     },
     "tca_module": {

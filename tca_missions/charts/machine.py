@@ -1,0 +1,169 @@
+"""State machines of mission tasks, as they are written: ``with Sequence("patrol") as sm: sm.GoTo(goal_x=1.0)``."""
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, ClassVar, Literal, Self
+
+from tca_missions.charts.drawing import draw
+from tca_missions.charts.soundness import endings_of
+from tca_missions.charts.states import ENDINGS, MachineState, UnsoundMachine
+from tca_module import MisuseError
+from tca_wire.charts import ChartState, MachineChart, StateKind
+
+_KINDS = {"any": StateKind.ANY, "all": StateKind.ALL}
+
+
+class StateMachine:
+    """A state machine of tasks. Only transitions that are written lead from one state to another; an ending without one
+    ends the machine. Its states are written inside its ``with`` block, and checked at the end of that.
+
+    A state is made by the name of its task: ``sm.GoTo(goal_x=1.0)``, or with a label, ``sm.GoTo("home", goal_x=1.0)``.
+    """
+
+    _kind: ClassVar[StateKind] = StateKind.MACHINE
+
+    def __init__(self, name: str) -> None:
+        if not isinstance(name, str) or not name.strip():
+            raise MisuseError(f"a machine needs a name, not {name!r:.60}")
+        self.name = name
+        self._root = MachineState(self._kind, name, None)
+        self._inside = [self._root]
+        self._labelled: dict[str, MachineState] = {}
+        self._chart: MachineChart | None = None
+
+    def __repr__(self) -> str:
+        return repr(self._root)
+
+    def __enter__(self) -> Self:
+        if self._chart is not None or self._root.children:
+            raise MisuseError(f"{self!r} is written in one with block; make another StateMachine")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._build()
+
+    # --- states ----------------------------------------------------------------------------------------------------
+
+    def task(self, task: str, label: str = "", /, **parameters: Any) -> MachineState:
+        """A state in which a task runs. It has the task's endings."""
+        state = self._add(StateKind.TASK, label, task)
+        state.task, state.parameters = task, parameters
+        return state
+
+    def __getattr__(self, task: str) -> Callable[..., MachineState]:
+        if task.startswith("_"):
+            raise AttributeError(task)
+        return lambda label="", /, **parameters: self.task(task, label, **parameters)
+
+    def epsilon(self, label: str = "", /) -> MachineState:
+        """A state that does nothing and has completed at once: where paths meet, or a name for a way out."""
+        return self._add(StateKind.EPSILON, label, "epsilon")
+
+    @contextmanager
+    def sequence(self, label: str = "", /) -> Iterator[MachineState]:
+        """States that follow one another in the order in which they are written, as long as they complete."""
+        with self._container(StateKind.SEQUENCE, label, "sequence") as state:
+            yield state
+
+    @contextmanager
+    def machine(self, label: str = "", /) -> Iterator[MachineState]:
+        """A machine inside: it begins with its first state, and only written transitions lead to another."""
+        with self._container(StateKind.MACHINE, label, "machine") as state:
+            yield state
+
+    @contextmanager
+    def concurrence(self, label: str = "", /, *, until: Literal["any", "all"] = "any") -> Iterator[MachineState]:
+        """States that run together. *any*: until one has ended; its ending is that of all. *all*: until all have
+        completed, or one has ended otherwise. Those that still run then are stopped. One of them at most has tasks in
+        the foreground.
+        """
+        if until not in _KINDS:
+            raise MisuseError(f"until is 'any' or 'all', not {until!r:.60}")
+        with self._container(_KINDS[until], label, "concurrence") as state:
+            yield state
+
+    @contextmanager
+    def _container(self, kind: StateKind, label: str, default: str) -> Iterator[MachineState]:
+        state = self._add(kind, label, default)
+        self._inside.append(state)
+        try:
+            yield state
+        finally:
+            self._inside.pop()
+
+    def _add(self, kind: StateKind, label: str, default: str) -> MachineState:
+        if not self._root.is_open:
+            raise MisuseError(f"{self!r} is built: write its states inside its with block")
+        if not isinstance(label, str):
+            raise MisuseError(f"the label of a state is text, not {label!r:.60}; parameters are given by name")
+        if label in self._labelled:
+            raise UnsoundMachine(f"{self!r} has two states '{label}': give one of them another label")
+        state = MachineState(kind, label or self._free(default), self._inside[-1])
+        self._labelled[state.label] = state
+        return state
+
+    def _free(self, default: str) -> str:
+        label, number = default, 1
+        while label in self._labelled:
+            number += 1
+            label = f"{default} {number}"
+        return label
+
+    # --- the whole -------------------------------------------------------------------------------------------------
+
+    def draw(self, path: str | Path, *, active: Collection[int] = ()) -> None:
+        """Draw it into a file, .svg, .png, .pdf or .dot. States whose numbers are in *active* stand out."""
+        draw(self.chart, Path(path), active)
+
+    @property
+    def root(self) -> MachineState:
+        """The container that is the whole machine."""
+        return self._root
+
+    @property
+    def chart(self) -> MachineChart:
+        """Its structure as data. Raises MisuseError while it is being written."""
+        if self._chart is None:
+            raise MisuseError(f"{self!r} is not built: that happens at the end of its with block")
+        return self._chart
+
+    def _build(self) -> None:
+        states = list(self._root.all())
+        for state in states:
+            state.resolve(self._labelled)
+        endings = endings_of(self._root)
+        number = {state: at for at, state in enumerate(states)}
+        rows = []
+        for state in states:
+            row = ChartState(
+                label=state.label,
+                kind=state.kind,
+                parent=number[state.parent] if state.parent is not None else -1,
+                task=state.task,
+                parameters={name: f"{value}" for name, value in state.parameters.items()},
+                next={end: number[to] for end in ENDINGS if end in endings[state] and (to := state.target(end))},
+                ends=list(endings[state]),
+            )
+            rows.append(row)
+        self._chart = MachineChart(self.name, rows)
+
+
+class Sequence(StateMachine):
+    """A machine whose states follow one another in the order in which they are written, as long as they complete."""
+
+    _kind = StateKind.SEQUENCE
+
+
+class Concurrence(StateMachine):
+    """A machine whose states run together, until *any* has ended, or *all* have completed."""
+
+    def __init__(self, name: str, *, until: Literal["any", "all"] = "any") -> None:
+        if until not in _KINDS:
+            raise MisuseError(f"until is 'any' or 'all', not {until!r:.60}")
+        super().__init__(name)
+        self._root.kind = _KINDS[until]

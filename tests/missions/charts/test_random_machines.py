@@ -1,0 +1,79 @@
+"""Random machines: what is not refused runs, and keeps what soundness promises, however its tasks end."""
+
+from contextlib import suppress
+from typing import Any
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from missions.charts.played import ENDINGS, EndOfPlay, PlayedMission, PlayedTask
+
+from tca_missions.charts import Sequence, StateMachine, UnsoundMachine
+from tca_missions.charts.running import MachineRun
+from tca_missions.charts.soundness import endings_of
+from tca_wire.charts import ActiveStates, StateKind
+
+LABELS = [f"s{number}" for number in range(9)]
+
+
+class Bored(PlayedMission):
+    """Any task may end in any way."""
+
+    def __init__(self, data: st.DataObject) -> None:
+        super().__init__()
+        self.data = data
+        self.left = 25
+
+    def first_ended(self, tasks: list[PlayedTask], timeout: float | None = None) -> list[PlayedTask]:
+        in_front = [task for task in self.running if task.name == "Task(True)" and task not in self.stopping]
+        assert len(in_front) <= 1, "tasks in the foreground stop each other"
+        if not any(task in self.stopping for task in tasks):
+            self.left -= 1
+            if self.left < 0:
+                raise EndOfPlay
+            ended = self.data.draw(st.sampled_from(tasks))
+            self._end(ended, self.data.draw(st.sampled_from(ENDINGS)), "")
+        return super().first_ended(tasks, timeout)
+
+
+def write(sm: StateMachine, data: st.DataObject, labels: list[str], depth: int, *, is_in_front: bool) -> None:
+    """Some states; most have no transitions of their own, as few machines with many are sound."""
+    for _ in range(data.draw(st.integers(2, 3))):
+        if not labels:
+            return
+        label = labels.pop()
+        kind = data.draw(st.sampled_from(["task", "task", "epsilon", "sequence", "any", "all"][: 6 if depth else 3]))
+        if kind == "task":
+            state = sm.task("Task", label, foreground=is_in_front)
+        elif kind == "epsilon":
+            state = sm.epsilon(label)
+        else:
+            until: Any = kind
+            with sm.sequence(label) if kind == "sequence" else sm.concurrence(label, until=until) as state:
+                write(sm, data, labels, depth - 1, is_in_front=is_in_front)
+        if state.parent is not None and state.parent.kind.is_concurrent:
+            is_in_front = False  # as one branch is, at most
+        possible = ["completed"] if kind == "epsilon" else ENDINGS
+        targets: Any = {e: data.draw(st.sampled_from(LABELS)) for e in possible if data.draw(st.integers(0, 5)) == 5}
+        state.on(**targets)
+
+
+@given(st.data())
+def test_sound_machines_run(data: st.DataObject) -> None:
+    try:
+        with Sequence("random") as sm:
+            write(sm, data, list(reversed(LABELS)), 2, is_in_front=True)
+    except UnsoundMachine:
+        assume(False)
+    mission, published = Bored(data), list[ActiveStates]()
+    run = MachineRun(sm.root, mission, published.append)
+    with suppress(EndOfPlay):
+        assert run.until_end().ending in endings_of(sm.root)[sm.root]
+    assert not mission.running
+    for active in published:
+        states = [sm.chart.states[number] for number in active.active]
+        assert any(state.kind is StateKind.TASK for state in states)
+        for number, state in zip(active.active, states, strict=True):
+            inside = [one for one in active.active if sm.chart.states[one].parent == number]
+            assert state.kind is not StateKind.EPSILON
+            assert state.parent in active.active or not number
+            assert len(inside) == 1 or state.kind.is_concurrent or state.kind is StateKind.TASK

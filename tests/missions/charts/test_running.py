@@ -1,0 +1,169 @@
+"""Machines at work, on a mission whose tasks end as the test says."""
+
+import pytest
+from missions.charts.played import Played, PlayedMission
+
+from tca_missions.charts import Concurrence, Sequence, StateMachine
+
+
+def patrol() -> StateMachine:
+    with Sequence("patrol") as sm:
+        start = sm.Wait()
+        with sm.concurrence():
+            sm.Look(foreground=False)
+            with sm.sequence():
+                sm.Turn()
+                sm.GoTo(goal_x=1)
+        sm.GoTo("home", goal_x=5).on(completed=start)
+    return sm
+
+
+def test_a_sequence_that_begins_again() -> None:
+    run = Played(patrol(), "Wait completed", "Turn completed", "GoTo completed", "GoTo completed", "Wait timeout")
+    assert run.end == ("timeout", "Wait was not done in time")
+    assert run.happened == [
+        "start Wait", "Wait completed",
+        "start Look(False)", "start Turn", "Turn completed",
+        "start GoTo(1)", "GoTo(1) completed",
+        "stop Look(False)", "Look(False) interrupted",  # and only then the next
+        "start GoTo(5)", "GoTo(5) completed",
+        "start Wait", "Wait timeout",
+    ]  # fmt: skip
+    assert run.active == [
+        ["Wait"],
+        ["concurrence", "Look", "sequence", "Turn"],
+        ["concurrence", "Look", "sequence", "GoTo"],
+        ["home"],
+        ["Wait"],
+    ]
+    assert [one.text for one in run.published][:2] == ["", "Wait has completed"]
+
+
+def test_a_concurrence_ends_with_the_first_of_its_states() -> None:
+    run = Played(patrol(), "Wait completed", "Look completed")
+    assert run.happened[3:] == [
+        "start Turn", "Look(False) completed", "stop Turn", "Turn interrupted", "start GoTo(5)",
+        "stop GoTo(5)", "GoTo(5) interrupted",  # as the play is over: nothing is left running
+    ]  # fmt: skip
+    run = Played(patrol(), "Wait completed", "Look failed + Turn completed")
+    assert run.end == ("failed", "Look has failed")
+    assert run.happened[3:] == ["start Turn", "Look(False) failed", "Turn completed"]
+
+
+def test_all_of_them() -> None:
+    with Concurrence("both", until="all") as sm:
+        sm.Look(foreground=False)
+        with sm.concurrence(until="all"):
+            sm.Listen(foreground=False)
+            with sm.sequence():
+                sm.Turn()
+                sm.GoTo()
+    run = Played(sm, "Listen completed", "Turn completed", "Look completed", "GoTo completed")
+    assert run.end == ("completed", "GoTo has completed")
+    assert run.active[-1] == ["concurrence", "sequence", "GoTo"]
+    run = Played(sm, "Look completed + Listen interrupted")
+    assert run.end == ("interrupted", "Listen was interrupted")
+    assert run.happened[-2:] == ["stop Turn", "Turn interrupted"]
+
+
+def test_a_machine_follows_written_transitions_only() -> None:
+    with StateMachine("fetch") as sm:
+        sm.GoTo().on(completed="grasp", failed="Turn")
+        sm.Turn().on(completed="GoTo")
+        with sm.sequence("grasp") as grasp:
+            sm.Open()
+            sm.Close()
+        grasp.on(timeout=grasp)
+    run = Played(
+        sm,
+        "GoTo failed",
+        "Turn completed",
+        "GoTo completed",
+        "Open completed",
+        "Close timeout",
+        "Open completed",
+        "Close completed",
+    )
+    assert run.end == ("completed", "Close has completed")
+    assert [name for name in run.happened if name.startswith("start")] == [
+        "start GoTo", "start Turn", "start GoTo", "start Open", "start Close", "start Open", "start Close",
+    ]  # fmt: skip
+
+
+def test_a_branch_begins_again_without_the_others() -> None:
+    with Sequence("robot") as sm:
+        with sm.concurrence():
+            look = sm.Look(foreground=False)
+            with sm.sequence() as steps:
+                sm.Turn()
+                sm.GoTo()
+        look.on(failed=look)
+        steps.on(failed=steps)
+        sm.Wait()
+    run = Played(sm, "Look failed", "Turn completed", "GoTo failed", "Turn failed", "Look completed", "Wait completed")
+    assert run.end == ("completed", "Wait has completed")
+    assert [name for name in run.happened if "Look" in name or name == "start Turn"] == [
+        "start Look(False)", "start Turn", "Look(False) failed", "start Look(False)", "start Turn", "start Turn",
+        "Look(False) completed",
+    ]  # fmt: skip
+
+
+def test_ways_out_of_containers() -> None:
+    """A state may lead past the containers around it, and a container begins again from inside."""
+    with Sequence("robot") as sm:
+        with sm.concurrence("both"):
+            sm.Look(foreground=False).on(completed="found")
+            with sm.sequence("steps"):
+                sm.Turn().on(timeout="steps", failed="both")
+                sm.GoTo().on(failed="home")
+        sm.epsilon("nothing found")
+        sm.Home("home")
+        sm.Sing("found")
+    run = Played(sm, "Turn timeout", "Turn failed", "Turn completed", "GoTo failed", "Home completed", "Sing completed")
+    assert run.end == ("completed", "found has completed")
+    assert run.happened == [
+        "start Look(False)", "start Turn", "Turn timeout", "start Turn", "Turn failed",
+        "stop Look(False)", "Look(False) interrupted", "start Look(False)", "start Turn", "Turn completed",
+        "start GoTo", "GoTo failed", "stop Look(False)", "Look(False) interrupted",
+        "start Home", "Home completed", "start Sing", "Sing completed",
+    ]  # fmt: skip
+    assert Played(sm, "Look completed", "Sing completed").happened[-2:] == ["start Sing", "Sing completed"]
+
+
+def test_nothing_runs_on_after_an_error_in_one_branch() -> None:
+    with Concurrence("both") as sm:
+        sm.Look(foreground=False)
+        sm.Listen(foreground=False)
+        with sm.sequence():
+            sm.Wait()
+            sm.Broken()
+    mission = PlayedMission("Wait completed")
+    with pytest.raises(ZeroDivisionError):
+        Played(sm, on=mission)
+    assert mission.happened[-4:] == [
+        "stop Look(False)",
+        "stop Listen(False)",
+        "Look(False) interrupted",
+        "Listen(False) interrupted",
+    ]
+
+
+def test_nothing_runs_on_after_ctrl_c() -> None:
+    mission = PlayedMission("Wait completed", "Ctrl-C")
+    with pytest.raises(KeyboardInterrupt):
+        Played(patrol(), on=mission)
+    assert mission.happened[-4:] == ["stop Look(False)", "stop Turn", "Look(False) interrupted", "Turn interrupted"]
+    assert not mission.running
+
+
+def test_tasks_start_and_stop_in_the_order_in_which_they_are_written() -> None:
+    with Concurrence("both", until="all") as sm:
+        with sm.sequence(), sm.sequence(), sm.sequence():
+            sm.First(foreground=False)
+        sm.Second(foreground=False)
+        sm.Third(foreground=False)
+    run = Played(sm, "Third failed")
+    assert run.happened == [
+        "start First(False)", "start Second(False)", "start Third(False)", "Third(False) failed",
+        "stop Second(False)", "stop First(False)", "Second(False) interrupted", "First(False) interrupted",
+    ]  # fmt: skip
