@@ -5,9 +5,9 @@ from pathlib import Path
 
 from tca_module import MisuseError
 from tca_tools.drawing.chart_dot import chart_dot
+from tca_tools.drawing.graphviz import drawn
 from tca_tools.errors import ToolError
 from tca_tools.output import check_free, write_output
-from tca_tools.tasktree_viz.files import drawn
 from tca_wire.charts import MachineChart
 
 _KINDS = (".dot", ".svg", ".png", ".pdf")
