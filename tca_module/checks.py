@@ -118,7 +118,7 @@ TIMEOUT = ArgumentKind("0 or more seconds, or None to wait for ever", lambda val
 COUNT = ArgumentKind("1 or more", _is_count)
 MAXIMUM = ArgumentKind("1 or more, or None for any number", lambda value: value is None or _is_count(value))
 HUNG = ArgumentKind("'wait' or 'replace'", lambda value: value in ("wait", "replace"))
-CAPACITY = ArgumentKind("1 to 64", lambda value: _is_whole(value) and 1 <= value <= 64)
+CAPACITY = ArgumentKind("1 to 256", lambda value: _is_whole(value) and 1 <= value <= 256)
 PENDING = ArgumentKind(
     f"1 to {MOST_PENDING:,}, or None", lambda value: value is None or (_is_whole(value) and 1 <= value <= MOST_PENDING)
 )

@@ -10,8 +10,8 @@ from tca_module import CentralLost, Task, TaskRef
 class Foreground:
     """Who has the foreground, and who wants it. Threads of different tasks use it."""
 
-    def __init__(self, on_empty: Callable[[], None]) -> None:
-        """*on_empty* is called, in any thread, when nobody wants it any more."""
+    def __init__(self, on_empty: Callable[[Task, BaseException | None], None]) -> None:
+        """*on_empty* is called, in any thread, when nobody wants it any more: with the last and the error it had."""
         self._on_empty = on_empty
         self._lock = threading.Lock()
         self._holder: Task | None = None  #: the task that has it, until it has terminated
@@ -34,8 +34,10 @@ class Foreground:
                 _end(before, task)
             task.wait_until(lambda: self._take(task))
             yield
-        finally:
-            self._leave(task)
+        except BaseException as error:
+            self._leave(task, error)
+            raise
+        self._leave(task, None)
 
     def _take(self, task: Task) -> bool:
         with self._lock:
@@ -43,7 +45,7 @@ class Foreground:
                 self._holder = task
             return self._holder is task
 
-    def _leave(self, task: Task) -> None:
+    def _leave(self, task: Task, error: BaseException | None) -> None:
         with self._lock:
             if self._holder is task:
                 self._holder = None
@@ -53,7 +55,7 @@ class Foreground:
         if newest is not None:
             newest.wake()
         else:
-            self._on_empty()
+            self._on_empty(task, error)
 
 
 def _end(before: Task, task: Task) -> None:

@@ -75,11 +75,14 @@ def _field(task: type, name: str, hint: Any) -> tuple[Any, Any]:
         hint = Annotated[hint, declared.meta]
     default = given[0] if given else msgspec.NODEFAULT
     default = default.default if isinstance(default, Parameter) else default
-    if default is not msgspec.NODEFAULT:
-        try:
-            Format[Any](hint).encode(default)
-        except (BadData, BadFormat) as error:
-            raise BadFormat(f"task {task.__name__}: the default of parameter '{name}' does not fit: {error}") from None
+    try:
+        kind = Format[Any](hint)
+        if default is not msgspec.NODEFAULT:
+            kind.encode(default)
+    except BadFormat as error:
+        raise BadFormat(f"task {task.__name__}: parameter '{name}' can't be sent: {error}") from None
+    except BadData as error:
+        raise BadFormat(f"task {task.__name__}: the default of parameter '{name}' does not fit: {error}") from None
     return hint, default
 
 

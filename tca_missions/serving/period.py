@@ -2,6 +2,8 @@
 
 import math
 
+_EXACT = 1e-9  # seconds: so much comes of rounding
+
 
 class Period:
     """The times at which a task is due. Times, in seconds, are passed in."""
@@ -22,7 +24,7 @@ class Period:
             self._start, self._turn, self.seconds = self.due, 0, seconds
         late = now - self._start - (self._turn + 1) * seconds
         left_out = max(0, math.floor(late / seconds))
-        self.missed += left_out + (late > 0)
+        self.missed += left_out + (late > _EXACT)
         self._turn += 1 + left_out
         self.due = self._start + self._turn * seconds
         return self.due

@@ -20,6 +20,7 @@ from tca_module.link.opening import CentralAddress
 _IDLE_AFTER = (
     0.2  # seconds without a task in the foreground after which the idle task runs: missions do one after another
 )
+_IDLE_AGAIN_AFTER = 5.0  # seconds, if it failed
 _KEPT_FREE = 2  # of the tasks at a time: one in the foreground, and one that takes its place
 
 
@@ -34,7 +35,7 @@ class TaskServer:
     Its tasks are those of *tasks*, of the Python files in *folder*, and of installed packages (entry points
     "tca.missions.tasks") that are made for the class of the *environment*. Periodic tasks run at *rate* iterations a
     second where nothing else is said. At most *capacity* tasks run at a time. When no task has the foreground, *idle*
-    runs.
+    runs; where it completes, it does so once.
     """
 
     def __init__(
@@ -60,10 +61,11 @@ class TaskServer:
         self.runs: set[TaskRun] = set()  #: those that run now
         self._most_beside = capacity - _KEPT_FREE
         self._idle = self.definitions[idle.__name__] if idle is not None else None
-        self._foreground = Foreground(self._be_idle)
+        self._idle_timer: Callback | None = None
+        self._foreground = Foreground(self._left)
         for definition in self.definitions.values():
             self._offer(definition)
-        self.module.at_start(lambda _: self._be_idle())
+        self.module.at_start(lambda _: self._be_idle_after(_IDLE_AFTER))
         environment.attach(self.module)
 
     def __repr__(self) -> str:
@@ -109,10 +111,17 @@ class TaskServer:
 
     # --- idle ------------------------------------------------------------------------------------------------------
 
-    def _be_idle(self) -> None:
-        """Nobody has the foreground: soon the idle task has it."""
+    def _left(self, task: Task, error: BaseException | None) -> None:
+        """*task* was the last in the foreground: soon the idle task is, unless it was that and has completed."""
+        was_idle = self._idle is not None and task.message == self._idle.message.name
+        if error is not None or not was_idle:
+            self._be_idle_after(_IDLE_AGAIN_AFTER if was_idle else _IDLE_AFTER)
+
+    def _be_idle_after(self, seconds: float) -> None:
+        if self._idle_timer is not None:
+            self._idle_timer.cancel()
         if not self.module.stopping:
-            self.module.after(_IDLE_AFTER, self._start_idle)
+            self._idle_timer = self.module.after(seconds, self._start_idle)
 
     def _start_idle(self, callback: Callback) -> None:
         if self._idle is not None and self._foreground.is_empty:

@@ -112,7 +112,7 @@ class Task(Sender, SteerableTask):
 
     def time(self) -> float:
         """The seconds of the clock by which handlers sleep; it never jumps, and a test may step it."""
-        return self._connection().transport.time()
+        return self._own_connection().transport.time()
 
     def sleep(self, seconds: float) -> None:
         """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or the module ends."""
@@ -123,7 +123,7 @@ class Task(Sender, SteerableTask):
         """Let time pass until that moment of ``time()``: without drift, what a loop does meanwhile counts. Otherwise
         like ``sleep``.
         """
-        self._connection().wait_until(lambda: False, f"the sleep of {self}", moment)
+        self._own_connection().wait_until(lambda: False, f"the sleep of {self}", moment)
 
     def wait_until(self, is_over: Callable[[], bool], timeout: float | None = None) -> bool:
         """Wait until *is_over*, at most *timeout* seconds of ``time()``; whether it is. Otherwise like ``sleep``.
@@ -132,7 +132,7 @@ class Task(Sender, SteerableTask):
         """
         what = f"wait_until() of {self}"
         check(what, checks.TIMEOUT, timeout=timeout)
-        connection = self._connection()
+        connection = self._own_connection()
         connection.transport.waker()
         return connection.wait_until(is_over, what, None if timeout is None else self.time() + timeout)
 
@@ -144,7 +144,7 @@ class Task(Sender, SteerableTask):
         """A block whose waits no kill and no end of the module cuts short: for what must be done to leave things safe.
         ``cancelled`` still tells.
         """
-        return self._connection().session.open_deliveries.shielded()
+        return self._own_connection().session.open_deliveries.shielded()
 
     def reply_later(self) -> LaterReply[Any]:
         """Let somebody else reply: return this from the handler, which is then done; the message is not.
@@ -175,10 +175,15 @@ class Task(Sender, SteerableTask):
         self._link = None
 
     def _connection(self) -> Connection:
+        connection = self._own_connection()
+        check_epoch([self._origin], connection.session.epoch)
+        return connection
+
+    def _own_connection(self) -> Connection:
+        """The handler's connection, also if central was restarted and has forgotten the task."""
         if self._link is None:
             raise MisuseError(f"{self} is used after its handler returned: send before it returns, or from the module")
         self._link.check_thread(self, "handles it", FIND_IT)
-        check_epoch([self._origin], self._link.session.epoch)
         return self._link
 
     def _node(self) -> TaskId:

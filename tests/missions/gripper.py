@@ -68,6 +68,18 @@ class Grasp(OnceTask[Gripper]):
         self.env.note(self, "terminates")
 
 
+class Brake(PeriodicTask[Gripper]):
+    """Brake slowly."""
+
+    def iterate(self) -> Status:
+        return Status.RUNNING
+
+    def terminate(self) -> None:
+        self.env.note(self, "brakes")
+        self.sleep(1.0)
+        self.env.note(self, "stands")
+
+
 class Robot:
     """A gripper with its server, and a user of it."""
 

@@ -1,0 +1,135 @@
+"""Foreground and background: the newest takes the place of the one before, and the idle task that of nobody."""
+
+import logging
+
+import pytest
+from missions.gripper import Brake, Grasp, Gripper, Robot, Turn, serving
+
+from tca_missions import Idle, OnceTask, TaskEnd
+from tca_module import Outcome, SentTask, TaskFailed, TaskKilled
+
+
+def names(robot: Robot) -> list[str]:
+    """The runs that there are."""
+    return [task.message.removeprefix("gripper.") for task in robot.user.tasks()]
+
+
+def outcome(sent: SentTask[TaskEnd]) -> Outcome:
+    return sent.wait(0)
+
+
+def test_the_newest_waits_until_the_one_before_has_terminated() -> None:
+    with serving(Brake, Turn) as robot:
+        brake = robot.send("Brake")
+        robot.after(1)
+        turn = robot.send("Turn", steps=1)
+        assert robot.after(5) == [
+            "1.00 Brake brakes", "2.00 Brake stands", "2.00 Turn initialises", "2.00 Turn step 1", "2.00 Turn terminates",
+        ]  # fmt: skip
+        assert (outcome(brake), outcome(turn)) == (Outcome.KILLED, Outcome.DONE)
+        with pytest.raises(TaskKilled, match=r"gripper.Turn \{2\} took its place"):
+            brake.result()
+
+
+def test_of_those_that_wait_the_newest_counts() -> None:
+    with serving(Brake, Turn, Grasp) as robot:
+        robot.send("Brake")
+        robot.after(1)
+        turn = robot.send("Turn")
+        robot.after(0.5)
+        robot.send("Grasp", force=1)
+        assert robot.after(5) == [
+             "2.00 Brake stands", "2.00 Grasp closes", "3.00 Grasp has closed", "3.00 Grasp terminates",
+        ]  # fmt: skip
+        assert outcome(turn) is Outcome.KILLED
+
+
+def test_one_that_is_killed_while_it_waits_does_nothing() -> None:
+    with serving(Brake, Turn) as robot:
+        robot.send("Brake")
+        robot.after(1)
+        turn = robot.send("Turn")
+        robot.after(0.5)
+        turn.kill()
+        assert robot.after(5) == ["2.00 Brake stands"]
+
+
+def test_background_tasks_run_beside_the_others() -> None:
+    with serving() as robot:
+        grasp = robot.send("Grasp", force=1, foreground=False)
+        turn = robot.send("Turn", foreground=False)
+        front = robot.send("Turn", steps=1)
+        robot.after(5)
+        assert {outcome(grasp), outcome(turn), outcome(front)} == {Outcome.DONE}
+
+
+def test_the_background_leaves_room_for_the_foreground() -> None:
+    with serving(capacity=3) as robot:
+        robot.send("Grasp", force=1, foreground=False)
+        more = robot.send("Grasp", force=1, foreground=False)
+        turn = robot.send("Turn")
+        robot.after(0.5)
+        assert outcome(turn) is Outcome.DONE
+        with pytest.raises(
+            TaskFailed, match="1 tasks run in the background already: give the server a larger capacity="
+        ):
+            more.result()
+
+
+def test_nothing_is_idle_that_was_given_no_idle_task() -> None:
+    with serving() as robot:
+        robot.after(1)
+        assert names(robot) == []
+
+
+def test_the_idle_task_runs_when_nothing_else_has_the_foreground() -> None:
+    with serving(idle=Idle) as robot:
+        assert names(robot) == []
+        robot.after(1)
+        assert names(robot) == ["Idle"]
+        turn = robot.send("Turn")
+        robot.after(0)
+        assert names(robot) == ["Turn"]
+        robot.send("Grasp", force=1, foreground=False)
+        robot.after(0.5)
+        assert outcome(turn) is Outcome.DONE
+        assert names(robot) == ["Grasp", "Idle"]
+
+
+def test_nobody_is_idle_between_two_steps_of_a_mission() -> None:
+    with serving(idle=Idle) as robot:
+        for _ in range(3):
+            robot.send("Turn", steps=1)
+            robot.after(0.1)
+        assert names(robot) == []
+
+
+def test_the_idle_task_takes_nobodys_place() -> None:
+    with serving(idle=Idle) as robot:
+        grasp = robot.send("Grasp", force=1)
+        robot.after(0.5)
+        idle = robot.send("Idle")
+        robot.after(1)
+        assert outcome(grasp) is Outcome.DONE
+        assert idle.result().text == "something else has the foreground"
+
+
+def test_an_idle_task_that_completes_does_so_once() -> None:
+    class Rest(OnceTask[Gripper]):
+        def iterate(self) -> None:
+            self.env.note(self, "brakes")
+
+    with serving(Turn, Rest, idle=Rest) as robot:
+        assert robot.after(10) == ["0.20 Rest brakes"]
+        robot.send("Turn", steps=1)
+        assert robot.after(10)[-1] == "10.20 Rest brakes"
+
+
+def test_an_idle_task_that_fails_is_tried_again_later(caplog: pytest.LogCaptureFixture) -> None:
+    class Rest(OnceTask[Gripper]):
+        def iterate(self) -> None:
+            self.env.note(self, "tries")
+            raise self.failed("the brake is stuck")
+
+    with caplog.at_level(logging.CRITICAL, "tca"), serving(Rest, idle=Rest) as robot:
+        assert robot.after(11) == ["0.20 Rest tries", "5.20 Rest tries", "10.20 Rest tries"]

@@ -1,0 +1,66 @@
+"""What becomes of runs when central was restarted, when their server ends, or when who started them is gone."""
+
+import signal
+from pathlib import Path
+
+import pytest
+from integration.programs import central, program
+from missions.gripper import Brake, serving
+from module.real_central import until
+
+from tca_missions import Idle
+from tca_module import TaskFailed, connect
+
+SERVER = """
+from tca_missions import Environment, PeriodicTask, Status, TaskServer
+
+class Drive(PeriodicTask[Environment]):
+    def iterate(self) -> Status:
+        return Status.RUNNING
+    def initialise(self) -> None:
+        print("drives", flush=True)
+    def terminate(self) -> None:
+        print("stands", flush=True)
+
+TaskServer("cart", Environment(), [Drive]).run()
+print("over", flush=True)
+"""
+
+
+def test_runs_that_a_restarted_central_has_forgotten_terminate() -> None:
+    with serving(Brake, idle=Idle) as robot:
+        assert robot.send("Brake").id
+        robot.after(0.05)
+        robot.central.restart("two")
+        assert robot.after(2) == ["0.05 Brake brakes", "1.05 Brake stands"]
+        robot.after(1)
+        assert [task.message for task in robot.user.tasks()] == ["gripper.Idle"]
+
+
+def test_a_run_goes_on_when_its_sender_leaves() -> None:
+    with serving() as robot:
+        with connect("mission", robot.central) as mission:
+            turn = robot.server.definitions["Turn"]
+            mission.command(turn.message, turn.struct(steps=2))
+        assert robot.after(1)[-1] == "0.10 Turn terminates"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "says", "why"),
+    [(signal.SIGINT, "stands\nover\n", "module 'cart' ends"), (signal.SIGKILL, "", "module 'cart'")],
+    ids=["ctrl-c", "killed"],
+)
+def test_a_server_that_ends_terminates_what_runs(tmp_path: Path, number: signal.Signals, says: str, why: str) -> None:
+    with central(tmp_path) as daemon, program(SERVER, daemon.address) as server, connect("u", daemon.address) as user:
+        until(lambda: "cart.Drive" in str(user.status("messages")), "the server is there")
+        while not user.status("messages"):
+            pass
+        drive = user.command(user.declared("cart.Drive"), {})
+        assert server.stdout
+        assert server.stdout.readline() == "drives\n"
+        server.send_signal(number)
+        assert server.communicate(timeout=20)[0] == says
+        with pytest.raises(TaskFailed, match=why) as failed:
+            drive.result(20)
+        assert failed.value.failure == "module lost"

@@ -1,0 +1,63 @@
+"""Periodic tasks keep time without drift, and overruns are counted and shown."""
+
+import logging
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from missions.gripper import Gripper, serving
+
+from tca_missions import PeriodicTask, Status, parameter
+from tca_missions.serving.period import Period
+
+
+class Slow(PeriodicTask[Gripper]):
+    """Take so long for each step."""
+
+    takes: list[float] = parameter([], "Seconds")
+
+    def initialise(self) -> None:
+        self.left = list(self.takes)
+
+    def iterate(self) -> Status:
+        self.env.note(self, "steps")
+        self.sleep(self.left.pop(0))
+        return Status.RUNNING if self.left else Status.COMPLETED
+
+
+@pytest.mark.parametrize(
+    ("takes", "begins", "overruns"),
+    [
+        ([0.02, 0.09, 0.05, 0], [0, 0.1, 0.2, 0.3], 0),
+        ([0.13, 0, 0, 0], [0, 0.13, 0.2, 0.3], 1),  # the late one begins at once, and the time is kept
+        ([0.35, 0, 0], [0, 0.35, 0.4], 3),  # two are left out
+        ([0.1, 0, 0], [0, 0.1, 0.2], 0),
+    ],
+)
+def test_overruns(takes: list[float], begins: list[float], overruns: int, caplog: pytest.LogCaptureFixture) -> None:
+    with serving(Slow) as robot, caplog.at_level(logging.WARNING, "tca.gripper"):
+        sent = robot.send("Slow", takes=takes)
+        assert robot.after(2) == [f"{begin:.2f} Slow steps" for begin in begins]
+        assert sent.result().overruns == overruns
+        assert caplog.text.count("gripper.Slow {1} misses its period of 0.1 s") == (overruns > 0)
+
+
+@given(st.lists(st.floats(0, 0.5), max_size=50), st.floats(0.01, 0.2))
+def test_the_time_is_kept_whatever_iterations_take(takes: list[float], seconds: float) -> None:
+    period, now = Period(5.0, seconds), 5.0
+    for number, each in enumerate(takes, 1):
+        begun, now = period.due, max(now, period.due) + each
+        due = period.next(now, seconds)
+        assert due > begun
+        assert due >= now - seconds - 1e-9  # a late one begins at once, and not more than one period late
+        assert round((due - 5.0) / seconds, 6) == round((due - 5.0) / seconds)
+        assert due <= max(now, begun) + seconds + 1e-9
+        assert round((due - 5.0) / seconds) >= number
+
+
+def test_a_new_period_counts_from_the_present_iteration() -> None:
+    period = Period(0.0, 0.1)
+    assert period.next(0.0, 0.1) == 0.1
+    assert period.next(0.1, 0.5) == 0.6
+    assert period.next(0.6, 0.5) == 1.1
+    assert period.missed == 0
