@@ -85,9 +85,9 @@ def _steps(run: Run, task: Task) -> Iterator[tuple[float, int, LifeChange | int]
     """What changes its state; at one time what was told comes first, then in the order of a life."""
     yield from ((one.time, 0, one) for one in task.life if one.effect is not Effect.STOP)  # it ends when it has stopped
     first = task.handlings[0] if task.handlings else None
-    for again in (*task.queueings, *task.handlings):
-        if first is not None and again.start > first.start:
-            yield again.start, _BEGINS_ANEW, _BEGINS_ANEW
+    for one in (*task.queueings, *task.handlings):
+        if first is not None and one.start > first.start:
+            yield one.start, _BEGINS_ANEW, _BEGINS_ANEW
     for handling in task.handlings:
         if handling.outcome is None and handling.end is not None:  # its module is gone
             yield handling.end, _BEGINS_ANEW, _BEGINS_ANEW
@@ -95,10 +95,13 @@ def _steps(run: Run, task: Task) -> Iterator[tuple[float, int, LifeChange | int]
         offer = going_on(offers, handling.start)
         if offer is None or not offer.accepts:
             yield handling.start, _BEGINS, _BEGINS
-    if task.message_class.is_monitor:  # it watches without a handler
-        begun = [retry.time if retry.asker is None else retry.asker.until for retry in task.retries]
-        yield from ((time, _BEGINS_ANEW, _BEGINS_ANEW) for time in begun)
-        yield from ((time, _BEGINS, _BEGINS) for time in (task.time_of(Moment.START_HANDLING), *begun))
+    if task.message_class.is_monitor:  # it watches without a handler, and begins anew soon after a retry
+        begun = task.time_of(Moment.START_HANDLING)
+        again = [
+            retry.time if retry.asker is None else retry.asker.until for retry in task.retries if retry.time > begun
+        ]
+        yield from ((time, _BEGINS_ANEW, _BEGINS_ANEW) for time in again)
+        yield from ((time, _BEGINS, _BEGINS) for time in (begun, *again))
     if task.has_ended:
         yield task.time_of(Moment.END_ACHIEVING), _ENDS, _ENDS
 
