@@ -11,7 +11,14 @@ from tca_module.checks import check, is_brief
 from tca_module.errors import LockLost, MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.link.questions import ask
-from tca_module.sending.directory import HandlerInfo, ModuleInfo, handlers_of, modules_of
+from tca_module.sending.directory import (
+    HandlerInfo,
+    MessageInfo,
+    ModuleInfo,
+    handlers_of,
+    messages_of,
+    modules_of,
+)
 from tca_wire.messages.controls import ExceptionHandler, Monitor
 from tca_wire.messages.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
 from tca_wire.packets.headers import Ask, GetVariable, GoOn, Lock, Remove, SetVariable, Unlock, WaitUntilHandled
@@ -232,6 +239,10 @@ class CentralServices:
     def modules(self) -> list[ModuleInfo]:
         """The modules that are connected, this one too."""
         return modules_of(ask(self._connection(), Ask(0, "modules"), "the question for modules"))
+
+    def messages(self) -> list[MessageInfo]:
+        """The messages that are declared, with their formats and handlers."""
+        return messages_of(ask(self._connection(), Ask(0, "messages"), "the question for messages"))
 
     def handlers(self, message: Message[Any, Any]) -> list[HandlerInfo]:
         """The handlers of a message, newest first. The newest gets all messages, unless several share a pool."""

@@ -46,9 +46,16 @@ class HandlerInfo(msgspec.Struct, frozen=True):
     """Whether those who send the message may do so directly, as things are now."""
 
 
-class _MessageInfo(msgspec.Struct, frozen=True):
-    message: str
-    handled_by: list[HandlerInfo]
+class MessageInfo(msgspec.Struct, frozen=True):
+    """A message that some module has declared."""
+
+    name: str = msgspec.field(name="message")
+    message_class: str = msgspec.field(name="class")
+    data: str
+    """The format of its data, as a JSON Schema; and of its reply or result."""
+    reply: str
+    handled_by: tuple[HandlerInfo, ...]
+    """Newest first."""
 
 
 def modules_of(answer: bytes) -> list[ModuleInfo]:
@@ -56,6 +63,11 @@ def modules_of(answer: bytes) -> list[ModuleInfo]:
     return msgspec.msgpack.decode(answer, type=list[ModuleInfo])
 
 
+def messages_of(answer: bytes) -> list[MessageInfo]:
+    """From central's answer to the topic "messages"."""
+    return msgspec.msgpack.decode(answer, type=list[MessageInfo])
+
+
 def handlers_of(answer: bytes) -> dict[str, list[HandlerInfo]]:
     """By message name, newest first; from central's answer to the topic "messages"."""
-    return {info.message: info.handled_by for info in msgspec.msgpack.decode(answer, type=list[_MessageInfo])}
+    return {info.name: list(info.handled_by) for info in messages_of(answer)}

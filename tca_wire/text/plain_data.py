@@ -45,6 +45,14 @@ _SIMPLE: dict[str, Any] = {"integer": int, "number": int | float, "boolean": boo
 _LONGEST_SHOWN = 40
 
 
+class FieldMisfit(BadData):
+    """A value that does not fit: the *path* of its field ("": the whole), and the *problem* in words."""
+
+    def __init__(self, path: str, problem: str) -> None:
+        super().__init__(f"field '{path}' {problem}" if path else f"the data {problem}")
+        self.path, self.problem = path, problem
+
+
 class Bare:
     """A value as typed: JSON where that fits, else the text itself."""
 
@@ -191,7 +199,7 @@ class _DataBuilder:
             known = [key for option in found for key in option.get("properties", ())]
             found = [one for option in found for one in self._fields_named(option, name)]
             if not found:
-                raise BadData(f"{_place('.'.join(path[: depth + 1]))} is unknown: {_advice(name, known)}")
+                raise FieldMisfit(".".join(path[: depth + 1]), f"is unknown: {_advice(name, known)}")
         return found
 
     def _options(self, schema: Any) -> list[dict[str, Any]]:
@@ -260,15 +268,15 @@ class _DataBuilder:
             raise self._unfit(schema, value, path)
         for name in value if others is False else ():
             if name not in fields:
-                raise BadData(f"{_place(_field(path, name))} is unknown: {_advice(name, list(fields))}")
+                raise FieldMisfit(_field(path, name), f"is unknown: {_advice(name, list(fields))}")
         for name in schema.get("required", ()):
             if name not in value:
-                raise BadData(f"{_place(_field(path, name))} is missing: it must be {self._wanted(fields.get(name))}")
+                raise FieldMisfit(_field(path, name), f"is missing: it must be {self._wanted(fields.get(name))}")
         return {name: self.fit(fields.get(name, others), one, _field(path, name)) for name, one in value.items()}
 
     def _array(self, schema: dict[str, Any], value: Any, path: str) -> Any:
         if schema.get("format") == "numpy":
-            raise BadData(f"{_place(path)} is a numpy array, which can't be written as text: send it from Python")
+            raise FieldMisfit(path, "is a numpy array, which can't be written as text: send it from Python")
         if not isinstance(value, list | tuple):
             raise self._unfit(schema, value, path)
         places, rest = schema.get("prefixItems", []), schema.get("items", {})
@@ -284,7 +292,7 @@ class _DataBuilder:
             try:
                 return base64.b64decode(value, validate=True)
             except (binascii.Error, ValueError):
-                raise BadData(f"{_place(path)} holds bytes, written in base64, and {_shown(value)} is not") from None
+                raise FieldMisfit(path, f"holds bytes, written in base64, and {_shown(value)} is not") from None
         if kind := _TEXTS.get(schema.get("format", "")):
             try:
                 msgspec.convert(value, kind)
@@ -303,8 +311,8 @@ class _DataBuilder:
 
     # --- in words --------------------------------------------------------------------------------------------------
 
-    def _unfit(self, schema: dict[str, Any], value: Any, path: str) -> BadData:
-        return BadData(f"{_place(path)} must be {self._wanted(schema)}, and {_shown(value)} is not")
+    def _unfit(self, schema: dict[str, Any], value: Any, path: str) -> FieldMisfit:
+        return FieldMisfit(path, f"must be {self._wanted(schema)}, and {_shown(value)} is not")
 
     def _wanted(self, schema: Any) -> str:
         schema = self._resolve(schema)
@@ -335,16 +343,12 @@ def _check_bounds(schema: dict[str, Any], value: Any, path: str) -> None:
         except (TypeError, re.error, ZeroDivisionError):  # the schema comes from anybody
             continue
         if not is_met:
-            raise BadData(f"{_place(path)} must be {words.format(schema[key])}, and {_shown(value)} is not")
+            raise FieldMisfit(path, f"must be {words.format(schema[key])}, and {_shown(value)} is not")
 
 
 def _shown(value: Any) -> str:
     text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
-
-
-def _place(path: str) -> str:
-    return f"field '{path}'" if path else "the data"
 
 
 def _field(path: str, name: str) -> str:

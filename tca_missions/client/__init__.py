@@ -1,0 +1,1 @@
+"""Missions: plain Python that runs the tasks of servers."""

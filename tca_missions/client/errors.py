@@ -1,0 +1,68 @@
+"""What a mission can run into.
+
+TcaError                (of the library)
+├── MissionTaskFailed   a task failed, was interrupted, or took too long
+├── ConditionVerified   a condition interrupted what the mission waited for
+├── NotOffered          no server offers such a task, or none does any more
+│   └── UnknownTask     ... and there is no task of that name (also an AttributeError)
+├── BadParameter        a parameter is unknown, missing, out of range, or of a wrong type (also a ValueError)
+└── StepUncertain       whether a step was completed before the mission's process ended is not known
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from tca_missions.outcomes import Status, TaskEnd
+from tca_module.errors import TcaError
+
+if TYPE_CHECKING:
+    from tca_missions.client.conditions import MissionCondition
+
+
+class MissionTaskFailed(TcaError):
+    """A task of a mission did not complete: *task* names it, *status* and *text* say why; *failure* is the failure's
+    name ("": it was killed).
+    """
+
+    def __init__(self, task: str, end: TaskEnd, failure: str = "") -> None:
+        status = Status(end.status & ~Status.TERMINATED)
+        super().__init__(f"{task}: {status.name.lower().replace('_', ' ')}" + (f": {end.text}" if end.text else ""))
+        self.task = task
+        self.status = end.status
+        self.text = end.text
+        self.failure = failure
+
+
+class ConditionVerified(TcaError):
+    """One or more conditions of a mission came true. They are cleared, and a task in the foreground has ended."""
+
+    def __init__(self, conditions: "Sequence[MissionCondition]") -> None:
+        super().__init__("; ".join(map(str, conditions)))
+        self.conditions = list(conditions)
+
+
+class NotOffered(TcaError):
+    """No server offers such a task, or none does any more."""
+
+
+class UnknownTask(NotOffered, AttributeError):
+    """There is no task of that name."""
+
+
+class BadParameter(TcaError, ValueError):
+    """A parameter of a task is unknown, missing, out of range, or of a wrong type. Nothing was sent."""
+
+
+class StepUncertain(TcaError):
+    """Step *step* was under way when the mission's process ended. *outcomes* says of each task that it had begun what
+    central knows: "done", "failed", "killed", "running" or "unknown".
+    """
+
+    def __init__(self, step: str, outcomes: Sequence[tuple[str, str]]) -> None:
+        told = ", ".join(f"{task} {outcome}" for task, outcome in outcomes) or "no task of it is known"
+        super().__init__(
+            f"step '{step}' was under way when the mission's process ended ({told}): "
+            f"do it again with repeatable_step(), or take it as done with skip_step('{step}')"
+        )
+        self.step = step
+        self.outcomes = list(outcomes)

@@ -1,0 +1,315 @@
+"""Mission: the tasks of a server as functions, in plain Python."""
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+from tca_missions.client.conditions import MissionCondition
+from tca_missions.client.errors import BadParameter, ConditionVerified, NotOffered, UnknownTask
+from tca_missions.client.mission_goal import MissionGoal
+from tca_missions.client.offered_task import OfferedTask, nearest, offered_tasks
+from tca_missions.client.task_handle import TaskHandle
+from tca_missions.outcomes import TaskEnd
+from tca_module import Message, MisuseError, Task, TcaError, Timeout, wait_for_any
+from tca_module.link.opening import CentralAddress
+
+_PATIENCE = 10.0  # seconds that a mission waits for its server
+_LOOK_AGAIN = 0.1  # seconds between two looks whether the server has come
+_STOPS_WITHIN = 10.0  # seconds that a stopped task may take to leave things safe
+
+
+class BaseMission:
+    """What every mission can do, whatever tasks there are. The classes of stub files inherit from it."""
+
+    def __init__(
+        self, server: str = "", *, name: str = "", central: CentralAddress = None, patience: float = _PATIENCE,
+        under: Task | None = None, leave_running: bool = False,
+    ) -> None:  # fmt: skip
+        """*server*: whose tasks they are; may be left out where there is only one. *name*: that of the mission, in the
+        tree; by default the program's. *patience*: seconds to wait for the server. *under*: a task, in its handler, to
+        which the mission's tasks belong. *leave_running*: the end of the mission, also a crash, ends none of its tasks.
+        """
+        self._server = server
+        self._patience = patience
+        self._goal = MissionGoal(name or _name_of_program(), server, central, under, stays=leave_running)
+        self._leave_running = leave_running
+        self._is_open = False
+        self._known: dict[str, OfferedTask] = {}
+        self._known_at = -1  # the changes of which was heard before they were read
+        self._messages: dict[str, Message[Any, Any]] = {}
+        self._running: dict[int, TaskHandle] = {}
+        self._conditions: list[MissionCondition] = []
+        self._verified: list[MissionCondition] = []  # those that have ended a wait
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        self.close(error)
+
+    def open(self) -> Self:
+        """Join central and find the server. Raises CentralLost, or NotOffered if the server does not come."""
+        if self._is_open:
+            raise MisuseError("this mission is open already")
+        self._goal.open()
+        self._is_open = True
+        try:
+            self._find_server()
+        except BaseException as error:
+            self.close(error)
+            raise
+        return self
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Stop what still runs, and leave; twice does no harm. With an *error* the mission counts as failed."""
+        if not self._is_open:
+            return
+        self._is_open = False
+        try:
+            if not self._leave_running:
+                with contextlib.suppress(TcaError):
+                    self._stop(list(self._running.values()), "the mission has ended")
+        finally:
+            self._goal.close(error)
+
+    # --- what there is ---------------------------------------------------------------------------------------------
+
+    @property
+    def server(self) -> str:
+        """The name of the server."""
+        return self._server
+
+    def offered(self) -> dict[str, OfferedTask]:
+        """The tasks that the server offers now, by name."""
+        if self._known_at != self._goal.changes:
+            self._known_at = self._goal.changes
+            self._known = {
+                task.name: task
+                for task in offered_tasks(self._goal.sender.messages())
+                if task.server == self._server and task.is_handled
+            }
+        return self._known
+
+    def _find_server(self) -> None:
+        until = time.monotonic() + self._patience
+        while not (self._server and self.offered()):
+            servers = sorted({task.server for task in offered_tasks(self._goal.sender.messages()) if task.is_handled})
+            if not self._server and len(servers) == 1:
+                self._server = servers[0]
+            elif not self._server and servers:
+                raise MisuseError(f"there are several servers of tasks: say which, Mission('{servers[0]}'): {servers}")
+            elif time.monotonic() > until:
+                what = f"server '{self._server}' offers no tasks" if self._server else "no server offers tasks"
+                raise NotOffered(f"{what} after {self._patience:g} s: {nearest(self._server, servers, 'there are')}")
+            else:
+                self._known_at = -1
+                time.sleep(_LOOK_AGAIN)
+
+    def _task(self, name: str) -> OfferedTask:
+        self._check_open()
+        task = self.offered().get(name)
+        if task is None:
+            raise UnknownTask(
+                f"server '{self._server}' offers no task '{name}': {nearest(name, self._known, 'it offers')}",
+                name=name, obj=None,
+            )  # fmt: skip
+        return task
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise MisuseError("the mission is not open: use it inside 'with Mission(...) as mission:'")
+
+    # --- starting --------------------------------------------------------------------------------------------------
+
+    def check(self, name: str, **parameters: Any) -> None:
+        """Raise what a call of the task with these parameters would raise at once: UnknownTask or BadParameter."""
+        self._task(name).fitted(parameters)
+
+    def start(self, name: str, /, **parameters: Any) -> TaskHandle:
+        """Start a task by name, and don't wait for it, whether it runs in the foreground or in the background."""
+        task = self._task(name)
+        values = task.fitted(parameters)
+        if self._conditions:
+            for running in list(self._running.values()):
+                running.end  # noqa: B018 - heard now, not when the new task has begun
+            self._raise_verified()
+        below = self._goal.below()
+        message = self._messages.get(task.message)
+        if message is None:
+            message = self._messages[task.message] = below.declared(task.message)
+        with below.parallel():  # the tasks of a mission have no order but that of its program
+            sent = below.execute_if_handled(message, values)
+        if sent is None:
+            raise NotOffered(f"nobody offers {task.message} any more: start its server, see 'tca messages'")
+        handle = TaskHandle(self, task.name, sent, task.message)
+        self._running[handle.id] = handle
+        return handle
+
+    def run(self, name: str, /, **parameters: Any) -> Any:
+        """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is ``mission.GoTo(goal_x=1.0)``."""
+        handle = self.start(name, **parameters)
+        if parameters.get("foreground", True) is False:
+            return handle
+        try:
+            self._wait([handle], None)
+        except BaseException:
+            self._stop([handle], "the mission was interrupted")
+            raise
+        return handle.result()
+
+    # --- waiting ---------------------------------------------------------------------------------------------------
+
+    def wait_for_task(self, task: TaskHandle, timeout: float | None = None) -> TaskEnd:
+        """Wait until a task has ended; its end. Raises MissionTaskFailed if it did not complete, Timeout."""
+        self.wait_for_any_task([task], timeout)
+        return task.result()
+
+    def wait_for_any_task(self, tasks: Sequence[TaskHandle], timeout: float | None = None) -> TaskHandle:
+        """Wait until one of the tasks has ended; that one. Raises MissionTaskFailed if it did not complete, Timeout."""
+        ended = self.first_ended(tasks, timeout)
+        if not ended:
+            names = ", ".join(map(str, tasks))
+            raise Timeout(f"{names} did not end within {timeout:g} s", can_wait=True)
+        ended[0].result()
+        return ended[0]
+
+    def wait_for_all_tasks(self, tasks: Sequence[TaskHandle], timeout: float | None = None) -> list[TaskEnd]:
+        """Wait until all of the tasks have ended; their ends. Raises MissionTaskFailed as soon as one did not complete,
+        Timeout.
+        """
+        until = None if timeout is None else time.monotonic() + timeout
+        left = list(tasks)
+        while left:
+            ended = self.wait_for_any_task(left, None if until is None else max(0.0, until - time.monotonic()))
+            left.remove(ended)
+        return [task.result() for task in tasks]
+
+    def first_ended(self, tasks: Sequence[TaskHandle], timeout: float | None = None) -> list[TaskHandle]:
+        """Wait until at least one of the tasks has ended; those that have. [] after *timeout* seconds. It doesn't raise
+        for a task that failed: see ``end`` of each.
+        """
+        self._check_open()
+        if not tasks:
+            raise MisuseError("there is no task to wait for: give at least one")
+        return self._wait(tasks, timeout)
+
+    def _wait(self, tasks: Sequence[TaskHandle], timeout: float | None) -> list[TaskHandle]:
+        """Wait until one of the tasks has ended, or a condition is verified, or the tasks' server has gone."""
+        until = None if timeout is None else time.monotonic() + timeout
+        while not (ended := [task for task in tasks if task.is_known_over]):
+            self._raise_verified()
+            left = None if until is None else until - time.monotonic()
+            if left is not None and left < 0:
+                return []
+            self._hear(tasks, left)
+        return ended
+
+    def _hear(self, tasks: Sequence[TaskHandle], timeout: float | None) -> None:
+        """Wait until something has happened that may end a wait for *tasks*."""
+        awaited = {task.sent: task for task in [*tasks, *self._running.values()]}
+        for sent in wait_for_any(list(awaited), timeout, until=lambda: self._is_verified() or self._lost(tasks)):
+            awaited[sent].note_end()  # type: ignore[index]  # one of those
+        for task in self._lost(tasks):
+            task.stop(f"nobody offers {task.message} any more")
+            raise NotOffered(f"nobody offers {task.message} any more, and {task} waited for it: start its server")
+
+    def _lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
+        return [task for task in tasks if task.message in self._goal.lost and not task.is_known_over]
+
+    # --- stopping --------------------------------------------------------------------------------------------------
+
+    def stop_task(self, task: TaskHandle, why: str = "the mission has stopped it") -> None:
+        """Stop a task, and wait until it has left things safe. One that has ended is left alone."""
+        self._stop([task], why)
+
+    def stop_all_tasks(self, why: str = "the mission has stopped it") -> None:
+        """Stop all tasks of this mission, and wait until they have left things safe."""
+        self._stop(list(self._running.values()), why)
+
+    def _stop(self, tasks: Sequence[TaskHandle], why: str) -> None:
+        left = [task for task in tasks if task.stop(why)]
+        until = time.monotonic() + _STOPS_WITHIN
+        while left := [task for task in left if not task.is_known_over]:
+            ended = wait_for_any([task.sent for task in left], max(0.0, until - time.monotonic()))
+            if not ended:
+                names = ", ".join(map(str, left))
+                raise Timeout(f"{names} did not end within {_STOPS_WITHIN:g} s of being stopped")
+            for task in left:
+                if task.sent in ended:
+                    task.note_end()
+
+    def forget(self, task: TaskHandle) -> None:
+        """A task has ended."""
+        self._running.pop(task.id, None)
+
+    def why_failed(self, task: int) -> str:
+        """The text of a task's failure, as it was raised; "" if that was not heard."""
+        return self._goal.take_text(task)
+
+    # --- conditions ------------------------------------------------------------------------------------------------
+
+    def add_condition(self, condition: MissionCondition) -> None:
+        """From now on *condition* interrupts whatever the mission waits for, with ConditionVerified."""
+        if not isinstance(condition, MissionCondition):
+            raise MisuseError(f"{condition!r:.60} is no condition: give it a method is_verified()")
+        self._conditions.append(condition)
+
+    def clear_conditions(self) -> None:
+        """No condition interrupts the mission any more. The tasks that they watched go on."""
+        self._conditions.clear()
+
+    def _is_verified(self) -> bool:
+        self._verified = [condition for condition in self._conditions if condition.is_verified()]
+        return bool(self._verified)
+
+    def _raise_verified(self) -> None:
+        verified, self._verified = self._verified, []
+        if verified or self._is_verified():
+            verified = verified or self._verified
+            self._verified = []
+            self.clear_conditions()
+            raise ConditionVerified(verified)
+
+
+class Mission(BaseMission):
+    """The tasks of a server as functions::
+
+        with Mission("turtle") as mission:
+            mission.GoTo(goal_x=1.0, goal_y=1.0)
+
+    Each call runs its task to the end and returns its TaskEnd, or raises MissionTaskFailed; with ``foreground=False``
+    it returns a TaskHandle at once. What still runs at the end of the block is stopped, and so it is when the process
+    dies. For one thread.
+    """
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("_"):
+            raise AttributeError(name, name=name, obj=self)
+        return self._function(self._task(name))
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *(self.offered() if self._is_open else ())]
+
+    def _function(self, task: OfferedTask) -> Callable[..., Any]:
+        """The function that runs a task; it knows its name, help and parameters."""
+
+        def function(*values: Any, **parameters: Any) -> Any:
+            if values:
+                names = ", ".join(f"{one.name}=..." for one in task.parameters[: len(values)])
+                raise BadParameter(f"{task.name}() takes its parameters by name: {task.name}({names})")
+            return self.run(task.name, **parameters)
+
+        function.__name__ = function.__qualname__ = task.name
+        function.__doc__ = task.in_words
+        function.__module__ = self._server
+        function.__signature__ = task.signature  # type: ignore[attr-defined]  # inspect reads it
+        return function
+
+
+def _name_of_program() -> str:
+    """The name of the script that runs."""
+    return Path(sys.argv[0]).stem.strip("-") or "script"

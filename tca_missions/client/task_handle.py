@@ -1,0 +1,81 @@
+"""A task that a mission has started."""
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from tca_missions.client.errors import MissionTaskFailed
+from tca_missions.outcomes import Status, TaskEnd, status_of
+from tca_module import SentTask, TaskFailed, TaskKilled
+
+if TYPE_CHECKING:
+    from tca_missions.client.mission import Mission
+
+
+class TaskHandle:
+    """A task that a mission has started: ``watch = mission.WaitForROI(foreground=False, ...)``."""
+
+    def __init__(self, mission: "Mission", name: str, sent: SentTask[Any], message: str) -> None:
+        self.name = name
+        self.message = message
+        self.sent = sent  #: as the library knows it: for constraints, wiretaps, ``info()``
+        self.failure = ""  #: the name of the failure that it ended with
+        self._mission = mission
+        self._end: TaskEnd | None = None
+
+    def __repr__(self) -> str:
+        return f"{self.name} {{{self.sent.id}}}"
+
+    @property
+    def id(self) -> int:
+        """The task's number, as in the tree and in the journal."""
+        return self.sent.id
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has ended. Asks central, and doesn't wait for the end."""
+        return self.end is not None
+
+    @property
+    def is_known_over(self) -> bool:
+        """Whether it has ended, as far as this mission has heard."""
+        return self._end is not None
+
+    @property
+    def end(self) -> TaskEnd | None:
+        """How it ended; None while it runs. Asks central, and doesn't wait for the end."""
+        if self._end is None and self.sent.info() is None:
+            self.note_end()
+        return self._end
+
+    def note_end(self) -> None:
+        """It has ended: ask how."""
+        if self._end is None:
+            self._end = self._read_end()
+            self._mission.forget(self)
+
+    def result(self) -> TaskEnd:
+        """The end of a task that has ended. Raises MissionTaskFailed unless it completed."""
+        end = self.end
+        assert end is not None
+        if Status.of(end.status) is not Status.COMPLETED:
+            raise MissionTaskFailed(str(self), end, self.failure)
+        return end
+
+    def stop(self, why: str = "the mission has stopped it") -> bool:
+        """Ask for its end, and don't wait for that. False if it had ended."""
+        return not self.is_over and self.sent.kill(why)
+
+    def wait(self, timeout: float | None = None) -> TaskEnd:
+        """Wait for its end, as ``mission.wait_for_task`` does."""
+        return self._mission.wait_for_task(self, timeout=timeout)
+
+    def _read_end(self) -> TaskEnd:
+        try:
+            return msgspec.convert(self.sent.result(), TaskEnd)
+        except TaskKilled as error:
+            return TaskEnd(Status.INTERRUPTED | Status.TERMINATED, error.why)
+        except TaskFailed as error:
+            self.failure = error.failure
+            text = self._mission.why_failed(self.id) or error.text
+            return TaskEnd(status_of(error.failure) | Status.TERMINATED, text.partition("\n")[0])
