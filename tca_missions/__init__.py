@@ -1,5 +1,15 @@
 """Periodic tasks, missions written in Python, and state machines of tasks."""
 
+from tca_missions.client.conditions import ConditionIsCompleted, ConditionVerified, MissionCondition
+from tca_missions.client.errors import (
+    BadParameter,
+    MissionTaskFailed,
+    NotOffered,
+    StepUncertain,
+    UnknownTask,
+)
+from tca_missions.client.mission import BaseMission, Mission
+from tca_missions.client.task_handle import TaskHandle
 from tca_missions.outcomes import (
     MISSION_TASK_FAILED,
     MISSION_TASK_INITIALISATION_FAILED,
@@ -15,6 +25,28 @@ from tca_missions.serving.parameters import parameter
 from tca_missions.serving.server import TaskServer
 
 __all__ = [
-    "MISSION_TASK_FAILED", "MISSION_TASK_INITIALISATION_FAILED", "MISSION_TASK_TIMEOUT", "Environment", "Idle",
-    "OnceTask", "PeriodicTask", "Status", "TaskEnd", "TaskServer", "TaskStatus", "parameter", "status_of",
-]  # fmt: skip
+    "MISSION_TASK_FAILED",
+    "MISSION_TASK_INITIALISATION_FAILED",
+    "MISSION_TASK_TIMEOUT",
+    "BadParameter",
+    "BaseMission",
+    "ConditionIsCompleted",
+    "ConditionVerified",
+    "Environment",
+    "Idle",
+    "Mission",
+    "MissionCondition",
+    "MissionTaskFailed",
+    "NotOffered",
+    "OnceTask",
+    "PeriodicTask",
+    "Status",
+    "StepUncertain",
+    "TaskEnd",
+    "TaskHandle",
+    "TaskServer",
+    "TaskStatus",
+    "UnknownTask",
+    "parameter",
+    "status_of",
+]

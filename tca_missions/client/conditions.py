@@ -1,8 +1,10 @@
 """Conditions that interrupt a mission: ``mission.add_condition(ConditionIsCompleted(watch))``."""
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from tca_missions.client.task_handle import TaskHandle
+from tca_module.errors import TcaError
 
 
 @runtime_checkable
@@ -29,3 +31,11 @@ class ConditionIsCompleted:
     def is_verified(self) -> bool:
         """Whether the task has ended, as far as the mission has heard."""
         return self.task.is_known_over
+
+
+class ConditionVerified(TcaError):
+    """One or more conditions of a mission came true. They are cleared, and a task in the foreground has ended."""
+
+    def __init__(self, conditions: Sequence[MissionCondition]) -> None:
+        super().__init__("; ".join(map(str, conditions)))
+        self.conditions = list(conditions)

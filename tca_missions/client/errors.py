@@ -2,7 +2,7 @@
 
 TcaError                (of the library)
 ├── MissionTaskFailed   a task failed, was interrupted, or took too long
-├── ConditionVerified   a condition interrupted what the mission waited for
+├── ConditionVerified   a condition interrupted what the mission waited for (conditions.py)
 ├── NotOffered          no server offers such a task, or none does any more
 │   └── UnknownTask     ... and there is no task of that name (also an AttributeError)
 ├── BadParameter        a parameter is unknown, missing, out of range, or of a wrong type (also a ValueError)
@@ -10,13 +10,9 @@ TcaError                (of the library)
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from tca_missions.outcomes import Status, TaskEnd
 from tca_module.errors import TcaError
-
-if TYPE_CHECKING:
-    from tca_missions.client.conditions import MissionCondition
 
 
 class MissionTaskFailed(TcaError):
@@ -31,14 +27,6 @@ class MissionTaskFailed(TcaError):
         self.status = end.status
         self.text = end.text
         self.failure = failure
-
-
-class ConditionVerified(TcaError):
-    """One or more conditions of a mission came true. They are cleared, and a task in the foreground has ended."""
-
-    def __init__(self, conditions: "Sequence[MissionCondition]") -> None:
-        super().__init__("; ".join(map(str, conditions)))
-        self.conditions = list(conditions)
 
 
 class NotOffered(TcaError):

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from tca_missions.client.conditions import MissionCondition
-from tca_missions.client.errors import BadParameter, ConditionVerified, NotOffered, UnknownTask
+from tca_missions.client.conditions import ConditionVerified, MissionCondition
+from tca_missions.client.errors import BadParameter, NotOffered, UnknownTask
 from tca_missions.client.mission_goal import MissionGoal
 from tca_missions.client.offered_task import OfferedTask, nearest, offered_tasks
 from tca_missions.client.task_handle import TaskHandle
 from tca_missions.outcomes import TaskEnd
-from tca_module import Message, MisuseError, Task, TcaError, Timeout, wait_for_any
+from tca_module import Command, MisuseError, Task, TcaError, Timeout, wait_for_any
 from tca_module.link.opening import CentralAddress
 
 _PATIENCE = 10.0  # seconds that a mission waits for its server
@@ -24,6 +24,8 @@ _STOPS_WITHIN = 10.0  # seconds that a stopped task may take to leave things saf
 class BaseMission:
     """What every mission can do, whatever tasks there are. The classes of stub files inherit from it."""
 
+    SERVER = ""  #: the server, where nothing is said
+
     def __init__(
         self, server: str = "", *, name: str = "", central: CentralAddress = None, patience: float = _PATIENCE,
         under: Task | None = None, leave_running: bool = False,
@@ -32,14 +34,14 @@ class BaseMission:
         tree; by default the program's. *patience*: seconds to wait for the server. *under*: a task, in its handler, to
         which the mission's tasks belong. *leave_running*: the end of the mission, also a crash, ends none of its tasks.
         """
-        self._server = server
+        self._server = server = server or self.SERVER
         self._patience = patience
         self._goal = MissionGoal(name or _name_of_program(), server, central, under, stays=leave_running)
         self._leave_running = leave_running
         self._is_open = False
         self._known: dict[str, OfferedTask] = {}
         self._known_at = -1  # the changes of which was heard before they were read
-        self._messages: dict[str, Message[Any, Any]] = {}
+        self._messages: dict[str, Command[Any, Any]] = {}
         self._running: dict[int, TaskHandle] = {}
         self._conditions: list[MissionCondition] = []
         self._verified: list[MissionCondition] = []  # those that have ended a wait
@@ -131,7 +133,9 @@ class BaseMission:
 
     def start(self, name: str, /, **parameters: Any) -> TaskHandle:
         """Start a task by name, and don't wait for it, whether it runs in the foreground or in the background."""
-        task = self._task(name)
+        return self._start(self._task(name), parameters)
+
+    def _start(self, task: OfferedTask, parameters: dict[str, Any]) -> TaskHandle:
         values = task.fitted(parameters)
         if self._conditions:
             for running in list(self._running.values()):
@@ -145,14 +149,15 @@ class BaseMission:
             sent = below.execute_if_handled(message, values)
         if sent is None:
             raise NotOffered(f"nobody offers {task.message} any more: start its server, see 'tca messages'")
-        handle = TaskHandle(self, task.name, sent, task.message)
+        handle = TaskHandle(task.name, sent, self._goal.take_text, self._forget)
         self._running[handle.id] = handle
         return handle
 
     def run(self, name: str, /, **parameters: Any) -> Any:
         """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is ``mission.GoTo(goal_x=1.0)``."""
-        handle = self.start(name, **parameters)
-        if parameters.get("foreground", True) is False:
+        task = self._task(name)
+        handle = self._start(task, parameters)
+        if not parameters.get("foreground", task.runs_in_foreground):
             return handle
         try:
             self._wait([handle], None)
@@ -214,11 +219,11 @@ class BaseMission:
         for sent in wait_for_any(list(awaited), timeout, until=lambda: self._is_verified() or self._lost(tasks)):
             awaited[sent].note_end()  # type: ignore[index]  # one of those
         for task in self._lost(tasks):
-            task.stop(f"nobody offers {task.message} any more")
-            raise NotOffered(f"nobody offers {task.message} any more, and {task} waited for it: start its server")
+            task.stop(f"nobody offers {task.sent.message} any more")
+            raise NotOffered(f"nobody offers {task.sent.message} any more, and {task} waited for it: start its server")
 
     def _lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
-        return [task for task in tasks if task.message in self._goal.lost and not task.is_known_over]
+        return [task for task in tasks if task.sent.message in self._goal.lost and not task.is_known_over]
 
     # --- stopping --------------------------------------------------------------------------------------------------
 
@@ -242,13 +247,8 @@ class BaseMission:
                 if task.sent in ended:
                     task.note_end()
 
-    def forget(self, task: TaskHandle) -> None:
-        """A task has ended."""
+    def _forget(self, task: TaskHandle) -> None:
         self._running.pop(task.id, None)
-
-    def why_failed(self, task: int) -> str:
-        """The text of a task's failure, as it was raised; "" if that was not heard."""
-        return self._goal.take_text(task)
 
     # --- conditions ------------------------------------------------------------------------------------------------
 
@@ -276,7 +276,9 @@ class BaseMission:
 
 
 class Mission(BaseMission):
-    """The tasks of a server as functions::
+    """The tasks of a server as functions.
+
+    ::
 
         with Mission("turtle") as mission:
             mission.GoTo(goal_x=1.0, goal_y=1.0)

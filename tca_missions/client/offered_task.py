@@ -73,6 +73,11 @@ class OfferedTask:
         )
 
     @property
+    def runs_in_foreground(self) -> bool:
+        """Whether it does where nothing is said."""
+        return all(one.default is not False for one in self.parameters if one.name == "foreground")
+
+    @property
     def signature(self) -> inspect.Signature:
         """That of the function that runs it: all parameters by name."""
         kind = inspect.Parameter.KEYWORD_ONLY
@@ -83,7 +88,9 @@ class OfferedTask:
     @property
     def in_words(self) -> str:
         """Its help and its parameters, a line each."""
-        return "\n".join([self.help or f"Task {self.name} of {self.server}.", "", *(p.in_words for p in self.parameters)])
+        return "\n".join(
+            [self.help or f"Task {self.name} of {self.server}.", "", *(p.in_words for p in self.parameters)]
+        )
 
     def fitted(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """The parameters as they are sent: only those given. Raises BadParameter."""

@@ -1,6 +1,7 @@
 """A task that a mission has started."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import msgspec
 
@@ -8,19 +9,19 @@ from tca_missions.client.errors import MissionTaskFailed
 from tca_missions.outcomes import Status, TaskEnd, status_of
 from tca_module import SentTask, TaskFailed, TaskKilled
 
-if TYPE_CHECKING:
-    from tca_missions.client.mission import Mission
-
 
 class TaskHandle:
     """A task that a mission has started: ``watch = mission.WaitForROI(foreground=False, ...)``."""
 
-    def __init__(self, mission: "Mission", name: str, sent: SentTask[Any], message: str) -> None:
+    def __init__(
+        self, name: str, sent: SentTask[Any], text_of: Callable[[int], str], on_end: "Callable[[TaskHandle], None]"
+    ) -> None:
+        """*text_of*: the text with which a task failed, by its number."""
         self.name = name
-        self.message = message
         self.sent = sent  #: as the library knows it: for constraints, wiretaps, ``info()``
         self.failure = ""  #: the name of the failure that it ended with
-        self._mission = mission
+        self._text_of = text_of
+        self._on_end = on_end
         self._end: TaskEnd | None = None
 
     def __repr__(self) -> str:
@@ -52,7 +53,7 @@ class TaskHandle:
         """It has ended: ask how."""
         if self._end is None:
             self._end = self._read_end()
-            self._mission.forget(self)
+            self._on_end(self)
 
     def result(self) -> TaskEnd:
         """The end of a task that has ended. Raises MissionTaskFailed unless it completed."""
@@ -66,10 +67,6 @@ class TaskHandle:
         """Ask for its end, and don't wait for that. False if it had ended."""
         return not self.is_over and self.sent.kill(why)
 
-    def wait(self, timeout: float | None = None) -> TaskEnd:
-        """Wait for its end, as ``mission.wait_for_task`` does."""
-        return self._mission.wait_for_task(self, timeout=timeout)
-
     def _read_end(self) -> TaskEnd:
         try:
             return msgspec.convert(self.sent.result(), TaskEnd)
@@ -77,5 +74,5 @@ class TaskHandle:
             return TaskEnd(Status.INTERRUPTED | Status.TERMINATED, error.why)
         except TaskFailed as error:
             self.failure = error.failure
-            text = self._mission.why_failed(self.id) or error.text
+            text = self._text_of(self.id) or error.text
             return TaskEnd(status_of(error.failure) | Status.TERMINATED, text.partition("\n")[0])

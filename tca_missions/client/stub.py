@@ -1,0 +1,85 @@
+"""A Python file that tells editors and type checkers of the tasks of a server."""
+
+import inspect
+import keyword
+import re
+from collections.abc import Iterable, Iterator
+
+from tca_missions.client.offered_task import OfferedTask, TaskParameter
+
+MADE_BY = "Made by 'tca console --stub'"
+
+_HEAD = '''"""The tasks of server '{server}', for editors and type checkers. {made_by}.
+
+Make it anew when they change.
+"""
+# ruff: noqa
+# fmt: off
+
+from typing import TYPE_CHECKING, Any, Literal, Optional, Union, overload
+
+from tca_missions import TaskEnd, TaskHandle
+
+if TYPE_CHECKING:
+    from tca_missions import BaseMission as Base  # a task that there is not is an error
+else:
+    from tca_missions import Mission as Base
+
+
+class {name}(Base):
+    """A mission with the tasks of server '{server}'."""
+
+    SERVER = {server!r}
+
+    if TYPE_CHECKING:
+'''
+
+_TASK = '''
+        @overload
+        def {name}({waits}) -> TaskEnd: ...
+        @overload
+        def {name}({goes_on}) -> TaskHandle: ...
+        @overload
+        def {name}({either}) -> TaskEnd | TaskHandle: ...
+        def {name}(self, **parameters: Any) -> Any:
+            """{help}"""
+'''
+
+
+def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
+    """The text of the file: a subclass of Mission with a typed method for each task."""
+    parts = [_HEAD.format(server=server, made_by=MADE_BY, name=class_name(server))]
+    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name)]
+    return "".join(parts)
+
+
+def class_name(server: str) -> str:
+    """The name of the class for a server: "turtle 1" has Turtle1Mission."""
+    return "".join(word[:1].upper() + word[1:] for word in re.findall(r"\w+", server)).lstrip("0123456789") + "Mission"
+
+
+def _method(task: OfferedTask) -> str:
+    def parameters(foreground: str) -> str:
+        return ", ".join(["self", "*", *_parameters(task, foreground)])
+
+    waits, goes_on = "Literal[True] = True", "Literal[False]"
+    if not task.runs_in_foreground:
+        waits, goes_on = "Literal[True]", "Literal[False] = False"
+    text = task.in_words.replace("\\", "\\\\").replace('"""', "'''").replace("\n", "\n            ")
+    return _TASK.format(
+        name=task.name, help=re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE), waits=parameters(waits),
+        goes_on=parameters(goes_on), either=parameters("bool"),
+    )  # fmt: skip
+
+
+def _parameters(task: OfferedTask, foreground: str) -> Iterator[str]:
+    for one in task.parameters:
+        if one.name == "foreground":
+            yield f"foreground: {foreground}"
+        elif one.name.isidentifier() and not keyword.iskeyword(one.name):
+            yield f"{one.name}: {_annotation(one)}"
+
+
+def _annotation(parameter: TaskParameter) -> str:
+    kind = inspect.formatannotation(parameter.type)
+    return kind if parameter.default is inspect.Parameter.empty else f"{kind} = {parameter.default!r}"
