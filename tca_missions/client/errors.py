@@ -15,14 +15,19 @@ from tca_missions.outcomes import Status, TaskEnd
 from tca_module.errors import TcaError
 
 
+def in_words(end: TaskEnd) -> str:
+    """The end of a task for people: "completed", "timeout: it ran for 2 s"."""
+    status = Status.of(end.status).name.lower().replace("_", " ")
+    return f"{status}: {end.text}" if end.text else status
+
+
 class MissionTaskFailed(TcaError):
     """A task of a mission did not complete: *task* names it, *status* and *text* say why; *failure* is the failure's
     name ("": it was killed).
     """
 
     def __init__(self, task: str, end: TaskEnd, failure: str = "") -> None:
-        status = Status(end.status & ~Status.TERMINATED)
-        super().__init__(f"{task}: {status.name.lower().replace('_', ' ')}" + (f": {end.text}" if end.text else ""))
+        super().__init__(f"{task}: {in_words(end)}")
         self.task = task
         self.status = end.status
         self.text = end.text

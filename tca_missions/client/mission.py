@@ -3,21 +3,29 @@
 import contextlib
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ParamSpec, Self, TypeVar
 
 from tca_missions.client.conditions import ConditionVerified, MissionCondition
 from tca_missions.client.errors import BadParameter, NotOffered, UnknownTask
 from tca_missions.client.mission_goal import MissionGoal
 from tca_missions.client.offered_task import OfferedTask, nearest, offered_tasks
+from tca_missions.client.running_task import RunningTask, running_tasks
+from tca_missions.client.step_file import TaskBegun
+from tca_missions.client.steps import Steps
 from tca_missions.client.task_handle import TaskHandle
 from tca_missions.outcomes import TaskEnd
-from tca_module import Command, MisuseError, Task, TcaError, Timeout, wait_for_any
+from tca_module import CentralLost, Command, MisuseError, Refused, Task, TcaError, Timeout, wait_for_any
 from tca_module.link.opening import CentralAddress
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _PATIENCE = 10.0  # seconds that a mission waits for its server
 _LOOK_AGAIN = 0.1  # seconds between two looks whether the server has come
+_ENDED = 10  # tasks that have ended, and are remembered
 _STOPS_WITHIN = 10.0  # seconds that a stopped task may take to leave things safe
 
 
@@ -28,21 +36,27 @@ class BaseMission:
 
     def __init__(
         self, server: str = "", *, name: str = "", central: CentralAddress = None, patience: float = _PATIENCE,
-        under: Task | None = None, leave_running: bool = False,
+        under: Task | None = None, leave_running: bool = False, checkpoint: Path | str | None = None,
     ) -> None:  # fmt: skip
         """*server*: whose tasks they are; may be left out where there is only one. *name*: that of the mission, in the
         tree; by default the program's. *patience*: seconds to wait for the server. *under*: a task, in its handler, to
         which the mission's tasks belong. *leave_running*: the end of the mission, also a crash, ends none of its tasks.
+        *checkpoint*: the file in which ``step`` notes what was done.
         """
         self._server = server = server or self.SERVER
         self._patience = patience
-        self._goal = MissionGoal(name or _name_of_program(), server, central, under, stays=leave_running)
+        self._name = name or _name_of_program()
+        self._goal = MissionGoal(self._name, server, central, under, stays=leave_running)
+        self._checkpoint = Path(checkpoint) if checkpoint is not None else None
+        self._steps: Steps | None = None
         self._leave_running = leave_running
         self._is_open = False
         self._known: dict[str, OfferedTask] = {}
         self._known_at = -1  # the changes of which was heard before they were read
+        self._looked_at = -1  # the changes after which the tasks under way were looked at
         self._messages: dict[str, Command[Any, Any]] = {}
         self._running: dict[int, TaskHandle] = {}
+        self.ended = deque[TaskHandle](maxlen=_ENDED)  #: the last of its tasks to end, oldest first
         self._conditions: list[MissionCondition] = []
         self._verified: list[MissionCondition] = []  # those that have ended a wait
 
@@ -57,9 +71,11 @@ class BaseMission:
         """Join central and find the server. Raises CentralLost, or NotOffered if the server does not come."""
         if self._is_open:
             raise MisuseError("this mission is open already")
-        self._goal.open()
+        if self._checkpoint is not None:
+            self._steps = Steps(self._checkpoint, self._name, self._sent_before, self._finish)
         self._is_open = True
         try:
+            self._goal.open()
             self._find_server()
         except BaseException as error:
             self.close(error)
@@ -71,11 +87,15 @@ class BaseMission:
         if not self._is_open:
             return
         self._is_open = False
+        if isinstance(error, SystemExit) and not error.code:
+            error = None
         try:
             if not self._leave_running:
                 with contextlib.suppress(TcaError):
                     self._stop(list(self._running.values()), "the mission has ended")
         finally:
+            if self._steps is not None:
+                self._steps.close(is_finished=error is None)
             self._goal.close(error)
 
     # --- what there is ---------------------------------------------------------------------------------------------
@@ -95,6 +115,11 @@ class BaseMission:
                 if task.server == self._server and task.is_handled
             }
         return self._known
+
+    def running_tasks(self) -> list[RunningTask]:
+        """The tasks of the server that have not ended, whoever has started them, oldest first."""
+        self._check_open()
+        return running_tasks(self._goal.sender, self._server)
 
     def _find_server(self) -> None:
         until = time.monotonic() + self._patience
@@ -142,15 +167,14 @@ class BaseMission:
                 running.end  # noqa: B018 - heard now, not when the new task has begun
             self._raise_verified()
         below = self._goal.below()
-        message = self._messages.get(task.message)
-        if message is None:
-            message = self._messages[task.message] = below.declared(task.message)
         with below.parallel():  # the tasks of a mission have no order but that of its program
-            sent = below.execute_if_handled(message, values)
+            sent = below.execute_if_handled(self._message(task), values)
         if sent is None:
             raise NotOffered(f"nobody offers {task.message} any more: start its server, see 'tca messages'")
         handle = TaskHandle(task.name, sent, self._goal.take_text, self._forget)
         self._running[handle.id] = handle
+        if self._steps is not None:
+            self._steps.note_task(handle)
         return handle
 
     def run(self, name: str, /, **parameters: Any) -> Any:
@@ -159,12 +183,21 @@ class BaseMission:
         handle = self._start(task, parameters)
         if not parameters.get("foreground", task.runs_in_foreground):
             return handle
-        try:
-            self._wait([handle], None)
-        except BaseException:
-            self._stop([handle], "the mission was interrupted")
-            raise
+        self._finish(handle)
         return handle.result()
+
+    def _message(self, task: OfferedTask) -> Command[Any, Any]:
+        if task.message not in self._messages:
+            self._messages[task.message] = self._goal.sender.declared(task.message)
+        return self._messages[task.message]
+
+    def _finish(self, task: TaskHandle) -> None:
+        """Wait for the end of a task in the foreground; one that is not waited for any more must not go on."""
+        try:
+            self._wait([task], None)
+        except BaseException:
+            self._stop([task], "the mission was interrupted")
+            raise
 
     # --- waiting ---------------------------------------------------------------------------------------------------
 
@@ -219,11 +252,23 @@ class BaseMission:
         for sent in wait_for_any(list(awaited), timeout, until=lambda: self._is_verified() or self._lost(tasks)):
             awaited[sent].note_end()  # type: ignore[index]  # one of those
         for task in self._lost(tasks):
-            task.stop(f"nobody offers {task.sent.message} any more")
-            raise NotOffered(f"nobody offers {task.sent.message} any more, and {task} waited for it: start its server")
+            if self._waits_in_vain(task):
+                task.stop(f"nobody offers {task.sent.message} any more")
+                raise NotOffered(
+                    f"nobody offers {task.sent.message} any more, and {task} waited for it: start its server"
+                )
 
     def _lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
+        """The tasks whose message nobody handles any more, as central has said just now."""
+        if self._looked_at == self._goal.changes:
+            return []
         return [task for task in tasks if task.sent.message in self._goal.lost and not task.is_known_over]
+
+    def _waits_in_vain(self, task: TaskHandle) -> bool:
+        """Whether a task that nobody offers any more had not begun. Else it is about to fail: its server was lost."""
+        self._looked_at = self._goal.changes
+        info = task.sent.info()
+        return info is not None and not (info.module or info.failure)
 
     # --- stopping --------------------------------------------------------------------------------------------------
 
@@ -248,7 +293,52 @@ class BaseMission:
                     task.note_end()
 
     def _forget(self, task: TaskHandle) -> None:
-        self._running.pop(task.id, None)
+        if self._running.pop(task.id, None) is not None:
+            self.ended.append(task)
+
+    # --- steps -----------------------------------------------------------------------------------------------------
+
+    def step(self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs) -> T:
+        """Call *function*, unless the step *name* was completed by an earlier run of this program: then give its value.
+
+        ::
+
+            mission.step("to the corner", mission.GoTo, goal_x=1.0, goal_y=1.0)
+
+        Values must be plain data. A step that was under way when the program died raises StepUncertain, unless it was
+        one task that completed. The steps of a mission that has come to its end are forgotten.
+        """
+        return self._do_step(name, function, lambda: function(*args, **parameters), again=False)
+
+    def repeatable_step(self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs) -> T:
+        """As ``step``, but one that was under way when the program died is done again."""
+        return self._do_step(name, function, lambda: function(*args, **parameters), again=True)
+
+    def skip_step(self, name: str) -> None:
+        """Take a step as completed, with the value None."""
+        self._opened_steps().skip(name)
+
+    def _do_step(self, name: str, function: Callable[..., T], call: Callable[[], T], *, again: bool) -> T:
+        return self._opened_steps().run(name, function, call, again=again)
+
+    def _opened_steps(self) -> Steps:
+        self._check_open()
+        if self._steps is None:
+            raise MisuseError("steps need a file: Mission(..., checkpoint='patrol.steps')")
+        return self._steps
+
+    def _sent_before(self, task: TaskBegun) -> TaskHandle | None:
+        """A task that an earlier run of the program has sent; None if central has forgotten it."""
+        offered = self.offered().get(task.name)
+        if offered is None:
+            return None
+        try:
+            sent = self._goal.sender.sent_task(self._message(offered), task.id, task.epoch)
+            handle = TaskHandle(task.name, sent, self._goal.take_text, self._forget)
+            handle.end  # noqa: B018 - is it known?
+        except (CentralLost, Refused):
+            return None
+        return handle
 
     # --- conditions ------------------------------------------------------------------------------------------------
 
@@ -306,6 +396,8 @@ class Mission(BaseMission):
             return self.run(task.name, **parameters)
 
         function.__name__ = function.__qualname__ = task.name
+        function.__annotations__ = {"return": TaskEnd}
+        function.task_of_mission = task.name  # type: ignore[attr-defined]  # steps look for it
         function.__doc__ = task.in_words
         function.__module__ = self._server
         function.__signature__ = task.signature  # type: ignore[attr-defined]  # inspect reads it

@@ -9,6 +9,7 @@ from typing import Any, Literal, Union
 import msgspec
 
 from tca_missions.client.errors import BadParameter
+from tca_missions.outcomes import TaskEnd
 from tca_module.sending.directory import MessageInfo
 from tca_wire.errors import BadData
 from tca_wire.text.plain_data import FieldMisfit, PlainFormat
@@ -82,7 +83,8 @@ class OfferedTask:
         """That of the function that runs it: all parameters by name."""
         kind = inspect.Parameter.KEYWORD_ONLY
         return inspect.Signature(
-            [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in self.parameters]
+            [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in self.parameters],
+            return_annotation=TaskEnd,
         )
 
     @property

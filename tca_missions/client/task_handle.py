@@ -5,9 +5,9 @@ from typing import Any
 
 import msgspec
 
-from tca_missions.client.errors import MissionTaskFailed
+from tca_missions.client.errors import MissionTaskFailed, in_words
 from tca_missions.outcomes import Status, TaskEnd, status_of
-from tca_module import SentTask, TaskFailed, TaskKilled
+from tca_module import BadData, SentTask, TaskFailed, TaskKilled
 
 
 class TaskHandle:
@@ -49,6 +49,11 @@ class TaskHandle:
             self.note_end()
         return self._end
 
+    @property
+    def end_in_words(self) -> str:
+        """How it ended, as far as this mission has heard: "completed", "timeout: it ran for 2 s"; "" while it runs."""
+        return in_words(self._end) if self._end is not None else ""
+
     def note_end(self) -> None:
         """It has ended: ask how."""
         if self._end is None:
@@ -63,6 +68,12 @@ class TaskHandle:
             raise MissionTaskFailed(str(self), end, self.failure)
         return end
 
+    @property
+    def is_being_stopped(self) -> bool:
+        """Whether it was killed and has yet to end."""
+        info = self.sent.info()
+        return info is not None and bool(info.killed)
+
     def stop(self, why: str = "the mission has stopped it") -> bool:
         """Ask for its end, and don't wait for that. False if it had ended."""
         return not self.is_over and self.sent.kill(why)
@@ -70,6 +81,8 @@ class TaskHandle:
     def _read_end(self) -> TaskEnd:
         try:
             return msgspec.convert(self.sent.result(), TaskEnd)
+        except BadData:  # the result of one that ended long ago is not kept
+            return TaskEnd(Status.COMPLETED | Status.TERMINATED)
         except TaskKilled as error:
             return TaskEnd(Status.INTERRUPTED | Status.TERMINATED, error.why)
         except TaskFailed as error:

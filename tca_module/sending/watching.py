@@ -9,13 +9,15 @@ from tca_module.errors import MisuseError
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import A, MonitorRef, check_action
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_ref import AttachmentRef, Recovery, TaskRef, node_of
+from tca_module.sending.task_ref import AttachmentRef, Recovery, SentTask, TaskRef, node_of
+from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, Monitor, PointMonitor, PollingMonitor
-from tca_wire.messages.declarations import D, Failure, Message
+from tca_wire.messages.declarations import D, Failure, Message, R
 from tca_wire.packets.headers import Attach, Fire, Send, Tap
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import ROOT, Point, TaskId
+from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Condition
 
 
@@ -76,6 +78,18 @@ class WatchingServices(CentralServices):
         check("task()", checks.NUMBER, task_id=task_id)
         info = TaskRef(self._connection(), "", TaskId(task_id)).info()
         return TaskRef(self._connection(), info.message, info.id, self._origin) if info is not None else None
+
+    def sent_task(self, message: Message[Any, R], task_id: int, epoch: str = "") -> SentTask[R]:
+        """The task of that number that an earlier run of this program has sent, to wait for its end: ``task.id`` was
+        written down. Raises CentralLost if *epoch*, ``task.id.epoch``, is not that of this central; its ``wait()``
+        raises Refused ("too late") if it ended long ago.
+        """
+        check("sent_task()", checks.NUMBER, task_id=task_id)
+        connection = self._declare(message)
+        check_epoch(
+            [number := with_epoch(TaskId(task_id), epoch, numbered(message.name, task_id))], connection.session.epoch
+        )
+        return SentTask(connection, message, number, self._origin)
 
     def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskRef]:
         """The living tasks (of one *message*, or its name), parents first, at most 10,000 (TCA 8.5: ChildByName)."""

@@ -1,0 +1,1 @@
+"""``tca console``: the tasks of a server, typed by a person."""
