@@ -189,7 +189,9 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "outcomes": set(),
         "serving": {"outcomes"},
         "charts": {"outcomes"},
-        "__init__": {"outcomes", "serving"},
+        "client": {"outcomes"},
+        "console": {"client"},
+        "__init__": {"client", "outcomes", "serving"},
     },
     "tca_module": {
         "errors": set(),

@@ -17,9 +17,6 @@ from tca_wire.text.plain_data import FieldMisfit, PlainFormat
 MARK = "x-tca-mission"
 """The part of a schema that says which task of which server a command is."""
 
-COMMON = ("task_period", "task_timeout", "foreground")
-"""The parameters that every task has, named last."""
-
 _TYPES: dict[str, Any] = {"number": float, "integer": int, "boolean": bool, "string": str, "null": None}
 _BOUNDS = {"minimum": ">= {}", "exclusiveMinimum": "> {}", "maximum": "<= {}", "exclusiveMaximum": "< {}"}
 
@@ -70,7 +67,7 @@ class OfferedTask:
                 TaskParameter(name, part, definitions, required=name in required)
                 for name, part in fields.get("properties", {}).items()
             ),
-            key=lambda one: (one.name in COMMON, order.index(one.name) if one.name in order else len(order)),
+            key=lambda one: order.index(one.name) if one.name in order else len(order),
         )
 
     @property

@@ -1,0 +1,299 @@
+"""Missions: tasks as functions, their ends and failures, waits, conditions."""
+
+import inspect
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from missions.rover import TASKS, Rover, mission_of_rover, rover
+
+from tca_missions import (
+    BadParameter,
+    ConditionIsCompleted,
+    ConditionVerified,
+    Mission,
+    MissionTaskFailed,
+    NotOffered,
+    Status,
+    TaskEnd,
+    TaskServer,
+    UnknownTask,
+)
+from tca_module import MisuseError, Module, Task, Timeout, connect
+from tca_module.testing import LocalCentral
+from tca_wire.journal import facts
+
+
+def test_a_call_runs_its_task_to_the_end() -> None:
+    with mission_of_rover() as (mission, robot):
+        end = mission.Drive(x=2.0)
+        assert Status.of(end.status) is Status.COMPLETED
+        assert robot.done == ["to 2", "stands at 2"]
+        assert mission.Weigh(grams=[2, 3]).text == "5 g"
+
+
+def test_a_task_in_the_background_is_waited_for() -> None:
+    with mission_of_rover() as (mission, robot):
+        watch = mission.Watch()  # in the background unless told otherwise
+        assert watch.end is None
+        assert mission.Drive(foreground=True).text == ""
+        assert mission.first_ended([watch], timeout=0.01) == []
+        with pytest.raises(Timeout, match=r"Watch \{\d+\} did not end within 0.01 s"):
+            mission.wait_for_task(watch, timeout=0.01)
+        robot.arrived.set()
+        assert Status.of(mission.wait_for_task(watch).status) is Status.COMPLETED
+        assert watch.is_over
+
+
+def test_any_or_all_of_several() -> None:
+    with mission_of_rover() as (mission, robot):
+        watch, drive = mission.Watch(), mission.Drive(foreground=False)
+        assert mission.wait_for_any_task([watch, drive]) is drive
+        robot.arrived.set()
+        assert len(mission.wait_for_all_tasks([drive, watch])) == 2
+
+
+@pytest.mark.parametrize(
+    ("fails", "status", "text", "failure"),
+    [
+        ("initialise", Status.INITIALISATION_FAILED, "no wheels", "mission task initialisation failed"),
+        ("rock", Status.FAILED, "hit a rock", "rock"),
+        ("python", Status.FAILED, "ValueError: a slip", "handler error"),
+    ],
+)
+def test_a_failure_is_an_exception_and_the_mission_goes_on(
+    fails: str, status: Status, text: str, failure: str
+) -> None:
+    with mission_of_rover() as (mission, _):
+        with pytest.raises(MissionTaskFailed) as caught:
+            mission.Drive(fails=fails)
+        assert (Status.of(caught.value.status), caught.value.text) == (status, text)
+        assert caught.value.failure == failure
+        assert mission.Drive(x=1).status
+
+
+def test_what_takes_too_long_fails_with_timeout() -> None:
+    with mission_of_rover() as (mission, robot):
+        with pytest.raises(MissionTaskFailed) as caught:
+            mission.Drive(fails="never", task_timeout=0.02)
+        assert Status.of(caught.value.status) is Status.TIMEOUT
+        assert robot.done[-1] == "stands at 0"
+
+
+def test_a_newer_task_in_the_foreground_takes_the_place_of_an_older_one() -> None:
+    with mission_of_rover() as (mission, _):
+        older = mission.start("Drive", x=1.0, fails="never")
+        mission.Drive(x=2.0)
+        with pytest.raises(MissionTaskFailed, match="interrupted: .*took its place"):
+            mission.wait_for_task(older)
+
+
+WRONG: list[tuple[Callable[[Mission], Any], type[Exception], str]] = [
+    (lambda mission: mission.Drvie(), UnknownTask, "server 'rover' offers no task 'Drvie': did you mean 'Drive'?"),
+    (lambda mission: mission.Fly(), UnknownTask, "server 'rover' offers no task 'Fly': it offers Drive, Watch, Weigh"),
+    (lambda mission: mission.Drive(y=1), BadParameter, "Drive() has no parameter 'y': it has"),
+    (lambda mission: mission.Drive(gera="fast"), BadParameter, "has no parameter 'gera': did you mean 'gear'?"),
+    (lambda mission: mission.Drive(x=11), BadParameter, "parameter 'x' must be at most 10, and 11 is not"),
+    (lambda mission: mission.Drive(x="a"), BadParameter, "parameter 'x' must be a number, and \"a\" is not"),
+    (lambda mission: mission.Drive(gear="top"), BadParameter, "parameter 'gear' must be one of \"fast\", \"slow\""),
+    (lambda mission: mission.Drive(1.0), BadParameter, "Drive() takes its parameters by name: Drive(x=...)"),
+    (lambda mission: mission.Weigh(), BadParameter, "parameter 'grams' is missing: it must be a list"),
+    (lambda mission: mission.Weigh(grams=object()), BadParameter, "Weigh(): objects of type object can't be sent"),
+    (lambda mission: mission.wait_for_any_task([]), MisuseError, "no task to wait for"),
+    (lambda mission: mission.add_condition(3), MisuseError, "give it a method is_verified()"),
+    (lambda mission: mission.step("a", mission.Drive), MisuseError, "steps need a file"),
+]  # fmt: skip
+
+
+def test_what_is_wrong_is_said_before_anything_is_sent() -> None:
+    with rover() as (central, robot), Mission("rover", central=central) as mission:
+        for call, kind, text in WRONG:
+            with pytest.raises(kind) as caught:
+                call(mission)
+            assert text in str(caught.value)
+        assert robot.done == []
+        assert not [fact for fact in central.facts if isinstance(fact, facts.Received) and "rover." in fact.message]
+
+
+def test_tasks_have_signatures_help_and_names() -> None:
+    with mission_of_rover() as (mission, _):
+        assert {"Drive", "Watch", "Weigh", "wait_for_task"} <= set(dir(mission))
+        assert str(inspect.signature(mission.Drive)).startswith(
+            "(*, x: float = 0.0, gear: Literal['fast', 'slow'] = 'slow', fails: str = '', "
+        )
+        text = inspect.getdoc(mission.Drive)
+        assert text is not None
+        assert text.startswith("Drive to a place.\n\nIt goes straight on.\n\nx: float = 0.0 (>= 0, <= 10)  East, in metres")
+        assert mission.Drive.__name__ == "Drive"
+        assert not hasattr(mission, "Fly")
+
+
+# --- conditions --------------------------------------------------------------------------------------------------------
+
+
+def test_a_condition_interrupts_and_the_robot_is_left_safe() -> None:
+    with mission_of_rover() as (mission, robot):
+        watch = mission.Watch()
+        mission.add_condition(ConditionIsCompleted(watch))
+        mission.Drive(x=1.0)
+
+        class Arrives:
+            """A condition of one's own; here it never holds, and makes the other one hold."""
+
+            def is_verified(self) -> bool:
+                robot.arrived.set()
+                return False
+
+        mission.add_condition(Arrives())
+        with pytest.raises(ConditionVerified, match=r"Watch \{\d+\} has ended") as caught:
+            mission.Drive(x=2.0, fails="never")
+        assert len(caught.value.conditions) == 1
+        assert robot.done[-1] == "stands at 2"  # it had terminated when the exception came
+        mission.Drive(x=3.0)  # conditions are cleared when one is verified
+
+
+def test_a_condition_that_holds_already_lets_nothing_start() -> None:
+    with mission_of_rover() as (mission, robot):
+        watch = mission.Watch()
+        mission.add_condition(ConditionIsCompleted(watch))
+        robot.arrived.set()
+        while not watch.sent.info() is None:
+            pass
+        with pytest.raises(ConditionVerified):
+            mission.Drive()
+        assert robot.done == ["watched"]
+
+
+def test_conditions_can_be_cleared() -> None:
+    with mission_of_rover() as (mission, robot):
+        watch = mission.Watch()
+        mission.add_condition(ConditionIsCompleted(watch))
+        mission.clear_conditions()
+        robot.arrived.set()
+        mission.wait_for_task(watch)
+        mission.Drive()
+
+
+# --- stopping ----------------------------------------------------------------------------------------------------------
+
+
+def test_stopped_tasks_have_left_things_safe() -> None:
+    with mission_of_rover() as (mission, robot):
+        watch, drive = mission.Watch(), mission.start("Drive", x=4.0, fails="never")
+        mission.stop_task(drive)
+        assert robot.done == ["to 4", "stands at 4"]
+        mission.stop_all_tasks()
+        assert robot.done[-1] == "watched"
+        mission.stop_task(watch)  # it has ended: nothing happens
+        with pytest.raises(MissionTaskFailed, match="interrupted: the mission has stopped it"):
+            mission.wait_for_task(watch)
+
+
+@pytest.mark.parametrize("leave_running", [False, True])
+def test_the_end_of_a_mission_stops_its_tasks_unless_told_otherwise(leave_running: bool) -> None:
+    with rover() as (central, robot):
+        with Mission("rover", central=central, leave_running=leave_running) as mission:
+            mission.Watch()
+        with connect("user", central) as user:
+            assert ([task.message for task in user.tasks()] == ["rover.Watch"]) is leave_running
+        assert robot.done == ([] if leave_running else ["watched"])
+
+
+def test_an_interrupted_mission_stops_its_tasks_and_counts_as_failed() -> None:
+    with rover() as (central, robot):
+        with pytest.raises(KeyboardInterrupt), Mission("rover", name="trip", central=central) as mission:
+            mission.add_condition(Interrupts(robot))
+            mission.Drive(x=5.0, fails="never")
+        assert robot.done == ["to 5", "stands at 5"]
+        assert "mission failed: KeyboardInterrupt" in central.transcript()
+        with connect("user", central) as user:
+            assert user.tasks() == []
+
+
+class Interrupts:
+    """Somebody presses Ctrl-C while the rover drives."""
+
+    def __init__(self, robot: Rover) -> None:
+        self.robot = robot
+
+    def is_verified(self) -> bool:
+        if self.robot.done:
+            raise KeyboardInterrupt
+        return False
+
+
+def test_a_mission_whose_goal_is_killed_ends() -> None:
+    with rover() as (central, _), connect("operator", central) as operator:
+        with pytest.raises(MissionTaskFailed, match="interrupted"), Mission("rover", central=central) as mission:
+            goal = next(task for task in operator.tasks() if task.message.startswith("mission "))
+            drive = mission.start("Drive", fails="never")
+            goal.kill("enough")
+            mission.wait_for_task(drive)
+
+
+# --- servers -----------------------------------------------------------------------------------------------------------
+
+
+def test_without_a_server_a_mission_does_not_begin() -> None:
+    with rover() as (central, _):
+        with pytest.raises(NotOffered, match="server 'rovre' offers no tasks after 0 s: did you mean 'rover'?"):
+            Mission("rovre", central=central, patience=0).open()
+        with Mission(central=central) as mission:  # there is only one
+            assert mission.server == "rover"
+        with TaskServer("other", Rover(), tasks=TASKS, central=central).running():
+            with pytest.raises(MisuseError, match="several servers of tasks: say which"):
+                Mission(central=central).open()
+    with LocalCentral() as empty, pytest.raises(NotOffered, match="no server offers tasks"):
+        Mission(central=empty, patience=0).open()
+
+
+def test_a_mission_waits_for_its_server() -> None:
+    with LocalCentral() as central:
+        server = TaskServer("rover", Rover(), tasks=TASKS, central=central)
+
+        def start() -> None:
+            with server.running():
+                ended.wait(10)
+
+        ended, thread = threading.Event(), threading.Thread(target=start)
+        with connect("user", central) as user:
+            thread.start()
+            with Mission("rover", central=central) as mission:
+                mission.Drive()
+            ended.set()
+            thread.join()
+            assert user.handlers(user.declared("rover.Drive")) == []
+
+
+def test_tasks_that_nobody_offers_any_more_are_errors() -> None:
+    with LocalCentral() as central:
+        with TaskServer("rover", Rover(), tasks=TASKS, central=central).running():
+            mission = Mission("rover", central=central).open()
+            mission.Drive()
+        with pytest.raises(UnknownTask, match="server 'rover' offers no task 'Drive'"):
+            mission.Drive()
+        mission.close()
+
+
+def test_a_server_that_leaves_is_an_error_for_what_it_did_and_for_what_waited_for_it() -> None:
+    with LocalCentral() as central:
+        rovers = TaskServer("rover", Rover(), tasks=TASKS, central=central)  # never started: it gives the message
+        module, begun = Module("rover", central, capacity=1), threading.Event()
+
+        @module.handles(rovers.definitions["Drive"].message)
+        def drive(task: Task, _: Any) -> TaskEnd:
+            begun.set()
+            while not task.cancelled:
+                pass
+            return TaskEnd(Status.COMPLETED)
+
+        with module.running(), Mission("rover", central=central) as mission:
+            working = mission.start("Drive")
+            assert begun.wait(10)
+            waiting = mission.start("Drive")
+            module.stop()
+            with pytest.raises(NotOffered, match=r"nobody offers rover.Drive any more, and Drive \{\d+\} waited for it"):
+                mission.wait_for_task(waiting)
+            with pytest.raises(MissionTaskFailed, match="failed: "):
+                mission.wait_for_task(working)
