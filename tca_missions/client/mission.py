@@ -162,6 +162,7 @@ class BaseMission:
 
     def _start(self, task: OfferedTask, parameters: dict[str, Any]) -> TaskHandle:
         values = task.fitted(parameters)
+        self._goal.check()
         if self._conditions:
             for running in list(self._running.values()):
                 running.end  # noqa: B018 - heard now, not when the new task has begun
@@ -236,7 +237,9 @@ class BaseMission:
         return self._wait(tasks, timeout)
 
     def _wait(self, tasks: Sequence[TaskHandle], timeout: float | None) -> list[TaskHandle]:
-        """Wait until one of the tasks has ended, or a condition is verified, or the tasks' server has gone."""
+        """Wait until one of the tasks has ended, or something ends the wait: a condition, the loss of the server, a
+        kill of the mission.
+        """
         until = None if timeout is None else time.monotonic() + timeout
         while not (ended := [task for task in tasks if task.is_known_over]):
             self._raise_verified()
@@ -244,6 +247,7 @@ class BaseMission:
             if left is not None and left < 0:
                 return []
             self._hear(tasks, left)
+        self._goal.check()
         return ended
 
     def _hear(self, tasks: Sequence[TaskHandle], timeout: float | None) -> None:

@@ -22,6 +22,7 @@ from tca_module import (
     Sender,
     Stopped,
     Task,
+    TaskKilled,
     TaskRef,
     TcaError,
 )
@@ -90,6 +91,12 @@ class MissionGoal:
     def below(self) -> Sender:
         """A sender for one more task of the mission."""
         return self.sender.under(self._top) if self._top is not None else self.sender
+
+    def check(self) -> None:
+        """Raise TaskKilled if somebody has killed the goal: that ends the mission."""
+        if self._owed is not None and self._top is not None and self._owed.cancelled:
+            info = self._top.info()
+            raise TaskKilled(str(self._top), info.killed if info is not None else "see the journal")
 
     def close(self, error: BaseException | None) -> None:
         """End the goal, as done or, with the exception that has ended the mission, as failed; and leave central."""

@@ -7,7 +7,7 @@ import click
 
 from tca_missions.client.mission import Mission
 from tca_missions.client.stub import MADE_BY, stub_text
-from tca_missions.console.session import Session
+from tca_missions.console.names import ConsoleNames
 from tca_module import MisuseError, TcaError
 from tca_wire.endpoint import VARIABLE
 from tca_wire.text.missing import missing_package
@@ -35,14 +35,14 @@ def console(server: str, central: str | None, stub: Path | None) -> None:
             if stub is not None:
                 _write(stub, stub_text(mission.server, mission.offered().values()))
             elif run_shell is not None:
-                run_shell(Session(mission))
+                run_shell(ConsoleNames(mission))
     except MisuseError as error:
         raise click.UsageError(printable(str(error))) from None
     except TcaError as error:
         raise click.ClickException(printable(str(error))) from None
 
 
-def _shell() -> Callable[[Session], None]:
+def _shell() -> Callable[[ConsoleNames], None]:
     """What reads and runs the lines; IPython is an extra."""
     try:
         from tca_missions.console.shell import run_shell  # noqa: PLC0415

@@ -13,7 +13,7 @@ from tca_module.sending.task_ref import AttachmentRef, Recovery, SentTask, TaskR
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, Monitor, PointMonitor, PollingMonitor
-from tca_wire.messages.declarations import D, Failure, Message, R
+from tca_wire.messages.declarations import Command, D, Failure, Goal, Message, R
 from tca_wire.packets.headers import Attach, Fire, Send, Tap
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import ROOT, Point, TaskId
@@ -85,6 +85,8 @@ class WatchingServices(CentralServices):
         raises Refused ("too late") if it ended long ago.
         """
         check("sent_task()", checks.NUMBER, task_id=task_id)
+        check("sent_task()", checks.TEXT, epoch=epoch)
+        check_class(message, Goal, Command, call="sent_task")
         connection = self._declare(message)
         check_epoch(
             [number := with_epoch(TaskId(task_id), epoch, numbered(message.name, task_id))], connection.session.epoch

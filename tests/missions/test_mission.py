@@ -20,7 +20,7 @@ from tca_missions import (
     TaskServer,
     UnknownTask,
 )
-from tca_module import MisuseError, Module, Task, Timeout, connect
+from tca_module import MisuseError, Module, Task, TaskKilled, Timeout, connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
 
@@ -62,9 +62,7 @@ def test_any_or_all_of_several() -> None:
         ("python", Status.FAILED, "ValueError: a slip", "handler error"),
     ],
 )
-def test_a_failure_is_an_exception_and_the_mission_goes_on(
-    fails: str, status: Status, text: str, failure: str
-) -> None:
+def test_a_failure_is_an_exception_and_the_mission_goes_on(fails: str, status: Status, text: str, failure: str) -> None:
     with mission_of_rover() as (mission, _):
         with pytest.raises(MissionTaskFailed) as caught:
             mission.Drive(fails=fails)
@@ -85,10 +83,11 @@ def test_a_newer_task_in_the_foreground_takes_the_place_of_an_older_one() -> Non
     with mission_of_rover() as (mission, _):
         older = mission.start("Drive", x=1.0, fails="never")
         mission.Drive(x=2.0)
-        with pytest.raises(MissionTaskFailed, match="interrupted: .*took its place"):
+        with pytest.raises(MissionTaskFailed, match=r"interrupted: .*took its place"):
             mission.wait_for_task(older)
 
 
+NO_CONDITION: Any = 3
 WRONG: list[tuple[Callable[[Mission], Any], type[Exception], str]] = [
     (lambda mission: mission.Drvie(), UnknownTask, "server 'rover' offers no task 'Drvie': did you mean 'Drive'?"),
     (lambda mission: mission.Fly(), UnknownTask, "server 'rover' offers no task 'Fly': it offers Drive, Watch, Weigh"),
@@ -101,7 +100,7 @@ WRONG: list[tuple[Callable[[Mission], Any], type[Exception], str]] = [
     (lambda mission: mission.Weigh(), BadParameter, "parameter 'grams' is missing: it must be a list"),
     (lambda mission: mission.Weigh(grams=object()), BadParameter, "Weigh(): objects of type object can't be sent"),
     (lambda mission: mission.wait_for_any_task([]), MisuseError, "no task to wait for"),
-    (lambda mission: mission.add_condition(3), MisuseError, "give it a method is_verified()"),
+    (lambda mission: mission.add_condition(NO_CONDITION), MisuseError, "give it a method is_verified()"),
     (lambda mission: mission.step("a", mission.Drive), MisuseError, "steps need a file"),
 ]  # fmt: skip
 
@@ -124,7 +123,9 @@ def test_tasks_have_signatures_help_and_names() -> None:
         )
         text = inspect.getdoc(mission.Drive)
         assert text is not None
-        assert text.startswith("Drive to a place.\n\nIt goes straight on.\n\nx: float = 0.0 (>= 0, <= 10)  East, in metres")
+        assert text.startswith(
+            "Drive to a place.\n\nIt goes straight on.\n\nx: float = 0.0 (>= 0, <= 10)  East, in metres"
+        )
         assert mission.Drive.__name__ == "Drive"
         assert not hasattr(mission, "Fly")
 
@@ -158,7 +159,7 @@ def test_a_condition_that_holds_already_lets_nothing_start() -> None:
         watch = mission.Watch()
         mission.add_condition(ConditionIsCompleted(watch))
         robot.arrived.set()
-        while not watch.sent.info() is None:
+        while watch.sent.info() is not None:
             pass
         with pytest.raises(ConditionVerified):
             mission.Drive()
@@ -202,13 +203,18 @@ def test_the_end_of_a_mission_stops_its_tasks_unless_told_otherwise(leave_runnin
 
 def test_an_interrupted_mission_stops_its_tasks_and_counts_as_failed() -> None:
     with rover() as (central, robot):
-        with pytest.raises(KeyboardInterrupt), Mission("rover", name="trip", central=central) as mission:
-            mission.add_condition(Interrupts(robot))
-            mission.Drive(x=5.0, fails="never")
+        mission = Mission("rover", name="trip", central=central)
+        with pytest.raises(KeyboardInterrupt), mission:
+            drive_until_interrupted(mission, robot)
         assert robot.done == ["to 5", "stands at 5"]
         assert "mission failed: KeyboardInterrupt" in central.transcript()
         with connect("user", central) as user:
             assert user.tasks() == []
+
+
+def drive_until_interrupted(mission: Mission, robot: Rover) -> None:
+    mission.add_condition(Interrupts(robot))
+    mission.Drive(x=5.0, fails="never")
 
 
 class Interrupts:
@@ -224,12 +230,16 @@ class Interrupts:
 
 
 def test_a_mission_whose_goal_is_killed_ends() -> None:
-    with rover() as (central, _), connect("operator", central) as operator:
-        with pytest.raises(MissionTaskFailed, match="interrupted"), Mission("rover", central=central) as mission:
+    with rover() as (central, robot), connect("operator", central) as operator:
+        with Mission("rover", central=central) as mission:
             goal = next(task for task in operator.tasks() if task.message.startswith("mission "))
             drive = mission.start("Drive", fails="never")
             goal.kill("enough")
-            mission.wait_for_task(drive)
+            with pytest.raises(TaskKilled, match="was killed: enough"):
+                mission.wait_for_task(drive)
+            with pytest.raises(TaskKilled, match="was killed: enough"):
+                mission.Drive()
+            assert robot.done == ["to 0", "stands at 0"]
 
 
 # --- servers -----------------------------------------------------------------------------------------------------------
@@ -237,7 +247,7 @@ def test_a_mission_whose_goal_is_killed_ends() -> None:
 
 def test_without_a_server_a_mission_does_not_begin() -> None:
     with rover() as (central, _):
-        with pytest.raises(NotOffered, match="server 'rovre' offers no tasks after 0 s: did you mean 'rover'?"):
+        with pytest.raises(NotOffered, match=r"server 'rovre' offers no tasks after 0 s: did you mean 'rover'?"):
             Mission("rovre", central=central, patience=0).open()
         with Mission(central=central) as mission:  # there is only one
             assert mission.server == "rover"
@@ -281,19 +291,21 @@ def test_a_server_that_leaves_is_an_error_for_what_it_did_and_for_what_waited_fo
         rovers = TaskServer("rover", Rover(), tasks=TASKS, central=central)  # never started: it gives the message
         module, begun = Module("rover", central, capacity=1), threading.Event()
 
-        @module.handles(rovers.definitions["Drive"].message)
         def drive(task: Task, _: Any) -> TaskEnd:
             begun.set()
             while not task.cancelled:
                 pass
             return TaskEnd(Status.COMPLETED)
 
+        module.handles(rovers.definitions["Drive"].message)(drive)
         with module.running(), Mission("rover", central=central) as mission:
             working = mission.start("Drive")
             assert begun.wait(10)
             waiting = mission.start("Drive")
             module.stop()
-            with pytest.raises(NotOffered, match=r"nobody offers rover.Drive any more, and Drive \{\d+\} waited for it"):
+            with pytest.raises(
+                NotOffered, match=r"nobody offers rover.Drive any more, and Drive \{\d+\} waited for it"
+            ):
                 mission.wait_for_task(waiting)
             with pytest.raises(MissionTaskFailed, match="failed: "):
                 mission.wait_for_task(working)

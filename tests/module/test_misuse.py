@@ -214,6 +214,7 @@ ATTACKED: dict[str, dict[str, Any]] = {
     "execute": {"message": SAY, "data": "hello"},
     "execute_if_handled": {"message": SAY, "data": "hello"},
     "task": {"task_id": 1},
+    "sent_task": {"message": REST, "task_id": 1, "epoch": ""},
     "tasks": {"message": REST},
     "on_failure": {"failure": SLIPPED, "handler": SHRUG, "of": REST, "maximum": None},
     "fire": {"monitor": ROCKS, "action": REST, "data": None},
@@ -233,7 +234,7 @@ ATTACKED: dict[str, dict[str, Any]] = {
     "status": {"topic": "status", "timeout": BRIEFLY},
 }  # fmt: skip
 BY_POSITION = {"constrain", "wait_until_handled", "sequence", "under"}
-WITHOUT = {"modules", "parallel", "close", "name", "address"}
+WITHOUT = {"modules", "messages", "parallel", "close", "name", "address"}
 OF_TASKS: dict[str, dict[str, Any]] = {
     "wait": {"timeout": BRIEFLY},
     "wait_for": {"point": None, "timeout": BRIEFLY},

@@ -7,7 +7,7 @@ from typing import Any
 from tca_missions.client.mission import Mission
 
 
-class Session:
+class ConsoleNames:
     """The functions of a console, around one mission."""
 
     def __init__(self, mission: Mission, show: Callable[[str], object] = print) -> None:
