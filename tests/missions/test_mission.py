@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from missions.rover import TASKS, Rover, mission_of_rover, rover
+from module.real_central import until
 
 from tca_missions import (
     BadParameter,
@@ -234,6 +235,7 @@ def test_a_mission_whose_goal_is_killed_ends() -> None:
         with Mission("rover", central=central) as mission:
             goal = next(task for task in operator.tasks() if task.message.startswith("mission "))
             drive = mission.start("Drive", fails="never")
+            until(lambda: robot.done, "the rover drives")
             goal.kill("enough")
             with pytest.raises(TaskKilled, match="was killed: enough"):
                 mission.wait_for_task(drive)

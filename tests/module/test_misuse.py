@@ -16,6 +16,7 @@ from tca_module import (
     BadData,
     BadFormat,
     Broadcast,
+    Claim,
     Client,
     Command,
     Condition,
@@ -280,7 +281,8 @@ def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:
     for wrong in HOSTILE[PATIENT:] if no_times else HOSTILE:
         made, error = outcome(call, wrong)
         if error is None:
-            getattr(made, "release", nothing)()
+            if isinstance(made, Claim):
+                made.release()
             continue
         text = str(error)
         assert text.isprintable()
