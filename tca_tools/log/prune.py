@@ -49,8 +49,9 @@ def _is_journal(path: Path) -> bool:
 
 def _runs_in(journal: Path) -> Iterator[StoredRun]:
     """A run has not ended before those whose numbers it follows: a robot may learn the time late."""
-    files, ended = Folder(journal).files(), 0.0
-    for name, opened, log in runs_in(journal):
+    runs, ended = list(runs_in(journal)), 0.0
+    files = Folder(journal).files()  # listed last: a run that begins meanwhile has some
+    for name, opened, log in runs:
         stats = [path.stat() for path in files[opened.epoch]]
         ended = max(ended, *(one.st_mtime for one in stats))
         kept = "a central writes it" if log.is_being_written else ""

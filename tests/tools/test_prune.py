@@ -12,6 +12,7 @@ from integration.programs import central
 from tools.story import walking
 from tools.test_logs import segment
 
+from tca_module import connect
 from tca_wire.journal.facts import Closed, Entry
 from tca_wire.journal.frames import framed
 
@@ -115,6 +116,7 @@ def test_what_a_living_central_writes_stays(tca: Tca, tmp_path: Path) -> None:
     run(folder, "old", 1, ended=40)
     with central(tmp_path) as running:
         assert running.journal == folder
+        connect("reader", running.address).close()  # central answers when its journal is begun
         told = tca("log", "prune", folder, "--keep-bytes", "0")
         assert "a central writes it" in told.stdout
         assert "00000003.tcaj" in left(folder)
