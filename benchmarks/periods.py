@@ -73,7 +73,7 @@ def play(address: str, tasks: int, rate: float, seconds: float) -> tuple[list[fl
     steer: Any = server.definitions["Steer"]
     with server.running(), connect("bench", address) as user:
         for _ in range(tasks):
-            user.command(steer.message, steer.struct(foreground=False), sequential=False)
+            user.command(steer.message, steer.parameters(foreground=False), sequential=False)
         while len(cart.begins) < tasks:
             time.sleep(0.05)
         before = time.process_time()

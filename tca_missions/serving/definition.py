@@ -6,7 +6,7 @@ import msgspec
 
 from tca_missions.outcomes import MISSION_TASK_FAILED, Status, TaskEnd
 from tca_missions.serving.environment import Environment
-from tca_missions.serving.parameters import TaskFormat, fields_of, help_of, parameter, struct_of
+from tca_missions.serving.parameters import TaskFormat, fields_of, help_of, parameter
 from tca_module import Command, FailureRaised, MisuseError, Task
 
 E = TypeVar("E", bound=Environment)
@@ -20,7 +20,7 @@ class ServedTask(Generic[E]):
     task: Task
     """The run as a task of the tree: to send messages with."""
     task_timeout: float = parameter(0.0, "The most seconds that it may run; 0: any number", minimum=0)
-    foreground: bool = parameter(True, "Whether it takes the place of the task in the foreground")
+    foreground: bool = parameter(True, "Whether it takes the place of the task in the foreground", fixed=True)
 
     status_text = ""
 
@@ -83,29 +83,25 @@ class Definition:
         self.name = task.__name__
         self.is_periodic = issubclass(task, PeriodicTask)
         base = PeriodicTask if self.is_periodic else OnceTask
-        fields = fields_of(task, base, COMMON)
-        if self.is_periodic and fields["task_period"][1] is msgspec.NODEFAULT:
-            fields["task_period"] = fields["task_period"][0], 1 / rate
-        self.struct = struct_of(task, fields)
+        fields = fields_of(task, base, COMMON, {"task_period": 1 / rate})
         marker = {
             "server": server, "task": self.name, "help": help_of(task), "periodic": self.is_periodic,
             "parameters": sorted(fields, key=lambda name: name in COMMON),
         }  # fmt: skip
-        self.message: Command[Any, TaskEnd] = Command(
-            f"{server}.{self.name}", TaskFormat(self.struct, marker), result=TaskEnd
-        )
+        self.format = TaskFormat(task, fields, marker)
+        self.message: Command[Any, TaskEnd] = Command(f"{server}.{self.name}", self.format, result=TaskEnd)
+
+    def parameters(self, **given: Any) -> Any:
+        """The data of the command: what is not given is left to its default."""
+        return self.format.kind(**given)
 
     def create(self, environment: Environment, task: Task, parameters: msgspec.Struct) -> ServedTask[Any]:
         """The task of one run."""
         made = self.task()
         made.env, made.task = environment, task
-        self.set_parameters(made, parameters)
+        for name, value in (self.format.defaults() | self.format.given_in(parameters)).items():
+            setattr(made, name, value)
         return made
-
-    def set_parameters(self, made: ServedTask[Any], parameters: msgspec.Struct) -> None:
-        """Give the task of a run new values of its parameters."""
-        for name in self.struct.__struct_fields__:
-            setattr(made, name, getattr(parameters, name))
 
 
 def check_task(task: object) -> type[ServedTask[Any]]:

@@ -3,7 +3,8 @@
 import inspect
 import json
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, ClassVar, TypeVar, get_origin, get_type_hints, overload
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, TypeVar, Union, get_origin, get_type_hints, overload
 
 import msgspec
 
@@ -14,6 +15,8 @@ T = TypeVar("T")
 
 MARKER = "x-tca-mission"
 """The key of a schema by which missions find the tasks among all messages."""
+FIXED = "x-tca-fixed"
+"""The key that a parameter's schema has if it can't be changed while the task runs."""
 
 
 class Parameter:
@@ -26,26 +29,54 @@ class Parameter:
 
 @overload
 def parameter(
-    default: T, description: str = "", *, minimum: float | None = None, maximum: float | None = None
+    default: T,
+    description: str = "",
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    fixed: bool = False,
 ) -> T: ...
 @overload
-def parameter(*, description: str = "", minimum: float | None = None, maximum: float | None = None) -> Any: ...
+def parameter(
+    *, description: str = "", minimum: float | None = None, maximum: float | None = None, fixed: bool = False
+) -> Any: ...
 def parameter(
     default: Any = msgspec.NODEFAULT, description: str = "", *, minimum: float | None = None,
-    maximum: float | None = None,
+    maximum: float | None = None, fixed: bool = False,
 ) -> Any:  # fmt: skip
-    """Declare a parameter of a task; without a default it must be given.
+    """Declare a parameter of a task; without a default it must be given. One that is *fixed* can't be changed while
+    the task runs.
 
     ::
 
         goal_x: float = parameter(0.0, "X coordinate of destination", minimum=0, maximum=11)
     """
-    return Parameter(default, msgspec.Meta(description=description or None, ge=minimum, le=maximum))
+    extra = {FIXED: True} if fixed else None
+    return Parameter(
+        default, msgspec.Meta(description=description or None, ge=minimum, le=maximum, extra_json_schema=extra)
+    )
 
 
-def fields_of(task: type, base: type, common: Iterable[str]) -> dict[str, tuple[Any, Any]]:
-    """The parameters of a task's class, by name: type and default. What *base* has itself is none, but for those that
-    are *common* to all tasks. Raises BadFormat if one can't be.
+class Field:
+    """A parameter of a task: its type, and its default unless it must be given. Raises BadFormat or BadData."""
+
+    def __init__(self, hint: Any, default: Any) -> None:
+        self.hint = hint
+        self.is_required = default is msgspec.NODEFAULT
+        self._format = Format[Any](hint)
+        self._default = b"" if self.is_required else self._format.encode(default)
+
+    @property
+    def default(self) -> Any:
+        """The default, anew each time: a list may be changed by its task."""
+        return self._format.decode(self._default)
+
+
+def fields_of(
+    task: type, base: type, common: Iterable[str], defaults: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Field]:
+    """The parameters of a task's class, by name. What *base* has itself is none, but for those that are *common* to all
+    tasks, some of which get their *defaults* here. Raises BadFormat if one can't be.
     """
     given = {name for one in base.__mro__ for name in vars(one).get("__annotations__", {})} - set(common)
     fields = {}
@@ -54,7 +85,7 @@ def fields_of(task: type, base: type, common: Iterable[str]) -> dict[str, tuple[
             continue
         if name not in common and hasattr(base, name):
             raise BadFormat(f"task {task.__name__}: parameter '{name}' has the name of something that every task has")
-        fields[name] = _field(task, name, hint)
+        fields[name] = _field(task, name, hint, defaults.get(name, msgspec.NODEFAULT))
     for name in given & vars(task).keys():
         raise BadFormat(f"task {task.__name__}: '{name}' is given by the server: choose another name")
     return fields
@@ -67,38 +98,19 @@ def _hints(task: type) -> dict[str, Any]:
         raise BadFormat(f"task {task.__name__}: the types of its parameters can't be read: {error}") from None
 
 
-def _field(task: type, name: str, hint: Any) -> tuple[Any, Any]:
-    """Type and default of a parameter; a class that inherits it may give it another default only."""
+def _field(task: type, name: str, hint: Any, default: Any) -> Field:
+    """A parameter; a class that inherits it may give it another default only."""
     given = [vars(one)[name] for one in task.__mro__ if name in vars(one)]
     declared = next((one for one in given if isinstance(one, Parameter)), None)
     if declared is not None:
         hint = Annotated[hint, declared.meta]
-    default = given[0] if given else msgspec.NODEFAULT
-    default = default.default if isinstance(default, Parameter) else default
+    values = [one.default if isinstance(one, Parameter) else one for one in given[:1]]
     try:
-        kind = Format[Any](hint)
-        if default is not msgspec.NODEFAULT:
-            kind.encode(default)
+        return Field(hint, next((one for one in values if one is not msgspec.NODEFAULT), default))
     except BadFormat as error:
         raise BadFormat(f"task {task.__name__}: parameter '{name}' can't be sent: {error}") from None
     except BadData as error:
         raise BadFormat(f"task {task.__name__}: the default of parameter '{name}' does not fit: {error}") from None
-    return hint, default
-
-
-def struct_of(task: type, fields: Mapping[str, tuple[Any, Any]]) -> type[msgspec.Struct]:
-    """The type of the data that are sent to start a task."""
-    rows: list[Any] = [
-        (name, hint) if default is msgspec.NODEFAULT else (name, hint, default)
-        for name, (hint, default) in fields.items()
-    ]
-    namespace = {"__doc__": help_of(task)}
-    try:
-        return msgspec.defstruct(
-            task.__name__, rows, namespace=namespace, kw_only=True, forbid_unknown_fields=True, module=task.__module__
-        )
-    except (TypeError, ValueError) as error:
-        raise BadFormat(f"task {task.__name__}: its parameters can't be sent: {error}") from None
 
 
 def help_of(task: type) -> str:
@@ -107,9 +119,40 @@ def help_of(task: type) -> str:
 
 
 class TaskFormat(Format[Any]):
-    """The format of a task's parameters, with a marker for missions."""
+    """The format of a task's parameters, with a marker for missions. What a sender leaves out stays out: then the
+    server takes its default, or for a task that runs the present value.
+    """
 
-    def __init__(self, kind: type[msgspec.Struct], marker: Mapping[str, Any]) -> None:
-        super().__init__(kind)
+    def __init__(self, task: type, fields: Mapping[str, Field], marker: Mapping[str, Any]) -> None:
+        self.fields = fields
+        super().__init__(_struct_of(task, fields))
         schema = json.loads(self.schema) | {MARKER: dict(marker)}
+        shape = schema["$defs"][task.__name__]["properties"]
+        try:
+            for name, default in self.defaults().items():
+                shape[name]["default"] = msgspec.to_builtins(default)
+        except TypeError as error:
+            raise BadFormat(
+                f"task {task.__name__}: the default of parameter '{name}' can't be shown: {error}"
+            ) from None
         self.schema = json.dumps(schema, sort_keys=True, separators=(",", ":"))
+
+    def defaults(self) -> dict[str, Any]:
+        """The parameters that need not be given, by name."""
+        return {name: field.default for name, field in self.fields.items() if not field.is_required}
+
+    def given_in(self, parameters: msgspec.Struct) -> dict[str, Any]:
+        """The parameters that were given, by name."""
+        values = {name: getattr(parameters, name) for name in self.fields}
+        return {name: value for name, value in values.items() if value is not msgspec.UNSET}
+
+
+def _struct_of(task: type, fields: Mapping[str, Field]) -> type[msgspec.Struct]:
+    rows: list[Any] = [
+        (name, field.hint) if field.is_required else (name, Union[field.hint, msgspec.UnsetType], msgspec.UNSET)  # noqa: UP007 - of any hint
+        for name, field in fields.items()
+    ]
+    namespace, module = {"__doc__": help_of(task)}, task.__module__
+    return msgspec.defstruct(
+        task.__name__, rows, namespace=namespace, module=module, kw_only=True, forbid_unknown_fields=True
+    )

@@ -125,4 +125,4 @@ class TaskServer:
 
     def _start_idle(self, callback: Callback) -> None:
         if self._idle is not None and self._foreground.is_empty:
-            callback.command(self._idle.message, self._idle.struct(), sequential=False)
+            callback.command(self._idle.message, self._idle.parameters(), sequential=False)

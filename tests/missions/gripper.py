@@ -92,7 +92,7 @@ class Robot:
     def send(self, task: str, **parameters: Any) -> SentTask[TaskEnd]:
         """Start a task."""
         definition = self.server.definitions[task]
-        return self.user.command(definition.message, definition.struct(**parameters), sequential=False)
+        return self.user.command(definition.message, definition.parameters(**parameters), sequential=False)
 
     def after(self, seconds: float) -> list[str]:
         """What is written down until then."""

@@ -41,7 +41,7 @@ def test_a_run_goes_on_when_its_sender_leaves() -> None:
     with serving() as robot:
         with connect("mission", robot.central) as mission:
             turn = robot.server.definitions["Turn"]
-            mission.command(turn.message, turn.struct(steps=2))
+            mission.command(turn.message, turn.parameters(steps=2))
         assert robot.after(1)[-1] == "0.10 Turn terminates"
 
 

@@ -33,7 +33,7 @@ class Town:
     def start(self, task: str, **parameters: Any) -> SentTask[TaskEnd]:
         """Start a task."""
         definition = self.server.definitions[task]
-        return self.user.command(definition.message, definition.struct(**parameters), sequential=False)
+        return self.user.command(definition.message, definition.parameters(**parameters), sequential=False)
 
     def run(self, task: str, **parameters: Any) -> TaskEnd:
         """Run a task to its end."""
