@@ -89,6 +89,8 @@ def messages(central: State) -> list[dict[str, Any]]:
             "waiting": len(message.waiting),
             "data": message.format.data,
             "reply": message.format.reply,
+            "progress": message.format.progress,
+            "life_cycle": message.format.life_cycle,
         }
         for message in central.registry.messages.values()
     ]

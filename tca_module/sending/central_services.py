@@ -19,8 +19,20 @@ from tca_module.sending.directory import (
     messages_of,
     modules_of,
 )
+from tca_wire.life_cycles import read_life_cycle
 from tca_wire.messages.controls import ExceptionHandler, Monitor
-from tca_wire.messages.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
+from tca_wire.messages.declarations import (
+    Broadcast,
+    Command,
+    D,
+    Goal,
+    Inform,
+    Message,
+    MultiQuery,
+    Query,
+    TaskMessage,
+    Variable,
+)
 from tca_wire.packets.headers import Ask, GetVariable, GoOn, Lock, Remove, SetVariable, Unlock, WaitUntilHandled
 from tca_wire.text.plain_data import PlainFormat
 from tca_wire.vocabulary import Outcome
@@ -264,7 +276,10 @@ class CentralServices:
         if kind is None:
             raise MisuseError(f"'{name}' is a {found['class']}: declare it in Python to have it watch")
         answers: dict[Any, str] = {Command: "result", Query: "reply", MultiQuery: "reply"}
-        options = {answers[kind]: PlainFormat(found["reply"])} if kind in answers else {}
+        options: dict[str, Any] = {answers[kind]: PlainFormat(found["reply"])} if kind in answers else {}
+        if issubclass(kind, TaskMessage):
+            options["life_cycle"] = read_life_cycle(found["life_cycle"])
+            options["progress"] = PlainFormat(found["progress"]) if found["progress"] else None
         message: Message[Any, Any] = kind(name, PlainFormat(found["data"]), **options)
         return message
 
