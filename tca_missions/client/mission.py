@@ -247,7 +247,7 @@ class BaseMission:
             if left is not None and left < 0:
                 return []
             self._hear(tasks, left)
-        self._goal.check()
+        self._goal.check(ask=any(task.is_interrupted for task in ended))
         return ended
 
     def _hear(self, tasks: Sequence[TaskHandle], timeout: float | None) -> None:

@@ -92,10 +92,14 @@ class MissionGoal:
         """A sender for one more task of the mission."""
         return self.sender.under(self._top) if self._top is not None else self.sender
 
-    def check(self) -> None:
-        """Raise TaskKilled if somebody has killed the goal: that ends the mission."""
-        if self._owed is not None and self._top is not None and self._owed.cancelled:
-            info = self._top.info()
+    def check(self, *, ask: bool = False) -> None:
+        """Raise TaskKilled if somebody has killed the goal, which ends the mission. *ask*: this thread may hear of a
+        task's end before another one hears of the goal's; so ask central.
+        """
+        if self._owed is None or self._top is None or not (ask or self._owed.cancelled):
+            return
+        info = self._top.info()
+        if info is None or info.killed:
             raise TaskKilled(str(self._top), info.killed if info is not None else "see the journal")
 
     def close(self, error: BaseException | None) -> None:

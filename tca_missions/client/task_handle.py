@@ -50,6 +50,11 @@ class TaskHandle:
         return self._end
 
     @property
+    def is_interrupted(self) -> bool:
+        """Whether it was killed, as far as this mission has heard."""
+        return self._end is not None and Status.of(self._end.status) is Status.INTERRUPTED
+
+    @property
     def end_in_words(self) -> str:
         """How it ended, as far as this mission has heard: "completed", "timeout: it ran for 2 s"; "" while it runs."""
         return in_words(self._end) if self._end is not None else ""
