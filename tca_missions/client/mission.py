@@ -22,6 +22,7 @@ from tca_module.link.opening import CentralAddress
 
 P = ParamSpec("P")
 T = TypeVar("T")
+D = TypeVar("D")
 
 _PATIENCE = 10.0  # seconds that a mission waits for its server
 _LOOK_AGAIN = 0.1  # seconds between two looks whether the server has come
@@ -44,6 +45,7 @@ class BaseMission:
         *checkpoint*: the file in which ``step`` notes what was done.
         """
         self._server = server = server or self.SERVER
+        self.central = central  #: its address, as it was given
         self._patience = patience
         self._name = name or _name_of_program()
         self._goal = MissionGoal(self._name, server, central, under, stays=leave_running)
@@ -161,7 +163,11 @@ class BaseMission:
         return self._start(self._task(name), parameters)
 
     def _start(self, task: OfferedTask, parameters: dict[str, Any]) -> TaskHandle:
-        values = task.fitted(parameters)
+        return self.start_command(self._message(task), task.fitted(parameters), task.name)
+
+    def start_command(self, command: Command[D, TaskEnd], data: D, name: str) -> TaskHandle:
+        """Start a command as a task of the mission called *name*, also one that is no task of its server."""
+        self._check_open()
         self._goal.check()
         if self._conditions:
             for running in list(self._running.values()):
@@ -169,10 +175,10 @@ class BaseMission:
             self._raise_verified()
         below = self._goal.below()
         with below.parallel():  # the tasks of a mission have no order but that of its program
-            sent = below.execute_if_handled(self._message(task), values)
+            sent = below.execute_if_handled(command, data)
         if sent is None:
-            raise NotOffered(f"nobody offers {task.message} any more: start its server, see 'tca messages'")
-        handle = TaskHandle(task.name, sent, self._goal.take_text, self._forget)
+            raise NotOffered(f"nobody offers {command.name} any more: start its server, see 'tca messages'")
+        handle = TaskHandle(name, sent, self._goal.take_text, self._forget)
         self._running[handle.id] = handle
         if self._steps is not None:
             self._steps.note_task(handle)
@@ -184,8 +190,14 @@ class BaseMission:
         handle = self._start(task, parameters)
         if not parameters.get("foreground", task.runs_in_foreground):
             return handle
-        self._finish(handle)
-        return handle.result()
+        return self.finish(handle)
+
+    def finish(self, task: TaskHandle) -> TaskEnd:
+        """Wait for the end of a task, and stop it if that is interrupted. Raises MissionTaskFailed if it did not
+        complete.
+        """
+        self._finish(task)
+        return task.result()
 
     def _message(self, task: OfferedTask) -> Command[Any, Any]:
         if task.message not in self._messages:
