@@ -4,9 +4,11 @@ The journal tells of a transition only where no other fact does: a handler gets 
 begins anew, a task ends.
 """
 
+from bisect import bisect_right
 from collections.abc import Iterator
 from functools import cache
 from math import inf
+from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 from tca_tools.run.records import LifeChange, Task, TaskState, going_on
@@ -15,6 +17,8 @@ from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, read_life_cycle
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Party
+
+_TIME, _TIME_AND_ORDER = attrgetter("time"), itemgetter(0, 1)
 
 
 def cycle_of(run: Run, task: Task) -> LifeCycle:
@@ -37,16 +41,23 @@ def effect_of(run: Run, task: Task, transition: str, state: str) -> Effect:
     return next((one.effect for one in sorted(rows, key=lambda one: one.target != state)), Effect.NONE)
 
 
-def life_of(run: Run, task: Task, moment: float = inf) -> Iterator[LifeChange]:
-    """All its transitions until a moment, oldest first."""
-    cycle, state, serial = cycle_of(run, task), "", 0
-    state = cycle.initial
-    for time, _, what in sorted(_steps(run, task), key=lambda step: step[:2]):
+def life_of(run: Run, task: Task, moment: float = inf, since: LifeChange | None = None) -> Iterator[LifeChange]:
+    """All its transitions until a moment, oldest first; or those after one of which the journal tells."""
+    cycle = cycle_of(run, task)
+    state, serial, begin = (
+        (since.state, since.serial, (since.time, _IS_TOLD)) if since else (cycle.initial, 0, (-inf, 0))
+    )
+    told = (one for one in task.life if one.effect is not Effect.STOP) if since is None else ()  # stopped, it ends
+    steps: list[tuple[float, int, LifeChange | None]] = [(one.time, _IS_TOLD, one) for one in told]
+    steps += [(time, order, None) for time, order in _implied_steps(run, task)]
+    for time, order, what in sorted(steps, key=_TIME_AND_ORDER):
+        if (time, order) <= begin:
+            continue
         if time > min(moment, run.time):
             return
-        change = what if isinstance(what, LifeChange) else _implied(cycle, task, state, what, time)
+        change = what or _implied(cycle, task, state, order, time)
         if change is not None:
-            serial = change.serial if change is what else serial + 1
+            serial = what.serial if what else serial + 1
             state = change.state
             yield change._replace(serial=serial)
 
@@ -67,43 +78,44 @@ class Life(NamedTuple):
 
 def life_at(run: Run, task: Task, moment: float = inf) -> Life:
     """How it stood at a moment."""
-    cycle = cycle_of(run, task)
+    cycle, told = cycle_of(run, task), task.life[: bisect_right(task.life, moment, key=_TIME)]
+    state, serial, since = (told[-1].state, told[-1].serial, told[-1]) if told else (cycle.initial, 0, None)
+    for one in life_of(run, task, moment, since):
+        state, serial = one.state, one.serial
+    newest = next((one for one in reversed(told) if one.effect is Effect.RESULT), None)
+    is_old = newest is None or any(newest.time < again.start <= moment for again in task.handlings[1:])
+    is_open = cycle.grant(state) is not None
+    asked = (one.body for one in reversed(told) if one.effect is Effect.NEW_GOAL) if is_open else iter(())
     usual = cycle.initial, cycle.accepted.target, cycle.done, cycle.cancelled
-    life = Life(cycle.initial, 0, b"", b"")
-    for one in life_of(run, task, moment):
-        progress = one.body if one.effect is Effect.RESULT else b"" if one.transition == _RESTARTED else life.progress
-        asked = life.asked if one.effect is Effect.RESULT else one.body if one.effect is Effect.NEW_GOAL else b""
-        life = Life(one.state, one.serial, progress, asked, one.state not in usual)
-    return life
+    return Life(state, serial, b"" if is_old or not newest else newest.body, next(asked, b""), state not in usual)
 
 
 _RESTARTED = "restarted"
-_BEGINS_ANEW, _BEGINS, _ENDS = range(1, 4)
+_IS_TOLD, _BEGINS_ANEW, _BEGINS, _ENDS = range(4)
 
 
-def _steps(run: Run, task: Task) -> Iterator[tuple[float, int, LifeChange | int]]:
-    """What changes its state; at one time what was told comes first, then in the order of a life."""
-    yield from ((one.time, 0, one) for one in task.life if one.effect is not Effect.STOP)  # it ends when it has stopped
+def _implied_steps(run: Run, task: Task) -> Iterator[tuple[float, int]]:
+    """What else changes its state, and when; at one time it does in the order of these numbers."""
     first = task.handlings[0] if task.handlings else None
     for one in (*task.queueings, *task.handlings):
         if first is not None and one.start > first.start:
-            yield one.start, _BEGINS_ANEW, _BEGINS_ANEW
+            yield one.start, _BEGINS_ANEW
     for handling in task.handlings:
         if handling.outcome is None and handling.end is not None:  # its module is gone
-            yield handling.end, _BEGINS_ANEW, _BEGINS_ANEW
+            yield handling.end, _BEGINS_ANEW
         offers = [one for one in run.offers.get(task.name, ()) if one.module == handling.module]
         offer = going_on(offers, handling.start)
         if offer is None or not offer.accepts:
-            yield handling.start, _BEGINS, _BEGINS
+            yield handling.start, _BEGINS
     if task.message_class.is_monitor:  # it watches without a handler, and begins anew soon after a retry
         begun = task.time_of(Moment.START_HANDLING)
         again = [
             retry.time if retry.asker is None else retry.asker.until for retry in task.retries if retry.time > begun
         ]
-        yield from ((time, _BEGINS_ANEW, _BEGINS_ANEW) for time in again)
-        yield from ((time, _BEGINS, _BEGINS) for time in (begun, *again))
+        yield from ((time, _BEGINS_ANEW) for time in again)
+        yield from ((time, _BEGINS) for time in (begun, *again))
     if task.has_ended:
-        yield task.time_of(Moment.END_ACHIEVING), _ENDS, _ENDS
+        yield task.time_of(Moment.END_ACHIEVING), _ENDS
 
 
 def _implied(cycle: LifeCycle, task: Task, state: str, what: int, time: float) -> LifeChange | None:
