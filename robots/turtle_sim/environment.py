@@ -1,5 +1,7 @@
 """What the tasks of a turtle share: where it is, and what it can be told."""
 
+import threading
+
 from robots.turtle_sim.errors import TurtleError
 from robots.turtle_sim.messages import CHANGE_PEN, CLEAR_SHEET, POSE, VELOCITY, Velocity
 from robots.turtle_sim.world import Pen, Pose
@@ -13,9 +15,11 @@ PATIENCE = 10.0
 class TurtleEnvironment(Environment):
     """A turtle somewhere: its simulator, or another machine that understands the messages."""
 
-    def __init__(self) -> None:
+    def __init__(self, patience: float = 5.0) -> None:
+        """*patience*: seconds to wait until the turtle is heard of for the first time."""
         super().__init__()
-        self._pose: Pose | None = None
+        self._patience = patience
+        self._heard = threading.Event()
 
     def attach(self, module: Module) -> None:
         """Have the server's module listen to the turtle."""
@@ -23,11 +27,12 @@ class TurtleEnvironment(Environment):
         @module.handles(POSE, resource="sensors")
         def listen(_: Task, pose: Pose) -> None:
             self._pose = pose
+            self._heard.set()
 
     @property
     def pose(self) -> Pose:
-        """Where the turtle is. Raises TurtleError while nothing was heard of it."""
-        if self._pose is None:
+        """Where the turtle is. Raises TurtleError if nothing is heard of it."""
+        if not self._heard.wait(self._patience):
             raise TurtleError("the turtle has not told where it is: does its simulator run?")
         return self._pose
 

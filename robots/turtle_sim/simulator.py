@@ -1,9 +1,10 @@
 """The turtles as modules: each listens to its own central, all draw on one sheet."""
 
+import argparse
 import threading
 
 from robots.turtle_sim.messages import CHANGE_PEN, CLEAR_SHEET, POSE, SHEET, VELOCITY, SeenTurtle, Sheet, Velocity
-from robots.turtle_sim.world import Pen, Pose, Stroke, TurtleWorld
+from robots.turtle_sim.world import CENTRE, Pen, Pose, Stroke, TurtleWorld
 from tca_module import Callback, Module, Task
 from tca_module.link.opening import CentralAddress
 
@@ -68,9 +69,13 @@ class Simulator:
 
 def main() -> None:
     """Simulate one turtle until told to end."""
+    parser = argparse.ArgumentParser(description="One turtle on a sheet of its own.")
+    parser.add_argument("name", nargs="?", default="turtle", help="of the turtle (default: %(default)s)")
+    parser.add_argument("--at", type=float, nargs=2, default=(CENTRE.x, CENTRE.y), metavar=("X", "Y"), help="its start")
+    options = parser.parse_args()
     world = TurtleWorld()
-    world.spawn("turtle")
-    Simulator(world).module("turtle").run()
+    world.spawn(options.name, Pose(*options.at))
+    Simulator(world).module(options.name).run()
 
 
 if __name__ == "__main__":

@@ -5,9 +5,12 @@ import math
 import pytest
 from turtles.towns import town
 
+from robots.turtle_sim.environment import TurtleEnvironment
+from robots.turtle_sim.task_server import TASKS
 from robots.turtle_sim.world import Pen, Pose
-from tca_missions import MISSION_TASK_TIMEOUT, Status
+from tca_missions import MISSION_TASK_TIMEOUT, Mission, MissionTaskFailed, Status, TaskServer
 from tca_module import Outcome, TaskFailed, TaskKilled
+from tca_module.testing import LocalCentral
 
 COMPLETED = Status.COMPLETED | Status.TERMINATED
 
@@ -121,7 +124,8 @@ def test_clear_takes_an_argument_that_is_more_than_a_number() -> None:
 
 
 def test_without_a_simulator_tasks_say_what_is_missing() -> None:
-    with town() as there:
-        there.server.environment._pose = None  # type: ignore[attr-defined]  # as if nothing had been heard
-        with pytest.raises(TaskFailed, match="the turtle has not told where it is: does its simulator run"):
-            there.run("GoTo")
+    with LocalCentral() as central:
+        server = TaskServer("turtle", TurtleEnvironment(patience=0.0), folder=TASKS, central=central)
+        with server.running(), Mission("turtle", central=central) as mission:
+            with pytest.raises(MissionTaskFailed, match="the turtle has not told where it is: does its simulator run"):
+                mission.GoTo()

@@ -1,6 +1,7 @@
 """A turtle with its simulator and its task server, on a stepped clock: what a second holds is the same in every run."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -9,10 +10,11 @@ from robots.turtle_sim.environment import TurtleEnvironment
 from robots.turtle_sim.simulator import Simulator
 from robots.turtle_sim.task_server import TASKS
 from robots.turtle_sim.world import CENTRE, Pose, TurtleWorld
-from tca_missions import TaskEnd, TaskServer
+from tca_missions import Mission, TaskEnd, TaskServer
 from tca_missions.serving.definition import ServedTask
 from tca_module import Client, SentTask, connect
 from tca_module.testing import LocalCentral
+from tca_wire.journal.facts import Received
 
 
 @dataclass
@@ -48,6 +50,28 @@ class Town:
         while sent.info() is not None:
             assert self.central.now() < until, f"{sent} has not ended within {at_most:g} s"
             self.central.advance(0.25)
+
+
+def carry_out(there: Town, mission: Callable[[Mission], Any], at_most: float = 10_000.0) -> Any:
+    """Carry out a mission, in a thread of its own, and let time pass meanwhile. Returns what it returns."""
+
+    def run() -> Any:
+        with Mission("turtle", name="test", central=there.central) as made:
+            return mission(made)
+
+    with ThreadPoolExecutor(1) as pool:
+        carried_out = pool.submit(run)
+        while not wait([carried_out], timeout=0.001).done:
+            assert there.central.now() < at_most, "the mission does not end"
+            there.central.advance(0.25)
+        return carried_out.result()
+
+
+def started(there: Town) -> list[str]:
+    """The tasks that were started, in their order."""
+    names = [f"{there.server.module.name}.{task}" for task in there.server.definitions]
+    sent = [fact.message for fact in there.central.facts if isinstance(fact, Received) and fact.message in names]
+    return [name.partition(".")[2] for name in sent]
 
 
 @contextmanager

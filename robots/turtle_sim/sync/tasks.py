@@ -34,3 +34,7 @@ class WaitForStatusSync(PeriodicTask[SyncEnvironment]):
             return Status.COMPLETED
         self.report(f"waits for status {self.status}: {self.env.link.words(self.partner)}")
         return Status.RUNNING
+
+
+TASKS_OF_TEAMS = (SetStatusSync, WaitForStatusSync)
+"""What a turtle of a team can do beside what any turtle can."""

@@ -31,10 +31,10 @@ def save_team(team: Team, path: Path) -> None:
     path.write_text("".join(f'"{name}" = "{host}:{port}"\n' for name, (host, port) in team.items()))
 
 
-def load_team(path: Path) -> Team:
+def load_team(path: Path | str) -> Team:
     """Read a team's file, with the hosts' numbers for their names. Raises BadTeam."""
     try:
-        lines = tomllib.loads(path.read_text())
+        lines = tomllib.loads(Path(path).read_text())
     except (OSError, ValueError) as error:
         raise BadTeam(f"the team's file {path} can't be read: {error}") from None
     return {name: address_of(name, text) for name, text in lines.items()}

@@ -1,0 +1,149 @@
+"""Shows a mission: starts central, the turtle and its task server, carries it out, and draws what came of it."""
+
+import argparse
+import logging
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+from robots.processes import Processes
+from robots.turtle_sim.drawing import draw
+from robots.turtle_sim.missions.background import background
+from robots.turtle_sim.missions.interrupted import interrupted
+from robots.turtle_sim.missions.letters import letters
+from robots.turtle_sim.missions.patrol import patrol
+from robots.turtle_sim.missions.three_turtles import MISSIONS
+from robots.turtle_sim.missions.too_far import too_far
+from robots.turtle_sim.simulator import Simulator
+from robots.turtle_sim.sync.team import free_team, save_team
+from robots.turtle_sim.world import CENTRE, Pen, Pose, TurtleWorld
+from tca_missions import ConditionVerified, Mission
+from tca_module import TcaError
+from tca_tools.drawing.pictures import converted
+from tca_tools.errors import NoPicture
+
+ENOUGH = 15.0
+"""Seconds after which a mission is ended that would go on for ever."""
+
+
+class TimeIsUp:
+    """A condition of missions: verified when some seconds have passed."""
+
+    def __init__(self, seconds: float) -> None:
+        self._end = time.monotonic() + seconds
+
+    def is_verified(self) -> bool:
+        """Whether they have."""
+        return time.monotonic() >= self._end
+
+
+def for_some_time(mission: Mission, endless: Callable[[Mission], object]) -> None:
+    """Carry out an endless mission until it is enough."""
+    mission.add_condition(TimeIsUp(ENOUGH))
+    with suppress(ConditionVerified):
+        endless(mission)
+
+
+Missions = Mapping[str, Callable[[Mission], object]]
+"""For each turtle, by name, its mission."""
+
+SHOWS: dict[str, Missions] = {
+    "letters": {"turtle": letters},
+    "patrol": {"turtle": lambda mission: for_some_time(mission, patrol)},
+    "too-far": {"turtle": too_far},
+    "background": {"turtle": background},
+    "interrupted": {"turtle": interrupted},
+    "three-turtles": MISSIONS,
+}
+
+STARTS = {"turtle2": Pose(4.0, 4.0), "turtle3": Pose(7.0, 7.0)}
+PENS = {"turtle2": Pen(200, 60, 40), "turtle3": Pen(40, 90, 170)}
+"""Of the turtles that don't begin in the centre, with a black pen."""
+
+RATE = 10.0
+"""Iterations of a task a second of the turtle's time."""
+
+
+class Show:
+    """One run of one or more missions."""
+
+    def __init__(self, missions: Missions, folder: Path, pace: float, loss: float) -> None:
+        self._missions = missions
+        self._folder = folder
+        self._pace = pace
+        self._loss = loss
+        self._world = TurtleWorld()
+        for name in missions:
+            self._world.spawn(name, STARTS.get(name, CENTRE))
+            self._world.set_pen(name, PENS.get(name, Pen()))
+        self._simulator = Simulator(self._world, pace)
+
+    def run(self) -> None:
+        """Carry out the missions, each in a thread."""
+        with tempfile.TemporaryDirectory(prefix="turtle") as sockets, ExitStack() as stack:
+            centrals = {name: f"ipc://{sockets}/{name}.sock" for name in self._missions}
+            servers = self._servers()
+            for name, central in centrals.items():
+                processes = stack.enter_context(Processes(self._folder, {"TCA_CENTRAL": central}))
+                processes.start(f"{name} central", "tca_central", "--journal", str(self._folder / f"{name} journal"))
+                stack.enter_context(self._simulator.module(name, central).running())
+                processes.start(f"{name} task server", *servers[name])
+            with ThreadPoolExecutor(len(centrals)) as pool:
+                list(pool.map(self._carry_out, centrals, centrals.values()))
+
+    def _servers(self) -> dict[str, list[str]]:
+        """For each turtle its task server: the Python module, and the arguments. Alone it needs no link."""
+        names, rate = list(self._missions), ["--rate", str(RATE * self._pace)]
+        if len(names) == 1:
+            return {name: ["robots.turtle_sim.task_server", name, *rate] for name in names}
+        team = self._folder / "team.toml"
+        save_team(free_team(*names), team)
+        link = [str(team), "--loss", str(self._loss)]
+        return {name: ["robots.turtle_sim.sync.task_server", name, *link, *rate] for name in names}
+
+    def _carry_out(self, name: str, central: str) -> None:
+        with Mission(name, name=f"mission of {name}", central=central, patience=60.0) as mission:
+            self._missions[name](mission)
+
+    def draw(self, title: str) -> list[Path]:
+        """Draw the sheet; the files that were made."""
+        svg = draw(self._simulator.sheet(), title)
+        made = [self._folder / "sheet.svg", self._folder / "sheet.png"]
+        made[0].write_text(svg)
+        try:
+            made[1].write_bytes(converted(svg, "png"))
+        except NoPicture as error:
+            print(error, file=sys.stderr)
+            del made[1]
+        return made
+
+
+def main() -> int:
+    """Show the mission that the arguments name; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m robots.turtle_sim", description=__doc__)
+    parser.add_argument("show", nargs="?", default="letters", choices=SHOWS, help="the mission (default: %(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("runs/turtle"), help="folder of its files (%(default)s)")
+    parser.add_argument("--pace", type=float, default=8.0, help="how fast the turtles' time passes (%(default)s)")
+    parser.add_argument("--loss", type=float, default=0.5, help="part of the datagrams between turtles that is lost")
+    options = parser.parse_args()
+    logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
+    options.out.mkdir(parents=True, exist_ok=True)
+    show = Show(SHOWS[options.show], options.out, options.pace, options.loss)
+    began, code = time.monotonic(), 0
+    try:
+        show.run()
+    except TcaError as error:
+        print(f"{options.show}: {error}", file=sys.stderr)
+        code = 1
+    print(f"{options.show}: {time.monotonic() - began:.0f} s")
+    for path in show.draw(options.show):
+        print(path)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

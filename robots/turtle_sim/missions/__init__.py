@@ -1,0 +1,1 @@
+"""Missions for one turtle, and for three that wait for each other."""

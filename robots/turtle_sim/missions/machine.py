@@ -1,0 +1,28 @@
+"""The patrol as a state machine, with a watch over a part of it."""
+
+from collections.abc import Iterable
+
+from tca_missions import Mission
+from tca_missions.charts import Sequence
+
+POINTS = ((1.0, 9.0), (9.0, 9.0), (9.0, 1.0))
+
+
+def machine(points: Iterable[tuple[float, float]] = POINTS) -> Sequence:
+    """Goes round by some points, but from where it meets the region of interest straight to the middle; for ever."""
+    with Sequence("patrol") as sm:
+        init = sm.Wait(duration=1.0)
+        sm.GoTo(goal_x=1.0, goal_y=1.0)
+        with sm.concurrence():
+            sm.WaitForROI(foreground=False, roi_x=9.0, roi_y=6.0, roi_radius=1.0)
+            with sm.sequence():
+                for x, y in points:
+                    sm.Wait(duration=0.2)
+                    sm.GoTo(goal_x=x, goal_y=y)
+        sm.GoTo(goal_x=5.0, goal_y=5.0).on(completed=init)
+    return sm
+
+
+if __name__ == "__main__":
+    with Mission("turtle") as turtle:
+        machine().run(turtle)

@@ -1,0 +1,17 @@
+"""To and fro between two places."""
+
+from tca_missions import Mission
+
+
+def patrol(mission: Mission) -> None:
+    """For ever, until somebody ends it."""
+    while True:
+        mission.Wait(duration=1.0)
+        mission.GoTo(goal_x=1.0, goal_y=1.0)
+        mission.Wait(duration=2.0)
+        mission.GoTo(goal_x=5.0, goal_y=5.0)
+
+
+if __name__ == "__main__":
+    with Mission("turtle") as turtle:
+        patrol(turtle)

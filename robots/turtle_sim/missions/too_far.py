@@ -1,0 +1,13 @@
+"""What to do about a task that fails."""
+
+from tca_missions import Mission, MissionTaskFailed
+
+
+def too_far(mission: Mission) -> None:
+    """Try to get somewhere in a time that does not suffice; then go where it is near."""
+    try:
+        mission.Wait(duration=0.2)
+        mission.GoTo(goal_x=11.0, goal_y=11.0, task_timeout=3.0)
+    except MissionTaskFailed as error:
+        print(f"Task failed with error status: {error.status}: {error}")
+        mission.GoTo(goal_x=5.0, goal_y=5.0)

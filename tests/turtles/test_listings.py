@@ -1,0 +1,103 @@
+"""The table of docs/turtle.md: each listing of the paper has its counterpart here, as short or shorter, and a test."""
+
+import ast
+import io
+import re
+import tokenize
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TURTLE = ROOT / "robots" / "turtle_sim"
+NO_CODE = {
+    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING, tokenize.ENDMARKER,
+}  # fmt: skip
+
+
+class Row(NamedTuple):
+    listing: str
+    there: int
+    here: int
+    files: list[str]
+    test: str
+
+
+def rows() -> list[Row]:
+    found = []
+    for line in (ROOT / "docs" / "turtle.md").read_text().splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == 5 and cells[1].isdecimal():
+            found.append(Row(cells[0], int(cells[1]), int(cells[2]), re.findall(r"`([^`]+)`", cells[3]), cells[4]))
+    return found
+
+
+ROWS = rows()
+
+
+def code_lines(place: str) -> int:
+    """Lines of code of a file, of the body of one of its functions, or of one of its classes (`file: name`): no empty ones,
+    comments or docstrings.
+    """
+    file, _, name = place.partition(": ")
+    text = (TURTLE / file).read_text()
+    if not file.endswith(".py"):
+        return len([line for line in text.splitlines() if line and not line.startswith("#")])
+    tree = ast.parse(text)
+    nodes: list[ast.AST] = [tree]
+    if name:
+        (part,) = [one for one in tree.body if isinstance(one, ast.FunctionDef | ast.ClassDef) and one.name == name]
+        nodes = list(part.body) if isinstance(part, ast.FunctionDef) else [part]
+    code = lines_with_code(text)
+    if name:
+        wanted = {line for node in nodes for line in range(node.lineno, (node.end_lineno or 0) + 1)}  # type: ignore[attr-defined]
+        code &= wanted
+    return len(code)
+
+
+def lines_with_code(text: str) -> set[int]:
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in NO_CODE:
+            lines |= set(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            lines -= set(range(node.lineno, (node.end_lineno or 0) + 1))
+    return lines
+
+
+def test_all_sections_of_the_paper_are_there() -> None:
+    sections = {row.listing.split()[0] for row in ROWS}
+    assert sections >= {
+        "2.3",
+        "3.2",
+        "3.3",
+        "3.5",
+        "3.6.7",
+        "4.1",
+        "4.2",
+        "4.3",
+        "4.4",
+        "4.5",
+        "4.6",
+        "5.1",
+        "5.2",
+        "5.3",
+        "5.4.1",
+        "5.4.2",
+    }
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row.listing for row in ROWS])
+def test_a_counterpart_is_as_short_as_its_listing(row: Row) -> None:
+    assert row.here <= row.there
+    if row.files:
+        assert row.here == sum(code_lines(place) for place in row.files)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row.listing for row in ROWS])
+def test_a_counterpart_has_a_test(row: Row) -> None:
+    for file, test in re.findall(r"`([\w/]+\.py): (\w+)`", row.test):
+        assert f"def {test}(" in (ROOT / "tests" / file).read_text(), row
+    assert "`" in row.test or row.here == 0

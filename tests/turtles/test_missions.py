@@ -1,0 +1,109 @@
+"""The missions for one turtle, on a stepped clock."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+from turtles.towns import Town, carry_out, started, town
+
+from robots.turtle_sim.missions.background import background
+from robots.turtle_sim.missions.interrupted import interrupted
+from robots.turtle_sim.missions.letters import A, C, T, letters
+from robots.turtle_sim.missions.patrol import patrol
+from robots.turtle_sim.missions.too_far import too_far
+from robots.turtle_sim.world import Pose
+from tca_missions import ConditionVerified, Mission
+from tca_missions.console.names import ConsoleNames
+
+
+class Enough:
+    """A condition that a mission knows nothing of: so many tasks were started."""
+
+    def __init__(self, there: Town, tasks: int) -> None:
+        self.there, self.tasks = there, tasks
+
+    def is_verified(self) -> bool:
+        return len(started(self.there)) >= self.tasks
+
+
+def bounded(there: Town, tasks: int, endless: Callable[[Mission], object]) -> Callable[[Mission], None]:
+    def carry_out(mission: Mission) -> None:
+        mission.add_condition(Enough(there, tasks))
+        with pytest.raises(ConditionVerified):
+            endless(mission)
+
+    return carry_out
+
+
+def test_patrol() -> None:
+    with town() as there:
+        carry_out(there, bounded(there, 7, patrol))
+        assert started(there) == ["Wait", "GoTo", "Wait", "GoTo", "Wait", "GoTo", "Wait"]
+        assert math.dist(there.place, (1.0, 1.0)) < 0.11
+        assert not there.server.runs
+
+
+def test_too_far(capsys: pytest.CaptureFixture[str]) -> None:
+    with town() as there:
+        carry_out(there, too_far)
+        assert started(there) == ["Wait", "GoTo", "GoTo"]
+        assert math.dist(there.place, (5.0, 5.0)) < 0.11
+    said = capsys.readouterr().out
+    assert said.startswith("Task failed with error status: 135: GoTo {")
+    assert "timeout: it ran for 3 s" in said
+
+
+def test_background() -> None:
+    with town(Pose(5.5, 6.0)) as there:
+        assert carry_out(there, background) == "the right one"
+        assert started(there) == ["WaitForROI", "WaitForROI", "GoTo", "GoTo"]
+        assert math.dist(there.place, (1.0, 6.0)) < 0.11
+
+
+def test_interrupted_on_the_way() -> None:
+    with town(Pose(4.0, 6.0, theta=math.pi)) as there:
+        carry_out(there, interrupted)
+        assert started(there) == ["WaitForROI", "Wait", "GoTo", "Constant"]
+        assert math.dist(there.place, (2.0, 6.0)) < 0.3
+
+
+def test_not_interrupted_where_the_way_leads_elsewhere() -> None:
+    with town(Pose(4.0, 6.0)) as there:
+        carry_out(there, lambda mission: interrupted(mission, 9.0, 6.0))
+        assert started(there) == ["WaitForROI", "Wait", "GoTo"]
+        assert math.dist(there.place, (9.0, 6.0)) < 0.11
+        assert not there.server.runs
+
+
+def test_clear() -> None:
+    with town() as there:
+        end = carry_out(there, lambda mission: mission.Clear(header={"frame_id": "Hello"}))
+        assert end.text == "got an extra header, frame_id=Hello"
+
+
+def test_the_console() -> None:
+    shown = list[str]()
+
+    def type_lines(mission: Mission) -> None:
+        names = ConsoleNames(mission, shown.append).names
+        for line in ("index()", "help(GoTo)", "GoTo(goal_x=5.0,goal_y=5.0)", "status()"):
+            exec(line, names)
+
+    with town() as there:
+        carry_out(there, type_lines)
+        assert math.dist(there.place, (5.0, 5.0)) < 0.11
+    assert "GoTo        Reach a desired destination." in shown
+    assert any(
+        "dist_threshold" in text and "Distance at which the target is considered reached" in text for text in shown
+    )
+    assert any(text.startswith("GoTo {") and "completed" in text for text in shown)
+
+
+@pytest.mark.soak
+def test_letters() -> None:
+    with town() as there:
+        carry_out(there, letters)
+        drawn = [(stroke.points[0], stroke.points[-1]) for stroke in there.world.strokes]
+        wanted = [(stroke[0], stroke[-1]) for letter in (T, C, A) for stroke in letter]
+        for ends, places in zip(drawn, wanted, strict=True):
+            assert [math.dist(*pair) < 0.1 for pair in zip(ends, places, strict=True)] == [True, True]

@@ -1,0 +1,78 @@
+"""The three missions over a network that loses half of what is sent: without processes, for many seeds."""
+
+from typing import Any, cast
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from turtles.checkpoints import EXPECTED
+from turtles.lossy import LossyNetwork
+
+from robots.turtle_sim.missions.three_turtles import MISSIONS
+from tca_missions import Mission
+
+Step = tuple[str, dict[str, Any]]
+PERIOD = 0.1
+"""Seconds between two looks at a status."""
+
+
+class Recorder:
+    """Takes what a mission does as a list; the three have no branches."""
+
+    def __init__(self) -> None:
+        self.steps: list[Step] = []
+
+    def __getattr__(self, task: str) -> Any:
+        return lambda **parameters: self.steps.append((task, parameters))
+
+
+class Agent:
+    """Plays one mission on a network; how long it is on its way, the seed decides."""
+
+    def __init__(self, name: str, network: LossyNetwork, happened: list[tuple[str, str, Any]]) -> None:
+        self.name, self.network, self.happened = name, network, happened
+        self.table = network.tables[name]
+        recorder = Recorder()
+        MISSIONS[name](cast("Mission", recorder))
+        self.steps = recorder.steps
+        network.at(network.chance.uniform(0.0, 5.0), self.go_on)
+
+    def go_on(self) -> None:
+        if self.steps:
+            task, parameters = self.steps.pop(0)
+            getattr(self, task)(**parameters)
+
+    def SetStatusSync(self, status: int) -> None:  # noqa: N802 - as the task is called
+        self.table.set(status)
+        self.go_on()
+
+    def WaitForStatusSync(self, partner: str, status: int) -> None:  # noqa: N802
+        if self.table.status(partner) == status:
+            self.go_on()
+        else:
+            self.network.at(PERIOD, lambda: self.WaitForStatusSync(partner, status))
+
+    def GoTo(self, goal_x: float, goal_y: float) -> None:  # noqa: N802
+        self.happened.append(("left for", self.name, (goal_x, goal_y)))
+        self.network.at(self.network.chance.uniform(0.0, 5.0), lambda: self.arrive((goal_x, goal_y)))
+
+    def arrive(self, goal: tuple[float, float]) -> None:
+        self.happened.append(("came to", self.name, goal))
+        self.go_on()
+
+
+@given(st.integers(0, 10**9))
+def test_the_checkpoints_come_in_their_order(seed: int) -> None:
+    play(seed, loss=0.5)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.9])
+def test_so_they_do_where_nothing_is_lost_and_where_nearly_all_is(loss: float) -> None:
+    play(seed=1, loss=loss)
+
+
+def play(seed: int, loss: float) -> None:
+    network, happened = LossyNetwork(list(MISSIONS), seed, loss), list[tuple[str, str, Any]]()
+    agents = [Agent(name, network, happened) for name in MISSIONS]
+    network.run(lambda: not any(agent.steps for agent in agents))
+    assert happened == EXPECTED
