@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Any
 
 from robots.processes import Processes
 from robots.turtle_sim.drawing import draw
@@ -68,6 +69,20 @@ RATE = 10.0
 """Iterations of a task a second of the turtle's time."""
 
 
+class TalkingMission(Mission):
+    """A mission that says what it does, as it does it."""
+
+    def __init__(self, server: str, central: str, began: float) -> None:
+        super().__init__(server, name=f"show of {server}", central=central, patience=60.0)
+        self._began = began
+
+    def run(self, name: str, /, **parameters: Any) -> Any:
+        """Say that the task begins, and run it."""
+        given = ", ".join(f"{key}={value!r}" for key, value in parameters.items())
+        print(f"{time.monotonic() - self._began:6.2f} s  {self.server}: {name}({given})", flush=True)
+        return super().run(name, **parameters)
+
+
 class Show:
     """One run of one or more missions."""
 
@@ -81,6 +96,7 @@ class Show:
             self._world.spawn(name, STARTS.get(name, CENTRE))
             self._world.set_pen(name, PENS.get(name, Pen()))
         self._simulator = Simulator(self._world, pace)
+        self._began = time.monotonic()
 
     def run(self) -> None:
         """Carry out the missions, each in a thread."""
@@ -106,7 +122,7 @@ class Show:
         return {name: ["robots.turtle_sim.sync.task_server", name, *link, *rate] for name in names}
 
     def _carry_out(self, name: str, central: str) -> None:
-        with Mission(name, name=f"mission of {name}", central=central, patience=60.0) as mission:
+        with TalkingMission(name, central, self._began) as mission:
             self._missions[name](mission)
 
     def draw(self, title: str) -> list[Path]:
@@ -133,15 +149,14 @@ def main() -> int:
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
     options.out.mkdir(parents=True, exist_ok=True)
     show = Show(SHOWS[options.show], options.out, options.pace, options.loss)
-    began, code = time.monotonic(), 0
+    code = 0
     try:
         show.run()
     except TcaError as error:
         print(f"{options.show}: {error}", file=sys.stderr)
         code = 1
-    print(f"{options.show}: {time.monotonic() - began:.0f} s")
     for path in show.draw(options.show):
-        print(path)
+        print("made", path)
     return code
 
 
