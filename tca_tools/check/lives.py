@@ -9,6 +9,10 @@ from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition, read_li
 from tca_wire.vocabulary import Party
 
 
+UNKNOWN = -1
+"""Of a serial number: what was declared before the journal begins decides how often the state has changed."""
+
+
 def declared(world: JournalWorld, fact: facts.FormatDefined) -> None:
     """A message is declared, perhaps with a table of its own."""
     try:
@@ -21,6 +25,10 @@ def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
     """A task waits for a handler, or a *module* gets it: once more, or for the first time, which accepts it."""
     if not task.is_task or task.is_stranger:
         return
+    if not world.is_whole and module not in world.handlers.get(task.message, {}):
+        task.serial = UNKNOWN  # how its handler was declared is not known
+    if task.serial == UNKNOWN:
+        return
     cycle = _cycle(world, task)
     if task.is_begun and task.state not in ("", cycle.initial):
         task.state, task.serial, task.overtaken = cycle.initial, task.serial + 1, []
@@ -30,7 +38,8 @@ def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
 
 def changed(world: JournalWorld, task: MessageRecord, fact: facts.StateChanged) -> None:
     """Somebody takes a transition."""
-    if task.is_stranger or task.message_class.is_monitor:
+    is_known = world.is_whole or task.message in world.lives.cycles
+    if task.is_stranger or task.message_class.is_monitor or task.serial == UNKNOWN or not is_known:
         task.state, task.serial = fact.state, fact.serial
         return
     cycle = _cycle(world, task)

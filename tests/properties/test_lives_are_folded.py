@@ -78,6 +78,8 @@ def test_in_random_lives(operations: list[tuple[str, int, int, int, int]]) -> No
     for name, *numbers in operations:
         life.do(name, *numbers)
     assert checked([OPENED, *life.player.entries]) == []
+    for start in range(5, len(life.player.entries), 20):
+        assert checked(life.player.entries[start:]) == []
 
 
 def test_in_every_transcript() -> None:
