@@ -58,13 +58,51 @@ class MachineChart(msgspec.Struct, frozen=True):
     name: str
     states: list[ChartState]
 
+    def __post_init__(self) -> None:
+        numbers = range(len(self.states))
+        for number, state in enumerate(self.states):
+            is_held = state.parent in numbers[:number] and self.states[state.parent].kind.is_container
+            if not is_held and (number or state.parent != -1):
+                raise ValueError(f"state {number} stands in {state.parent}, which is no container before it")
+            if not set(state.next.values()) <= set(numbers):
+                raise ValueError(
+                    f"state {number} leads to {sorted(state.next.values())}: there are {len(numbers)} states"
+                )
+        if not self.states:
+            raise ValueError("a machine has a state, at least")
+
     def inside(self, number: int) -> list[int]:
         """The states that one holds, in their order."""
         return [inner for inner, state in enumerate(self.states) if state.parent == number]
 
 
 class ActiveStates(msgspec.Struct, frozen=True):
-    """The progress of a machine: the numbers of its active states, and for people how it came to them."""
+    """The progress of a machine: what it does now, for people and for pictures."""
 
+    running: list[str]
+    """The labels of the states whose tasks run."""
+    after: str
+    """What led to them: "GoTo has completed"."""
     active: list[int]
-    text: str = ""
+    """The numbers of all active states."""
+
+
+_MARK = "#/$defs/MachineChart"
+
+
+def read_machine(data_format: str, body: bytes) -> MachineChart | None:
+    """The machine that a task is, by the format of its data; None if it is none."""
+    if _MARK not in data_format:
+        return None
+    try:
+        return msgspec.msgpack.decode(body, type=MachineChart)
+    except (msgspec.MsgspecError, RecursionError):
+        return None
+
+
+def read_active(body: bytes) -> ActiveStates:
+    """The progress of a machine; that none of its states is active, if it has not told any."""
+    try:
+        return msgspec.msgpack.decode(body, type=ActiveStates)
+    except (msgspec.MsgspecError, RecursionError):
+        return ActiveStates([], "", [])

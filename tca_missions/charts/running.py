@@ -75,7 +75,8 @@ class MachineRun:
             self._chart.begin()
             text = ""
             while (ending := self._chart.ending) is None:
-                self._publish(ActiveStates(self._chart.active, text))
+                running = [state.label for state in self._running]
+                self._publish(ActiveStates(running, text, self._chart.active))
                 text = self._step()
             self._wait_for_stopped()
         except BaseException:

@@ -14,6 +14,7 @@ from tca_tools.run.records import OVER, Hold, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import failure_line, note_of, span
+from tca_tools.view.machines import machine_answer
 from tca_tools.view.reading import Reading
 from tca_tools.why.ends import Cause, causes
 from tca_tools.why.story import NOT_HANDLED, Sentence, story
@@ -68,7 +69,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
                 {"time": link.time, "depth": link.depth, "text": failure_line(link.text)} for link in links
             ]
         if isinstance(message, Task) and message.received <= at.moment:
-            answer |= _task_answer(at, at.tasks[message.id])
+            answer |= _task_answer(at, at.tasks[message.id]) | machine_answer(at, at.tasks[message.id])
         return answer
 
 

@@ -1,6 +1,7 @@
 // All there is to say about one task or message: state, why it waits or failed, times, data, constraints, its story.
 
 import { age, ages, element, soon } from "./dom.js";
+import { Machines } from "./machine.js";
 import { duration, numbered, parted, seconds } from "./words.js";
 
 const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unasked
@@ -14,6 +15,7 @@ export class Details {
     this.time = Infinity;
     this.isAsking = false;
     this.unfolded = new Set();
+    this.machines = new Machines(store, ask);
     this.fetch = soon(() => this.#fetch(), 60);
   }
 
@@ -39,6 +41,7 @@ export class Details {
   *#parts(about) {
     yield element("h2", { text: numbered(about.name, about.id) });
     yield* this.#lead(about);
+    if (about.machine) yield this.machines.shown(about.id, about.machine.active);
     yield* this.#relations(about);
     if (about.constraints?.length) {
       yield element("h3", { text: "constraints" });

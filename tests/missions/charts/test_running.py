@@ -36,7 +36,10 @@ def test_a_sequence_that_begins_again() -> None:
         ["home"],
         ["Wait"],
     ]
-    assert [one.text for one in run.published][:2] == ["", "Wait has completed"]
+    assert [(one.running, one.after) for one in run.published][:2] == [
+        (["Wait"], ""),
+        (["Look", "Turn"], "Wait has completed"),
+    ]
 
 
 def test_a_concurrence_ends_with_the_first_of_its_states() -> None:

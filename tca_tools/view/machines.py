@@ -1,0 +1,50 @@
+"""State machines of tasks: a picture that the page gets once, and which of its states are active at a moment."""
+
+from functools import lru_cache
+from typing import Any
+
+from tca_tools.drawing.chart_dot import chart_dot
+from tca_tools.drawing.graphviz import drawn
+from tca_tools.errors import NoPicture
+from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.records import OVER, Task
+from tca_tools.run.whole_run import Run
+from tca_tools.view.reading import Reading
+from tca_wire.charts import MachineChart, read_active, read_machine
+
+_MOST_STATES = 200
+"""Of a larger machine nobody could read the picture."""
+
+
+def machine_answer(at: RunAt, task: TaskAt) -> dict[str, Any]:
+    """The active states of a task that is a machine; nothing of other tasks."""
+    if (chart := _machine(at.run, task.record)) is None:
+        return {}
+    told = read_active(b"" if task.state in OVER else task.life.progress)
+    return {"machine": {"active": [number for number in told.active if number < len(chart.states)]}}
+
+
+def machine_picture(reading: Reading, task_id: int) -> dict[str, str] | None:
+    """The picture of a machine, or why there is none; None if the task is no machine."""
+    with reading:
+        run = reading.feed.history
+        task = run.tasks.get(task_id)
+        chart = _machine(run, task) if task is not None else None
+    if chart is None:
+        return None
+    if len(chart.states) > _MOST_STATES:
+        return {"problem": f"{len(chart.states)} states are too many for a picture"}
+    try:
+        return {"svg": _picture(chart_dot(chart))}
+    except NoPicture as error:
+        return {"problem": error.message}
+
+
+def _machine(run: Run, task: Task) -> MachineChart | None:
+    known = run.formats.get(task.name)
+    return read_machine(known.data, task.body) if known is not None else None
+
+
+@lru_cache(maxsize=16)
+def _picture(source: str) -> str:
+    return drawn(source, "svg").decode()

@@ -1,0 +1,43 @@
+// State machines of tasks: the picture of each is fetched once; the states that are active at the moment shown stand out.
+
+import { element } from "./dom.js";
+
+export class Machines {
+  constructor(store, ask) {
+    Object.assign(this, { store, ask });
+    this.pictures = new Map();
+  }
+
+  // The picture of a task that is a machine. It stays the same element, so that it neither flickers nor loses its place.
+  shown(id, active) {
+    const key = `${this.store.head.token} ${id}`; // of this run, as it is read now
+    let frame = this.pictures.get(key);
+    if (!frame) {
+      frame = element("div", { class: "machine", title: "click: its size, or the pane's" });
+      frame.addEventListener("click", () => frame.classList.toggle("whole"));
+      this.pictures.set(key, frame);
+      this.#fetch(id, key, frame);
+    }
+    frame.dataset.active = active.join(" ");
+    mark(frame);
+    return frame;
+  }
+
+  async #fetch(id, key, frame) {
+    const { svg, problem, error } = await this.ask(`machine/${id}`) ?? {};
+    if (svg) {
+      const picture = new DOMParser().parseFromString(svg, "image/svg+xml").documentElement;
+      picture.querySelectorAll("title").forEach((title) => title.remove()); // Graphviz' own names
+      frame.replaceChildren(document.importNode(picture, true));
+      mark(frame);
+    } else {
+      frame.replaceChildren(element("p", { class: "faint", text: problem ?? error ?? "the picture could not be fetched: choose the task again" }));
+      if (!problem) this.pictures.delete(key);
+    }
+  }
+}
+
+function mark(frame) {
+  const active = new Set(frame.dataset.active.split(" ").map((number) => `state-${number}`));
+  frame.querySelectorAll("[id^=state-]").forEach((state) => state.classList.toggle("active", active.has(state.id)));
+}
