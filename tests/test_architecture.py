@@ -188,8 +188,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_missions": {
         "outcomes": set(),
         "serving": {"outcomes"},
-        "charts": {"outcomes"},
         "client": {"outcomes"},
+        "charts": {"client", "outcomes"},
         "console": {"client"},
         "__init__": {"client", "outcomes", "serving"},
     },

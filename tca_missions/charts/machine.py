@@ -7,8 +7,11 @@ from types import TracebackType
 from typing import Any, ClassVar, Literal, Self
 
 from tca_missions.charts.drawing import draw
+from tca_missions.charts.own_task import run_as_task
 from tca_missions.charts.soundness import endings_of
 from tca_missions.charts.states import ENDINGS, MachineState, UnsoundMachine
+from tca_missions.client.mission import BaseMission
+from tca_missions.outcomes import TaskEnd
 from tca_module import MisuseError
 from tca_wire.charts import ChartState, MachineChart, StateKind
 
@@ -115,6 +118,14 @@ class StateMachine:
         return label
 
     # --- the whole -------------------------------------------------------------------------------------------------
+
+    def run(self, mission: BaseMission) -> TaskEnd:
+        """Run it as a task of the mission, and wait until it has ended. Raises MissionTaskFailed if it did not
+        complete; and UnknownTask or BadParameter, before anything begins, if the server has no such task.
+
+        Whatever ends the wait (Ctrl-C, a condition of the mission, an error) stops all its tasks.
+        """
+        return run_as_task(self._root, self.chart, mission)
 
     def draw(self, path: str | Path, *, active: Collection[int] = ()) -> None:
         """Draw it into a file, .svg, .png, .pdf or .dot. States whose numbers are in *active* stand out."""

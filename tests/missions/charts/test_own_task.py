@@ -1,0 +1,135 @@
+"""A machine on a real server: it is a task of its mission, and whatever ends it stops what it has started."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+import pytest
+from missions.rover import TASKS, Rover, mission_of_rover
+
+from tca_missions import BadParameter, ConditionVerified, Mission, MissionTaskFailed, Status, TaskServer, UnknownTask
+from tca_missions.charts import Sequence, StateMachine
+from tca_module import connect
+from tca_module.testing import LocalCentral
+from tca_wire.journal import facts
+
+
+def patrol(**last: object) -> StateMachine:
+    with Sequence("patrol") as sm:
+        sm.Drive(x=1.0)
+        with sm.concurrence():
+            sm.Watch(foreground=False)
+            with sm.sequence():
+                sm.Drive(x=2.0)
+                sm.Drive(x=3.0, fails="never")
+        sm.Drive(x=5.0, **last)
+    return sm
+
+
+class When:
+    """A condition that does something once it is so: it is asked while the mission waits."""
+
+    def __init__(self, is_so: Callable[[], bool], do: Callable[[], object]) -> None:
+        self.is_so, self.do = is_so, do
+
+    def is_verified(self) -> bool:
+        """Whether the mission is to be interrupted: if what is done says so."""
+        return self.is_so() and bool(self.do())
+
+
+WATCHED = ["to 1", "stands at 1", "to 2", "stands at 2", "to 3"]
+
+
+def test_a_machine_is_a_task_of_its_mission() -> None:
+    with mission_of_rover() as (mission, robot):
+        mission.add_condition(When(lambda: "to 3" in robot.done, robot.arrived.set))
+        assert mission.central is not None
+        assert patrol().run(mission).text == "Drive 4 has completed"
+        assert robot.done[:5] == WATCHED
+        assert sorted(robot.done[5:7]) == ["stands at 3", "watched"]
+        assert robot.done[7:] == ["to 5", "stands at 5"]
+        sent = [fact for fact in mission.central.facts if isinstance(fact, facts.Received)]
+        machine = next(fact for fact in sent if fact.message.startswith("machine patrol"))
+        goal = next(fact for fact in sent if fact.message.startswith("mission test"))
+        assert machine.parent == goal.id
+        assert [fact.message for fact in sent if fact.parent == machine.id] == [
+            "rover.Drive", "rover.Watch", "rover.Drive", "rover.Drive", "rover.Drive",
+        ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("last", "status", "text"),
+    [
+        ({"fails": "rock"}, Status.FAILED, "Drive 2 has failed: hit a rock"),
+        ({"fails": "never", "task_timeout": 0.02}, Status.TIMEOUT, "Drive 2 was not done in time: it ran for 0.02 s"),
+    ],
+)
+def test_a_machine_that_does_not_complete_fails_as_a_task_does(
+    last: dict[str, object], status: Status, text: str
+) -> None:
+    with Sequence("short") as sm:
+        sm.Drive(x=1.0)
+        sm.Drive(**last)
+    with mission_of_rover() as (mission, _):
+        with pytest.raises(MissionTaskFailed) as caught:
+            sm.run(mission)
+        assert (Status.of(caught.value.status), caught.value.text) == (status, text)
+        assert mission.Drive(x=1).status  # the mission goes on
+
+
+def test_a_failure_may_lead_elsewhere() -> None:
+    with Sequence("short") as sm:
+        sm.Drive(fails="rock").on(failed="home")
+        sm.Drive(x=2.0)
+        sm.Drive("home", x=9.0)
+    with mission_of_rover() as (mission, robot):
+        sm.run(mission)
+        assert robot.done == ["to 0", "stands at 0", "to 9", "stands at 9"]
+
+
+def test_ctrl_c_a_condition_or_a_kill_stops_all_its_tasks() -> None:
+    def ctrl_c() -> None:
+        raise KeyboardInterrupt
+
+    for error, do in (
+        (KeyboardInterrupt, ctrl_c),
+        (ConditionVerified, lambda: True),
+        (
+            MissionTaskFailed,
+            lambda: [task.kill("enough") for task in user.tasks() if "machine" in task.message] and None,
+        ),
+    ):
+        with mission_of_rover() as (mission, robot), connect("user", mission.central) as user:
+            mission.add_condition(When(lambda done=robot.done: "to 3" in done, do))  # type: ignore[misc]
+            with pytest.raises(error):
+                patrol().run(mission)
+            assert sorted(robot.done[5:]) == ["stands at 3", "watched"]
+            assert mission.running_tasks() == []
+            assert [task.message for task in user.tasks() if "machine" in task.message] == []
+
+
+def test_a_server_that_leaves_ends_the_machine() -> None:
+    with LocalCentral() as central:
+        robot = Rover()
+        server = ExitStack()
+        server.enter_context(TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central).running())
+        with server, Mission("rover", name="test", central=central) as mission:
+            mission.add_condition(When(lambda: "to 3" in robot.done, server.close))
+            with pytest.raises(MissionTaskFailed, match="module 'rover' ends"):
+                patrol().run(mission)
+        assert sorted(robot.done[5:]) == ["stands at 3", "watched"]
+
+
+def test_what_the_server_does_not_offer_is_found_before_anything_begins() -> None:
+    with Sequence("typo") as sm:
+        sm.Drive(x=1.0)
+        sm.Drive("home", y=2.0)
+    with Sequence("other") as other:
+        other.Drive(x=1.0)
+        other.Fly()
+    with mission_of_rover() as (mission, robot):
+        with pytest.raises(BadParameter, match=r"Drive\(\) has no parameter 'y'") as caught:
+            sm.run(mission)
+        assert caught.value.__notes__ == ["It is state 'home' of sequence 'typo'."]
+        with pytest.raises(UnknownTask, match="server 'rover' offers no task 'Fly'"):
+            other.run(mission)
+        assert robot.done == []
