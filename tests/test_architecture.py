@@ -229,7 +229,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "report": {
             "analysis", "errors", "gantt", "options", "output", "run", "spans", "tasktree_viz", "terminal", "why",
         },
-        "view": {"errors", "gantt", "options", "run", "tasktree_viz", "why"},
+        "view": {"drawing", "errors", "gantt", "options", "run", "tasktree_viz", "why"},
     },
 }  # fmt: skip
 

@@ -43,6 +43,7 @@ QUOTES = {
     "user.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)": "09_monitors_and_taps",
     "task.monitor(CUP_GONE": "10_cups",
     "monitor = watcher.under": "36_watch_a_running_task",
+    'with Sequence("patrol") as patrol:': "45_state_machine",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
     "task.command(STOW, thing, keep=True)": "18_what_was_done_already",
@@ -90,7 +91,14 @@ from tca_module import Command, Failure, Goal
 from tca_wire.points import Moment
 """
 
-NAMES = {"ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN}
+MACHINES = """
+from tca_missions import Mission
+from tca_missions.charts import Concurrence, Sequence, StateMachine
+patrol: StateMachine = Sequence("any")
+"""
+
+NAMES = {"ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
+         "state-machines": MACHINES}  # fmt: skip
 """What the pages take for known."""
 
 

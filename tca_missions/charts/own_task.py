@@ -27,11 +27,11 @@ def run_as_task(root: MachineState, chart: MachineChart, mission: BaseMission) -
     @module.handles(command)
     def run(task: Task, _: MachineChart) -> TaskEnd:
         with Mission(mission.server, name=chart.name, central=mission.central, under=task) as inner:
-            end = MachineRun(root, inner, getattr(task, "report", print)).until_end()
+            end = MachineRun(root, inner, getattr(task, "report", lambda _: None)).until_end()
         return _told(task, end)
 
     with module.running():
-        return mission.run_command(command, chart, chart.name)
+        return mission.finish(mission.start_command(command, chart, chart.name))
 
 
 def _check_tasks(root: MachineState, mission: BaseMission) -> None:

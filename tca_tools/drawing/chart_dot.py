@@ -95,6 +95,8 @@ def _arrows(chart: MachineChart) -> Iterator[str]:
                 yield f"{_tail(chart, inner)[0]} -> end_{number} [style=invis];"
         elif inside:
             yield _arrow((f"begin_{number}", ""), _head(chart, inside[0]), [])
+            if not _shows_end(chart, number):
+                yield f"{_tail(chart, inside[-1])[0]} -> end_{number} [style=invis];"
         for target in dict.fromkeys(state.next.values()):
             endings = [ending for ending, to in state.next.items() if to == target]
             yield _arrow(_tail(chart, number), _head(chart, target), endings)

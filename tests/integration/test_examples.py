@@ -44,6 +44,7 @@ PRINTED = {
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
     "31_reply_later": "moved to 0.5\nmotor stalled 2.0\n",
     "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",
+    "45_state_machine": "drive to the gate\ndrive to the pond\ndrive to the gate\nan intruder: lights on\n",
     "33_direct": "directly\nhighest: 100.0\nthrough central\nasked for 7.0\ndirectly\n",
 }
 LATER = {

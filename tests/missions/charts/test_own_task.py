@@ -8,7 +8,7 @@ from missions.rover import TASKS, Rover, mission_of_rover
 
 from tca_missions import BadParameter, ConditionVerified, Mission, MissionTaskFailed, Status, TaskServer, UnknownTask
 from tca_missions.charts import Sequence, StateMachine
-from tca_module import connect
+from tca_module import Client, connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
 
@@ -42,7 +42,7 @@ WATCHED = ["to 1", "stands at 1", "to 2", "stands at 2", "to 3"]
 def test_a_machine_is_a_task_of_its_mission() -> None:
     with mission_of_rover() as (mission, robot):
         mission.add_condition(When(lambda: "to 3" in robot.done, robot.arrived.set))
-        assert mission.central is not None
+        assert isinstance(mission.central, LocalCentral)
         assert patrol().run(mission).text == "Drive 4 has completed"
         assert robot.done[:5] == WATCHED
         assert sorted(robot.done[5:7]) == ["stands at 3", "watched"]
@@ -86,25 +86,30 @@ def test_a_failure_may_lead_elsewhere() -> None:
         assert robot.done == ["to 0", "stands at 0", "to 9", "stands at 9"]
 
 
-def test_ctrl_c_a_condition_or_a_kill_stops_all_its_tasks() -> None:
-    def ctrl_c() -> None:
-        raise KeyboardInterrupt
+def ctrl_c(_: Client) -> bool:
+    raise KeyboardInterrupt
 
-    for error, do in (
-        (KeyboardInterrupt, ctrl_c),
-        (ConditionVerified, lambda: True),
-        (
-            MissionTaskFailed,
-            lambda: [task.kill("enough") for task in user.tasks() if "machine" in task.message] and None,
-        ),
-    ):
-        with mission_of_rover() as (mission, robot), connect("user", mission.central) as user:
-            mission.add_condition(When(lambda done=robot.done: "to 3" in done, do))  # type: ignore[misc]
-            with pytest.raises(error):
-                patrol().run(mission)
-            assert sorted(robot.done[5:]) == ["stands at 3", "watched"]
-            assert mission.running_tasks() == []
-            assert [task.message for task in user.tasks() if "machine" in task.message] == []
+
+def kill(user: Client) -> bool:
+    for task in user.tasks():
+        if task.message.startswith("machine"):
+            task.kill("enough")
+    return False
+
+
+@pytest.mark.parametrize(
+    ("error", "do"), [(KeyboardInterrupt, ctrl_c), (ConditionVerified, lambda _: True), (MissionTaskFailed, kill)]
+)
+def test_ctrl_c_a_condition_or_a_kill_stops_all_its_tasks(
+    error: type[BaseException], do: Callable[[Client], bool]
+) -> None:
+    with mission_of_rover() as (mission, robot), connect("user", mission.central) as user:
+        mission.add_condition(When(lambda: "to 3" in robot.done, lambda: do(user)))
+        with pytest.raises(error):
+            patrol().run(mission)
+        assert sorted(robot.done[5:]) == ["stands at 3", "watched"]
+        assert mission.running_tasks() == []
+        assert not [task for task in user.tasks() if task.message.startswith("machine")]
 
 
 def test_a_server_that_leaves_ends_the_machine() -> None:

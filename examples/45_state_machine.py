@@ -1,0 +1,58 @@
+"""A patrol as a state machine: it goes round until something is seen, beside it a task looks out in the background.
+
+The machine is a task: ``tca view`` draws it, with the states that are active; so does ``patrol.draw("patrol.svg")``.
+
+::
+
+    $ python examples/45_state_machine.py
+    drive to the gate
+    drive to the pond
+    drive to the gate
+    an intruder: lights on
+"""
+
+from tca_missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
+from tca_missions.charts import Sequence
+
+
+class Cart(Environment):
+    trips = 0
+
+
+class Drive(OnceTask[Cart]):
+    """Drive to a place."""
+
+    place: str = parameter("the gate", "Where to")
+
+    def iterate(self) -> None:
+        self.env.trips += 1
+        print(f"drive to {self.place}")
+        self.sleep(0.1 if self.env.trips < 3 else 10.0)  # the third time somebody stands in the way
+
+
+class LookOut(PeriodicTask[Cart]):
+    """Wait until an intruder is seen."""
+
+    def iterate(self) -> Status:
+        return Status.COMPLETED if self.env.trips >= 3 else Status.RUNNING
+
+
+class Lights(OnceTask[Cart]):
+    """Switch the lights on."""
+
+    def iterate(self) -> None:
+        print("an intruder: lights on")
+
+
+with Sequence("patrol") as patrol:
+    with patrol.concurrence():  # until one of the two has ended; the other one is stopped
+        patrol.LookOut(foreground=False)
+        with patrol.sequence("round"):
+            gate = patrol.Drive()
+            patrol.Drive(place="the pond").on(completed=gate)
+    patrol.Lights()
+
+
+if __name__ == "__main__":
+    with TaskServer("cart", Cart(), tasks=[Drive, LookOut, Lights]).running(), Mission("cart") as mission:
+        patrol.run(mission)
