@@ -1,5 +1,6 @@
 """Task definitions: the classes that a robot's author writes, and what the server makes of each."""
 
+import inspect
 from typing import Any, Generic, TypeVar, get_args, get_origin
 
 import msgspec
@@ -19,7 +20,7 @@ class ServedTask(Generic[E]):
     """The environment that all tasks of the server share."""
     task: Task
     """The run as a task of the tree: to send messages with."""
-    task_timeout: float = parameter(0.0, "The most seconds that it may run; 0: any number", minimum=0)
+    task_timeout: float = parameter(0.0, "The most seconds that it may run once initialised; 0: any", minimum=0)
     foreground: bool = parameter(True, "Whether it takes the place of the task in the foreground", fixed=True)
 
     status_text = ""
@@ -112,6 +113,12 @@ def check_task(task: object) -> type[ServedTask[Any]]:
         raise MisuseError(f"task {task.__name__} must inherit from PeriodicTask or OnceTask")
     if task.iterate in (PeriodicTask.iterate, ServedTask.iterate):
         raise MisuseError(f"task {task.__name__} has no iterate(): define it")
+    if inspect.iscoroutinefunction(task.iterate):
+        raise MisuseError(f"task {task.__name__}: iterate() can't be 'async def': it runs in a thread of its own")
+    try:
+        inspect.signature(task).bind()
+    except TypeError:
+        raise MisuseError(f"task {task.__name__} needs arguments to be made: prepare in initialise() instead") from None
     return task
 
 

@@ -1,43 +1,69 @@
 """The foreground of a server: one task at a time, and the newest takes the place of the one before."""
 
 import contextlib
+import logging
 import threading
 from collections.abc import Callable, Iterator
 
-from tca_module import CentralLost, Task, TaskRef
+from tca_module import CentralLost, Refused, Task, TaskRef
+
+_PATIENCE = 5.0  # seconds that a task waits for the one before without a word
 
 
 class Foreground:
     """Who has the foreground, and who wants it. Threads of different tasks use it."""
 
-    def __init__(self, on_empty: Callable[[Task, BaseException | None], None]) -> None:
+    def __init__(self, on_empty: Callable[[Task, BaseException | None], None], log: logging.Logger) -> None:
         """*on_empty* is called, in any thread, when nobody wants it any more: with the last and the error it had."""
         self._on_empty = on_empty
+        self._log = log
         self._lock = threading.Lock()
         self._holder: Task | None = None  #: the task that has it, until it has terminated
         self._newest: Task | None = None  #: the last that came
+        self._late: dict[int, str] = {}  #: tasks that were overtaken before their threads came here -> by whom
 
     @property
     def is_empty(self) -> bool:
         """Whether nobody has it or waits for it."""
-        return self._newest is None
+        return self._newest is None and self._holder is None
 
     @contextlib.contextmanager
     def taken(self, task: Task) -> Iterator[None]:
         """A block in which *task* has the foreground. It ends the task before, and waits until that has terminated.
         Raises TaskKilled if a newer one comes first.
         """
-        with self._lock:
-            before, self._newest = self._newest, task
+        before = self._enter(task)
         try:
             if before is not None:
                 _end(before, task)
-            task.wait_until(lambda: self._take(task))
+            while not task.wait_until(lambda: self._take(task), _PATIENCE):
+                self._log.warning("%s waits until %s has terminated", task, self._holder)
             yield
         except BaseException as error:
             self._leave(task, error)
             raise
         self._leave(task, None)
+
+    def forget(self, task: Task) -> None:
+        """The run of a task has ended, in the foreground or not."""
+        with self._lock:
+            self._late.pop(task.id, None)
+
+    def _enter(self, task: Task) -> Task | None:
+        """Let *task* be the newest; the task before. Raises TaskKilled if it was overtaken: two threads that begin at
+        once may come here in any order.
+        """
+        handled = _handled_with(task)
+        with self._lock:
+            overtaken_by = self._late.pop(task.id, "")
+            if not overtaken_by:
+                known = {one: by for one, by in self._late.items() if one in handled}
+                self._late = known | {one: str(task) for one in handled if one < task.id}
+                before, self._newest = self._newest or self._holder, task
+                return before
+        task.kill(f"{overtaken_by} took its place")
+        task.wait_until(lambda: False)
+        raise AssertionError
 
     def _take(self, task: Task) -> bool:
         with self._lock:
@@ -51,11 +77,19 @@ class Foreground:
                 self._holder = None
             if self._newest is task:
                 self._newest = None
-            newest = self._newest
+            newest, is_empty = self._newest, self.is_empty
         if newest is not None:
             newest.wake()
-        else:
+        elif is_empty:
             self._on_empty(task, error)
+
+
+def _handled_with(task: Task) -> set[int]:
+    """The tasks that are handled beside this one; none if the permissions keep that secret."""
+    with contextlib.suppress(Refused):
+        resources = [one for module in task.modules() for one in module.resources]
+        return next((set(one.handling) for one in resources if task.id in one.handling), set())
+    return set()
 
 
 def _end(before: Task, task: Task) -> None:

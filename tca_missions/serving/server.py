@@ -62,7 +62,7 @@ class TaskServer:
         self._most_beside = capacity - _KEPT_FREE
         self._idle = self.definitions[idle.__name__] if idle is not None else None
         self._idle_timer: Callback | None = None
-        self._foreground = Foreground(self._left)
+        self._foreground = Foreground(self._left, self._log)
         for definition in self.definitions.values():
             self._offer(definition)
         self.module.at_start(lambda _: self._be_idle_after(_IDLE_AFTER))
@@ -99,6 +99,7 @@ class TaskServer:
                 return run.carry_out()
         finally:
             self.runs.discard(run)
+            self._foreground.forget(task)
 
     def _add(self, run: TaskRun) -> None:
         """Let it run, unless so many run beside the foreground that none could take its place."""

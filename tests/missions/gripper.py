@@ -71,12 +71,14 @@ class Grasp(OnceTask[Gripper]):
 class Brake(PeriodicTask[Gripper]):
     """Brake slowly."""
 
+    seconds: float = 1.0
+
     def iterate(self) -> Status:
         return Status.RUNNING
 
     def terminate(self) -> None:
         self.env.note(self, "brakes")
-        self.sleep(1.0)
+        self.sleep(self.seconds)
         self.env.note(self, "stands")
 
 

@@ -125,11 +125,23 @@ class Bare(PeriodicTask[Gripper]):
     pass
 
 
+class Coroutine(OnceTask[Gripper]):
+    async def iterate(self) -> None:  # type: ignore[override]
+        pass
+
+
+class Needy(Turn):
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+
+
 @pytest.mark.parametrize(
     ("tasks", "says"),
     [
         ((Gripper,), "is no task: give a class that inherits from PeriodicTask or OnceTask"),
         ((Bare,), "task Bare has no iterate(): define it"),
+        ((Coroutine,), "task Coroutine: iterate() can't be 'async def': it runs in a thread of its own"),
+        ((Needy,), "task Needy needs arguments to be made: prepare in initialise() instead"),
         ((Drive,), "task Drive wants a Wheels as environment, and the server's is a Gripper"),
         ((Turn, type("Turn", (Grasp,), {})), "task Turn is defined in tasks= already: rename one of the two"),
     ],

@@ -1,11 +1,13 @@
 """Foreground and background: the newest takes the place of the one before, and the idle task that of nobody."""
 
 import logging
+import threading
 
 import pytest
 from missions.gripper import Brake, Grasp, Gripper, Robot, Turn, serving
+from module.real_central import until
 
-from tca_missions import Idle, OnceTask, TaskEnd
+from tca_missions import Idle, OnceTask, Status, TaskEnd
 from tca_module import Outcome, SentTask, TaskFailed, TaskKilled
 
 
@@ -52,6 +54,41 @@ def test_one_that_is_killed_while_it_waits_does_nothing() -> None:
         robot.after(0.5)
         turn.kill()
         assert robot.after(5) == ["2.00 Brake stands"]
+
+
+def test_one_whose_thread_comes_late_takes_nobodys_place() -> None:
+    may_begin = threading.Event()
+
+    class Born(Turn):
+        def __init__(self) -> None:
+            if not born:
+                born.append(self)
+                may_begin.wait(5)
+
+    born: list[Born] = []
+    with serving(Born) as robot:
+        older = robot.send("Born", steps=9)
+        until(lambda: born, "its thread begins")
+        newer = robot.send("Born", steps=1)
+        assert newer.result(5).status == Status.COMPLETED | Status.TERMINATED
+        assert len(robot.gripper.read()) == 3
+        may_begin.set()
+        with pytest.raises(TaskKilled, match=r"gripper.Born \{2\} took its place"):
+            older.result(5)
+        robot.central.until_quiet()
+        assert robot.gripper.read() == []
+
+
+def test_a_long_wait_for_the_one_before_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    with serving(Brake, Turn) as robot:
+        robot.send("Brake", seconds=12)
+        robot.after(0)
+        robot.send("Turn")
+        robot.after(0)
+        assert not caplog.records
+        robot.after(13)
+    said = [record.getMessage() for record in caplog.records]
+    assert said == ["gripper.Turn {2} waits until gripper.Brake {1} has terminated"] * 2
 
 
 def test_background_tasks_run_beside_the_others() -> None:
