@@ -77,7 +77,9 @@ class MissionGoal:
         self._stack.enter_context(module.running())
         if self._under is not None:
             self._stack.callback(self._under.ref.on_failure(None, self._deal).remove)
-        elif not self._stays:
+        elif self._stays:
+            self._stack.enter_context(module.parallel())  # no task of it waits for the one before
+        else:
             recovery = Recovery(None, self._deal)
             info = MissionInfo(self._server, os.getpid())
             self._top = module.goal(self._message, info, sequential=False, on_failure=[recovery])

@@ -1,24 +1,16 @@
 """``tca top`` in a real terminal, beside a real central and real modules."""
 
-import fcntl
 import json
-import os
-import pty
-import re
-import select
 import signal
-import struct
-import subprocess
 import sys
-import termios
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 from integration.programs import central, program
+from integration.terminal import Terminal, terminal
 
 from tca_live.top import top
 
@@ -39,56 +31,9 @@ ROBOT = """
 """
 
 
-class Terminal:
-    """A command in a terminal of its own."""
-
-    def __init__(self, address: str, *options: str) -> None:
-        self.master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 200, 0, 0))
-        self.before = termios.tcgetattr(slave)
-        self.slave = slave
-        self.seen = ""
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tca_live.top", *(("--central", address) if address else ()), *options],
-            stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
-            env={**os.environ, "TERM": "xterm-256color"} | dict.fromkeys(("COLUMNS", "LINES"), ""),
-        )  # fmt: skip
-
-    def shows(self, pattern: str) -> str:
-        """Read on until *pattern* is on the screen; what it matched. Forgets what came before."""
-        end = time.monotonic() + SOON
-        while not (found := re.search(pattern, self.seen)):
-            assert time.monotonic() < end, f"{pattern!r} is not in:\n{self.seen[-4000:]}"
-            assert self.process.poll() is None, self.seen[-4000:]
-            if select.select([self.master], [], [], 0.1)[0]:
-                self.seen += re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", os.read(self.master, 65536).decode(errors="replace"))
-        self.seen = self.seen[found.end() :]
-        return found[0]
-
-    def type(self, keys: bytes) -> None:
-        os.write(self.master, keys)
-
-    def ends(self) -> int:
-        """The exit code; the terminal must be as it was."""
-        end = time.monotonic() + SOON
-        while self.process.poll() is None and time.monotonic() < end:
-            if select.select([self.master], [], [], 0.1)[0]:
-                os.read(self.master, 65536)
-        assert termios.tcgetattr(self.slave) == self.before
-        return self.process.wait(0)
-
-
-@contextmanager
-def terminal(address: str, *options: str) -> Iterator[Terminal]:
-    shown = Terminal(address, *options)
-    try:
-        yield shown
-    finally:
-        if shown.process.poll() is None:
-            shown.process.kill()
-            shown.process.wait()
-        os.close(shown.master)
-        os.close(shown.slave)
+def top_in_terminal(address: str, *options: str) -> AbstractContextManager[Terminal]:
+    where = ("--central", address) if address else ()
+    return terminal([sys.executable, "-m", "tca_live.top", *where, *options])
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +45,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 def test_a_screen_that_is_refreshed_until_q_is_pressed(address: str) -> None:
-    with terminal(address, "--every", "0.2") as screen:
+    with top_in_terminal(address, "--every", "0.2") as screen:
         screen.shows("central at ipc://")
         screen.shows(r"map +█+░* +\d+% +[\d.]+ ")  # a rate
         screen.shows("rates of the last 0")
@@ -111,7 +56,7 @@ def test_a_screen_that_is_refreshed_until_q_is_pressed(address: str) -> None:
 
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 128 + signal.SIGTERM)])
 def test_an_interrupted_screen_leaves_the_terminal_as_it_was(address: str, end: signal.Signals, code: int) -> None:
-    with terminal(address) as screen:
+    with top_in_terminal(address) as screen:
         screen.shows("longest first")
         screen.process.send_signal(end)
         assert screen.ends() == code
@@ -120,7 +65,7 @@ def test_an_interrupted_screen_leaves_the_terminal_as_it_was(address: str, end: 
 def test_a_central_that_goes_away_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     address, folders = f"ipc://{tmp_path}/central.sock", [tmp_path / name for name in ("one", "two")]
     monkeypatch.setenv("TCA_CENTRAL", address)
-    with terminal("", "--every", "0.2") as screen:
+    with top_in_terminal("", "--every", "0.2") as screen:
         screen.shows(f"central at {address} is away: no answer for")
         with central(folders[0], "--quiet", bind=address):
             first = screen.shows(r"run \w+,")

@@ -1,0 +1,67 @@
+"""A command in a terminal of its own, which tests read and type into."""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import struct
+import subprocess
+import termios
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+SOON = 60.0
+
+
+class Terminal:
+    """A command, the terminal that it runs in, and what was *seen* there and not yet looked at."""
+
+    def __init__(self, command: Sequence[str], **environment: str) -> None:
+        self.master, slave = pty.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 200, 0, 0))
+        self.before = termios.tcgetattr(slave)
+        self.slave = slave
+        self.seen = ""
+        self.process = subprocess.Popen(
+            command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+            env={**os.environ, "TERM": "xterm-256color", **environment} | dict.fromkeys(("COLUMNS", "LINES"), ""),
+        )  # fmt: skip
+
+    def shows(self, pattern: str) -> str:
+        """Read on until *pattern* is on the screen; what it matched. Forgets what came before."""
+        end = time.monotonic() + SOON
+        while not (found := re.search(pattern, self.seen)):
+            assert time.monotonic() < end, f"{pattern!r} is not in:\n{self.seen[-4000:]}"
+            assert self.process.poll() is None, self.seen[-4000:]
+            if select.select([self.master], [], [], 0.1)[0]:
+                self.seen += re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", os.read(self.master, 65536).decode(errors="replace"))
+        self.seen = self.seen[found.end() :]
+        return found[0]
+
+    def type(self, keys: bytes) -> None:
+        os.write(self.master, keys)
+
+    def ends(self) -> int:
+        """The exit code; the terminal must be as it was."""
+        end = time.monotonic() + SOON
+        while self.process.poll() is None and time.monotonic() < end:
+            if select.select([self.master], [], [], 0.1)[0]:
+                os.read(self.master, 65536)
+        assert termios.tcgetattr(self.slave) == self.before
+        return self.process.wait(0)
+
+
+@contextmanager
+def terminal(command: Sequence[str], **environment: str) -> Iterator[Terminal]:
+    """A command in a terminal; it is killed at the end of the block, if it has not ended."""
+    shown = Terminal(command, **environment)
+    try:
+        yield shown
+    finally:
+        if shown.process.poll() is None:
+            shown.process.kill()
+            shown.process.wait()
+        os.close(shown.master)
+        os.close(shown.slave)

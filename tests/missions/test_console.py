@@ -1,0 +1,102 @@
+"""``tca console`` as people use it: in a terminal, and where something is wrong."""
+
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from integration.terminal import terminal
+from missions.rover import TASKS, Rover, rover
+from module.real_central import RealCentral, until
+
+from tca_missions import Mission, TaskServer
+from tca_missions.console.command import console
+from tca_missions.console.names import ConsoleNames
+
+CONSOLE = [sys.executable, "-c", "from tca_missions.console.command import console; console()"]
+
+
+@pytest.mark.slow
+def test_tasks_are_typed_in_a_terminal(tmp_path: Path) -> None:
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
+        robot = Rover()
+        server = TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central.address)
+        with server.running(), terminal(CONSOLE, TCA_CENTRAL=central.address, IPYTHONDIR=str(tmp_path)) as screen:
+            screen.shows("Drive  Drive to a place.")
+            screen.shows(r"In \[1\]:")
+            screen.type(b"Drive(x=2.0)\r")
+            screen.shows(r"Out\[1\].*TaskEnd\(")
+            screen.type(b"Drive(y=2.0)\r")
+            screen.shows(r"BadParameter: Drive\(\) has no parameter 'y'")
+            screen.type(b"Drive(gea\t")
+            screen.shows("gear=")
+            screen.type(b"'fast', fails='never')\r")
+            until(lambda: robot.done[-1] == "to 0", "the rover drives")
+            screen.process.send_signal(signal.SIGINT)  # the terminal does so when Ctrl-C is pressed
+            screen.shows("KeyboardInterrupt")
+            assert robot.done[-1] == "stands at 0"
+            screen.type(b"watch = Watch()\r")
+            screen.type(b"status()\r")
+            screen.shows(r"Watch\(\) \{\d+\} runs")
+            screen.type(b"help(Weigh)\r")
+            screen.shows(r"grams: list\[int\]")
+            screen.shows(r"In \[\d+\]:")
+            screen.type(b"\x04")
+            assert screen.ends() == 0
+        assert robot.done[-1] == "watched"
+
+
+def test_what_can_be_typed() -> None:
+    with rover() as (central, robot), Mission("rover", central=central) as mission:
+        said: list[str] = []
+        typed = ConsoleNames(mission, said.append)
+        assert {"Drive", "Watch", "Weigh", "mission", "index", "status", "help"} == set(typed.names)
+        typed.index()
+        assert said == [
+            "Drive  Drive to a place.",
+            "Watch  Wait until the rover has arrived.",
+            "Weigh  Weigh a sample.",
+        ]
+        said.clear()
+        typed.help("Weigh")
+        assert said[0].startswith("Weigh: Weigh a sample.\n\ngrams: list[int]")
+        said.clear()
+        typed.names["Watch"]()
+        with pytest.raises(Exception, match="hit a rock"):
+            typed.names["Drive"](fails="rock")
+        typed.status()
+        assert [line.partition("{")[0] + line.partition("}")[2] for line in said] == [
+            "Watch()  runs", "Drive  failed: hit a rock",
+        ]  # fmt: skip
+        robot.arrived.set()
+        typed.help()
+        assert "Ctrl-D leaves" in said[-1]
+
+
+@pytest.fixture
+def without_ipython(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "IPython.terminal.embed", None)
+    monkeypatch.delitem(sys.modules, "tca_missions.console.shell", raising=False)
+
+
+@pytest.mark.usefixtures("without_ipython")
+def test_without_ipython_it_says_what_to_install() -> None:
+    result = CliRunner().invoke(console, [])
+    assert result.exit_code == 1
+    assert "tca console needs the Python package 'ipython': pip install 'tca-central[console]'" in result.output
+
+
+def test_the_stub_file_is_written_and_nothing_else_is_overwritten(tmp_path: Path) -> None:
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
+        with TaskServer("rover", Rover(), tasks=TASKS, central=central.address).running():
+            words = ["rover", "--central", central.address, "--stub"]
+            for _ in range(2):
+                assert CliRunner().invoke(console, [*words, f"{tmp_path}/rover_tasks.py"]).exit_code == 0
+            (tmp_path / "mine.py").write_text("precious")
+            refused = CliRunner().invoke(console, [*words, f"{tmp_path}/mine.py"])
+            assert refused.exit_code == 2
+            assert "was not made by --stub" in refused.output
+            assert CliRunner().invoke(console, ["rovr", *words[1:], f"{tmp_path}/mine.py"]).exit_code == 1
+    assert "class RoverMission(Base)" in (tmp_path / "rover_tasks.py").read_text()
+    assert (tmp_path / "mine.py").read_text() == "precious"

@@ -1,0 +1,103 @@
+"""Missions as processes of their own, that are killed; and what goes on afterwards."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from missions.rover import TASKS, Rover
+from module.real_central import RealCentral, until
+
+from tca_missions import Mission, StepUncertain, TaskServer
+from tca_module import connect
+
+pytestmark = pytest.mark.slow
+
+SOON = 30.0
+TRIP = """
+    import signal
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    from tca_missions import Mission
+
+    with Mission("rover", name="trip", checkpoint="trip.steps", leave_running={stays}) as mission:
+        mission.step("out", mission.Drive, x=1.0)
+        mission.Watch()
+        mission.step("back", mission.Drive, x=2.0, fails="never")
+"""
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[tuple[str, Rover]]:
+    """A central behind a socket, and a rover that serves."""
+    with RealCentral(f"ipc://{folder}/central.sock") as central:
+        robot = Rover()
+        with TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central.address).running():
+            yield central.address, robot
+
+
+@contextmanager
+def on_its_trip(address: str, robot: Rover, folder: Path, *, stays: bool = False) -> "Iterator[subprocess.Popen[str]]":
+    """The mission in a process, when it drives its second way."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(TRIP.format(stays=stays))], cwd=folder, text=True, stderr=subprocess.PIPE,
+        env={**os.environ, "TCA_CENTRAL": address},
+    )  # fmt: skip
+    try:
+        until(lambda: "to 2" in robot.done or process.poll() is not None, "the rover drives back", SOON)
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def tasks_of(address: str) -> list[str]:
+    with connect("user", address) as user:
+        return [task.message for task in user.tasks()]
+
+
+def test_a_mission_that_is_killed_leaves_nothing_running_and_resumes_at_its_step(tmp_path: Path) -> None:
+    with served(tmp_path) as (address, robot):
+        with on_its_trip(address, robot, tmp_path) as process:
+            process.send_signal(signal.SIGKILL)
+            until(lambda: {"stands at 2", "watched"} <= set(robot.done), "the rover is safe", SOON)
+        until(lambda: tasks_of(address) == [], "nothing runs", SOON)
+        robot.done.clear()
+        with Mission("rover", name="trip", central=address, checkpoint=tmp_path / "trip.steps") as mission:
+            assert mission.step("out", mission.Drive, x=1.0).status  # it is not done again
+            with pytest.raises(
+                StepUncertain, match=r"step 'back' was under way .*\(Drive \{\d+\} interrupted: .*module lost"
+            ):
+                mission.step("back", mission.Drive, x=2.0)
+            assert robot.done == []
+            mission.repeatable_step("back", mission.Drive, x=2.0)
+        assert robot.done == ["to 2", "stands at 2"]
+        assert not (tmp_path / "trip.steps").exists()  # a mission that has come to its end begins anew
+
+
+def test_tasks_that_are_to_outlive_their_mission_are_found_again(tmp_path: Path) -> None:
+    with served(tmp_path) as (address, robot):
+        with on_its_trip(address, robot, tmp_path, stays=True) as process:
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+        trip = Mission("rover", name="trip", central=address, checkpoint=tmp_path / "trip.steps", leave_running=True)
+        with connect("operator", address) as operator, trip as mission:
+            (drive,) = [task for task in operator.tasks() if task.message == "rover.Drive"]
+            drive.kill("enough", delay=0.1)  # while the mission waits for it
+            with pytest.raises(StepUncertain, match=r"Drive \{\d+\} interrupted: enough"):
+                mission.step("back", mission.Drive, x=2.0)
+        assert robot.done.count("to 2") == 1
+
+
+def test_ctrl_c_stops_the_tasks_of_a_mission(tmp_path: Path) -> None:
+    with served(tmp_path) as (address, robot):
+        with on_its_trip(address, robot, tmp_path) as process:
+            process.send_signal(signal.SIGINT)
+            assert "KeyboardInterrupt" in process.communicate(timeout=SOON)[1]
+            assert process.returncode != 0
+        assert {"stands at 2", "watched"} <= set(robot.done)
+        assert tasks_of(address) == []
