@@ -11,6 +11,7 @@ from tca_central.control.steering import PendingKill
 from tca_central.model.budget import DELIVERY_BYTES, RESOURCE_BYTES, TASK_BYTES
 from tca_central.model.deliveries import Delivery, ModuleResource
 from tca_central.model.intervals import delivered_at
+from tca_central.model.observers import Observation
 from tca_central.model.registry import type_size
 from tca_central.model.task_tree import Task, failure_size, first_moments, to_be_fired
 from tca_central.order.holds import PendingDelay, held_counts, is_held
@@ -39,9 +40,11 @@ def check_invariants(central: State) -> None:
         _check_order(task)
         _check_delivery(central, task)
         _check_suspension(central, task)
+        _check_state(task)
     for check in (
         _check_watches, _check_resources, _check_stranded, _check_claims_of_tasks, _check_what_lies_ahead,
         _check_connections, _check_waits, _check_variables, _check_kept, _check_routes, _check_budget,
+        _check_observers,
     ):  # fmt: skip
         check(central)
 
@@ -65,6 +68,33 @@ def _check_watches(central: State) -> None:
     """Exactly those monitors are known that watch, or are still to."""
     watches = (task.rare.watch for task in central.tree.tasks.values() if task.rare and task.rare.watch)
     assert central.watches == {watch.task.id: watch for watch in watches if not (watch.is_over or watch.task.killed)}
+
+
+def _check_state(task: Task) -> None:
+    """A living task is in a state of its life cycle that is no end, and is accepted only where a handler had it."""
+    cycle, newest = task.message.life_cycle, task.rare.client_serial if task.rare is not None else 0
+    asked = task.rare.asked if task.rare is not None else []
+    assert task.state in cycle.states, f"{task}: its life cycle has no '{task.state}'"
+    assert not cycle.is_over(task.state), f"{task}: it lives, and is {task.state}"
+    assert task.serial or task.state == cycle.initial, f"{task}: it is {task.state}, and has never changed"
+    assert task.reached & START_HANDLING or task.state == cycle.initial or task.killed, f"{task}: it has no handler yet"
+    assert [one.serial for one in asked] == sorted({one.serial for one in asked}), f"{task}: the order of requests"
+    assert not asked or asked[-1].serial == newest <= task.serial, f"{task}: the newest request"
+    assert not asked or task.slot is not None or task.killed, f"{task}: nobody is asked for what clients want"
+
+
+def _check_observers(central: State) -> None:
+    """Observers are those who wait for answers, and those of one task are of a living one."""
+    observers, connections = central.observers, central.registry.connections.values()
+    found = list(observers.others)
+    found += [one for group in (*observers.of_task.values(), *observers.of_message.values()) for one in group]
+    due = [one for connection in connections for one in connection.outstanding.values()]
+    assert {one for one in due if isinstance(one, Observation)} == set(found), "who observes is not who waits"
+    assert observers.count == len(found), "the number of observers"
+    named = [*observers.of_task, *(one.below for one in observers.others if one.below)]
+    assert all(number in central.tree.tasks for number in named), "somebody observes a task that has ended"
+    assert not observers.born, "nobody was told of a new task"
+    assert not observers.begun, "a task was not accepted"
 
 
 def _check_constraints(central: State) -> None:

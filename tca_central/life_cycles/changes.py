@@ -111,9 +111,10 @@ def _change_by_client(central: State, connection: Connection, header: ChangeStat
         raise RequestError(Refusal.TOO_LATE, _not_now(task, name, Party.CLIENT))
     if body and step.effect is not Effect.NEW_GOAL:
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
-    central.tree.forget_asked(task, lambda one: not _is_awaited(task, one.source, one.name))
     if task.rare is not None and len(task.rare.asked) >= MOST_ASKED:
-        raise RequestError(Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already")
+        central.tree.forget_asked(task, lambda one: not _is_awaited(task, one.source, one.name))
+        if len(task.rare.asked) >= MOST_ASKED:
+            raise RequestError(Refusal.OVERLOAD, f"{MOST_ASKED} requests wait for the handler of {task} already")
     asked_for(central, task, step, connection.module.name, header.text, body)
     central.accept(connection, header.number, task.serial)
 
@@ -156,7 +157,7 @@ def tell_again(central: State, task: Task) -> None:
 
 def _decide(central: State, task: Task, step: Transition, asked: ClientRequest) -> None:
     """The default, where no handler decides."""
-    if why := _why_refused(central, task, step):
+    if why := _why_refused(central, task, step, asked.source):
         refusal = task.message.life_cycle.refusal(task.state)
         central.tree.forget_asked(task)
         if refusal is not None:
@@ -168,10 +169,10 @@ def _decide(central: State, task: Task, step: Transition, asked: ClientRequest) 
         kill(central, task, _wanted_by([asked], asked.module)._replace(origin=central.origin))
 
 
-def _why_refused(central: State, task: Task, step: Transition) -> str:
+def _why_refused(central: State, task: Task, step: Transition, source: str) -> str:
     """The reason why a request is refused in the name of the task's handler; "" if it is granted."""
     handlers = task.message.handlers
-    handler = handler_of(task) or (handlers[-1] if handlers and task.state != task.message.initial else None)
+    handler = handler_of(task) or (handlers[-1] if handlers and source != task.message.initial else None)
     cycle = task.message.life_cycle
     if handler is not None and step.name in handler.refuses and cycle.refusal(task.state) is not None:
         return f"the handler of '{task.message.name}' takes no '{step.name}'"

@@ -77,7 +77,7 @@ def live(operations: list[tuple[str, int, int, int, int]]) -> None:
 
 
 def end_life(life: Life) -> None:
-    _end_everything(life)
+    end_everything(life)
     assert not life.central.tree.tasks
     assert not life.central.dispatcher.running
     assert not life.central.collectors
@@ -87,7 +87,7 @@ def end_life(life: Life) -> None:
     _check_kept(life)
 
 
-def _end_everything(life: Life) -> None:
+def end_everything(life: Life) -> None:
     """Handlers for all there is, and every handler returns: nothing may be left waiting, for there are no circles."""
     for connection in life.connections():
         if connection != "user":  # a module that has lost its slots, but not itself, would hold what it was given

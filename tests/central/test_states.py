@@ -1,0 +1,118 @@
+"""Random lives in which clients and handlers change tasks' states: invariants hold, all ends, and what observers see is
+what the tables say.
+"""
+
+from collections import defaultdict
+
+import pytest
+from central.test_random_lives import end_everything
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life_of_states import LifeOfStates
+from properties.oracle_states import Reference
+
+from tca_wire.packets import headers
+from tca_wire.packets.parts import StateChange
+from tca_wire.vocabulary import Busy
+
+
+class JudgedLife(LifeOfStates):
+    """Held against the reference after each thing that happens."""
+
+    def __init__(self) -> None:
+        self.reference = Reference()
+        super().__init__()
+        self.read = 0
+        self.judge()
+
+    def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
+        """Something happens, and all states are as they must be."""
+        self.asked = None
+        super().do(name, a, b, c, d)
+        self.judge()
+
+    def judge(self) -> None:
+        if self.asked is not None:
+            self.note(self.asked.entries)
+            self.reference.ask(self.asked)
+        self.note(len(self.player.entries))
+        for task in self.central.tree.tasks.values():
+            if not task.message.message_class.is_monitor:
+                followed = self.reference.tasks[task.id]
+                found, expected = (task.state, task.serial), (followed.state, followed.serial)
+                assert found == expected, (str(task), found, followed.changes, self.asked)
+                assert task.body == followed.goal, (str(task), self.asked)
+
+    def note(self, until: int) -> None:
+        self.reference.note(fact for entry in self.player.entries[self.read : until] for fact in entry.facts)
+        self.read = until
+
+    def judge_what_was_seen(self) -> None:
+        """An observer sees all changes of each task, in order, and one end."""
+        seen: dict[int, list[StateChange]] = defaultdict(list)
+        for change in self.seen():
+            assert not change.is_late
+            seen[change.task].append(change)
+        for number, task in self.reference.tasks.items():
+            told = seen[number]
+            if task.is_over:
+                *told, end = told
+                assert end.is_over
+                assert end.serial == task.serial + 1
+                assert task.cycle.is_over(end.state)
+                ways = [
+                    one.name for one in task.cycle.transitions if (one.source, one.target) == (task.state, end.state)
+                ]
+                assert end.transition in (ways or ["completed", "failed"])
+            assert [(one.transition, one.state, one.serial) for one in told] == task.changes
+
+
+class BusyLife(LifeOfStates):
+    """Here handlers that are busy reject, or are pre-empted."""
+
+    busy = (Busy.QUEUE, Busy.PREEMPT, Busy.REJECT)
+
+
+def end(life: LifeOfStates) -> None:
+    """All comes to an end, and nobody is left waiting."""
+    life.player.receive("user", headers.GiveUp(life.observing))
+    end_everything(life)
+    assert not life.central.dispatcher.running
+    assert not any(connection.outstanding for connection in life.central.registry.connections.values())
+
+
+def judged(seed: int, events: int) -> None:
+    life = JudgedLife()
+    life.go_on(seed, events)
+    life.judge_what_was_seen()
+    end(life)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=4)
+def test_states_are_what_the_tables_say(seed: int) -> None:
+    judged(seed, 200)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=3)
+def test_everything_ends_where_handlers_reject_or_are_pre_empted(seed: int) -> None:
+    life = BusyLife()
+    life.go_on(seed, 150)
+    end(life)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=150)
+def test_states_are_what_the_tables_say_in_many_lives(seed: int) -> None:
+    judged(seed, 800)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=150)
+def test_everything_ends_where_handlers_reject_or_are_pre_empted_in_many_lives(seed: int) -> None:
+    life = BusyLife()
+    life.go_on(seed, 600)
+    end(life)

@@ -1,0 +1,219 @@
+"""The states of tasks, found again from the tables and the rules of docs/decisions/0082, slowly: a list of all changes of
+each task, that an observer must have been told of in just that order.
+
+It takes central's word for what others test: which handler has a task, when it is delivered, killed, retried and ends.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+from properties.life_of_states import LIFE_CYCLES, Asked
+
+from tca_central.life_cycles.changes import MOST_ASKED
+from tca_wire.journal import facts
+from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition
+from tca_wire.packets import headers
+from tca_wire.points import ALL_MOMENTS
+from tca_wire.vocabulary import Party, Refusal
+
+Seen = tuple[str, str, int]
+"""A transition, the state that it led to, and its number."""
+
+
+class Followed:
+    """A task: its state, and how it came there."""
+
+    def __init__(self, cycle: LifeCycle, goal: bytes) -> None:
+        self.cycle, self.goal = cycle, goal
+        self.state, self.serial = cycle.initial, 0
+        self.changes: list[Seen] = [("initiated", cycle.initial, 0)]
+        self.open: list[tuple[Transition, int, bytes]] = []  #: what clients want, and the handler was told, by number
+        self.newest_of_client = 0
+        self.delivery = 0
+        self.is_given = False
+        self.reached = 0
+        self.is_killed = self.is_over = self.has_failed = False
+
+    def take(self, name: str, state: str) -> None:
+        self.state = state
+        self.serial += 1
+        self.changes.append((name, state, self.serial))
+
+    def row(self, state: str, name: str, by: Party) -> Transition | None:
+        found = [one for one in self.cycle.transitions if (one.source, one.name) == (state, name)]
+        return found[0] if found and found[0].by in (by, Party.BOTH) else None
+
+    def leads_to_an_answer(self, state: str) -> bool:
+        """Whether the server may accept, refuse or stop there."""
+        answers = (Effect.TAKE_GOAL, Effect.REFUSE, Effect.STOP)
+        return any(one.source == state and one.effect in answers for one in self.cycle.transitions)
+
+    def name_of(self, state: str, effect: Effect) -> str:
+        return next((one.name for one in self.cycle.transitions if (one.source, one.effect) == (state, effect)), "")
+
+
+class Reference:
+    """All tasks."""
+
+    def __init__(self) -> None:
+        self.tasks: dict[int, Followed] = {}
+        self.accepts: set[tuple[str, str]] = set()  #: module and message of handlers that accept themselves
+        self.names: dict[int, str] = {}
+        self.killed_by_wish: set[int] = set()
+
+    # --- requests ----------------------------------------------------------------------------------------------------
+
+    def ask(self, asked: Asked) -> None:
+        """A request, and whether it was answered as it must be."""
+        task = self.tasks.get(asked.task)
+        if task is None:
+            return  # a monitor, which central carries out
+        if task.is_over or task.is_killed:
+            assert self.is_ignored(asked) or isinstance(asked.answer, headers.Refused), asked
+            return
+        expected = self.refusal(task, asked)
+        if expected is not None:
+            assert isinstance(asked.answer, headers.Refused), (asked, task.changes)
+            assert asked.answer.refusal is expected, (asked, task.changes)
+            return
+        row, before = task.row(task.state, asked.name, asked.by), len(task.changes)
+        if asked.by is Party.SERVER:
+            self.by_server(task, row, asked)
+        elif row is not None:
+            self.by_client(task, row, asked)
+        is_taken = len(task.changes) > before or asked.task in self.killed_by_wish
+        assert asked.answer.id == (task.serial if is_taken else 0), (asked, task.changes)
+
+    @staticmethod
+    def is_ignored(asked: Asked) -> bool:
+        return isinstance(asked.answer, headers.Accepted) and asked.answer.id == 0
+
+    def refusal(self, task: Followed, asked: Asked) -> Refusal | None:
+        """Why a request must be refused; None if it is taken, or ignored."""
+        if asked.serial > task.serial:
+            return Refusal.PROTOCOL  # it has missed changes
+        row = task.row(task.state, asked.name, asked.by) or self.overtaken(task, asked)
+        if row is None:
+            if not any(task.row(state, asked.name, asked.by) for state in task.cycle.states):
+                return Refusal.UNKNOWN
+            if asked.by is Party.CLIENT:
+                return None if -1 < asked.serial < task.serial else Refusal.TOO_LATE
+            return None if -1 < asked.serial < task.newest_of_client else Refusal.PROTOCOL
+        if asked.by is Party.SERVER and task.cycle.is_over(row.target) and row.effect is not Effect.STOP:
+            return Refusal.PROTOCOL  # a handler returns, or fails
+        if asked.body and row.effect is not (Effect.NEW_GOAL if asked.by is Party.CLIENT else Effect.RESULT):
+            return Refusal.PROTOCOL
+        is_told = asked.takes is not None and asked.name in asked.takes
+        if asked.by is Party.CLIENT and not is_told and not task.leads_to_an_answer(row.target):
+            return Refusal.PROTOCOL  # nobody would hear of it
+        return None
+
+    def overtaken(self, task: Followed, asked: Asked) -> Transition | None:
+        """The server's transition out of the state before what it has not seen."""
+        unseen = self.unseen(task, asked)
+        return task.row(unseen[0][0].source, asked.name, asked.by) if unseen else None
+
+    @staticmethod
+    def unseen(task: Followed, asked: Asked) -> list[tuple[Transition, int, bytes]]:
+        if asked.by is Party.CLIENT or asked.serial < 0:
+            return []
+        return [one for one in task.open if one[1] > asked.serial]
+
+    def by_client(self, task: Followed, row: Transition, asked: Asked) -> None:
+        if len(task.open) >= MOST_ASKED:
+            task.open = [one for one in task.open if task.leads_to_an_answer(one[0].target)]
+        task.take(row.name, row.target)
+        if asked.takes is not None and row.name in asked.takes:
+            task.open.append((row, task.serial, asked.body))
+            task.newest_of_client = task.serial
+            return
+        task.newest_of_client = task.serial
+        refusing = asked.refuses if asked.takes is not None else asked.refuses_next
+        may_refuse = asked.takes is not None or row.source != task.cycle.initial
+        refusal = task.name_of(task.state, Effect.REFUSE)
+        is_retried = any(isinstance(one, facts.Retried) and one.task == asked.task for one in asked.facts)
+        task.open = []
+        if refusal and ((row.name in refusing and may_refuse) or (row.effect is Effect.NEW_GOAL and not is_retried)):
+            task.take(refusal, "running")
+        elif row.effect is Effect.NEW_GOAL:
+            task.goal = asked.body
+            task.take(task.name_of(task.state, Effect.TAKE_GOAL), "running")
+        else:
+            self.killed_by_wish.add(asked.task)
+
+    def by_server(self, task: Followed, row: Transition | None, asked: Asked) -> None:
+        unseen, now = self.unseen(task, asked), row is not None
+        row = row or self.overtaken(task, asked)
+        if row is None:
+            return  # it comes too late
+        if row.effect is Effect.RESULT:
+            task.take(row.name, row.target)
+            seen = asked.serial if asked.serial >= 0 else task.serial
+            task.open = [one for one in task.open if one[1] > seen or task.leads_to_an_answer(one[0].target)]
+        elif row.effect is Effect.STOP:
+            self.killed_by_wish.add(asked.task)
+            task.open = []
+            return
+        else:
+            goals = [body for one, number, body in task.open if body and (one, number, body) not in unseen]
+            if row.effect is Effect.TAKE_GOAL and goals:
+                task.goal = goals[-1]
+            task.open = []
+            task.take(row.name, row.target)
+        for one, number, body in () if now else unseen:
+            again = task.row(task.state, one.name, Party.CLIENT)
+            if again is not None:
+                task.take(again.name, again.target)
+                task.open = [kept for kept in task.open if kept[1] != number] + [(again, number, body)]
+
+    # --- what other facts imply --------------------------------------------------------------------------------------
+
+    def note(self, recorded: Iterable[Any]) -> None:
+        """What central recorded with an event."""
+        for fact in recorded:
+            match fact:
+                case facts.HandlerAdded() if fact.accepts:
+                    self.accepts.add((fact.module, fact.message))
+                case facts.Received() if fact.message_class.is_task and not fact.message_class.is_monitor:
+                    cycle = LIFE_CYCLES.get(fact.message, GENERAL)
+                    self.tasks[fact.id], self.names[fact.id] = Followed(cycle, fact.body), fact.message
+                case facts.Queued() | facts.Delivered() if fact.message_id in self.tasks:
+                    self.given(fact)
+                case facts.Unqueued():
+                    self.taken_back(fact.id)
+                case facts.Retried() if fact.task in self.tasks:
+                    self.tasks[fact.task].goal = fact.body or self.tasks[fact.task].goal
+                case facts.Killed() if fact.task in self.tasks:
+                    self.tasks[fact.task].is_killed = True
+                case facts.Reached() if fact.task in self.tasks:
+                    self.tasks[fact.task].reached |= fact.moments
+                    self.tasks[fact.task].is_over = self.tasks[fact.task].reached == ALL_MOMENTS
+        killed = [number for number in self.killed_by_wish if not self.tasks[number].is_killed]
+        assert not killed, f"{killed} were to be killed: nobody decides for them"
+
+    def given(self, fact: facts.Queued | facts.Delivered) -> None:
+        """A task goes to a handler: perhaps another time, with another delivery or, if the last one never heard of it,
+        the same.
+        """
+        task = self.tasks[fact.message_id]
+        if task.delivery and (fact.id != task.delivery or task.is_given):
+            self.restart(task)
+        task.delivery, task.is_given = fact.id, isinstance(fact, facts.Delivered)
+        is_new = task.is_given and task.state == task.cycle.initial
+        if is_new and (fact.module, self.names[fact.message_id]) not in self.accepts:
+            task.take(task.cycle.accepted.name, task.cycle.accepted.target)
+
+    def taken_back(self, delivery: int) -> None:
+        """A handler has not begun with a task and will not, and nobody else gets it now."""
+        for task in self.tasks.values():
+            if task.delivery == delivery and task.is_given and not task.is_over:
+                self.restart(task)
+                task.is_given = False
+
+    @staticmethod
+    def restart(task: Followed) -> None:
+        """A task waits for a handler once more."""
+        task.open, task.newest_of_client = [], 0
+        is_to_end = task.name_of(task.state, Effect.STOP)  # it is killed
+        if task.state != task.cycle.initial and not is_to_end:
+            task.take("restarted", task.cycle.initial)
