@@ -95,6 +95,7 @@ class Central(State):
             (self.observers.begun, partial(changes.begin, self)),
             (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
             (agenda.ended, self._on_ended),
+            (agenda.unanswered, partial(changes.decide_instead, self)),
             (agenda.ended_waits, lambda reached: reached[1].on_reached(self, reached[0])),
             (self.dispatcher.granted, partial(claims.tell_granted, self)),
             (self.dispatcher.crowded, partial(busy.on_crowded, self)),

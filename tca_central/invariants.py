@@ -80,7 +80,9 @@ def _check_state(task: Task) -> None:
     assert task.reached & START_HANDLING or task.state == cycle.initial or task.killed, f"{task}: it has no handler yet"
     assert [one.serial for one in asked] == sorted({one.serial for one in asked}), f"{task}: the order of requests"
     assert not asked or asked[-1].serial == newest <= task.serial, f"{task}: the newest request"
-    assert not asked or task.slot is not None or task.killed, f"{task}: nobody is asked for what clients want"
+    is_failing = task.retrying or (task.rare is not None and task.rare.recovering is not None)
+    is_asked = task.slot is not None or task.killed or is_failing
+    assert not asked or is_asked, f"{task}: nobody is asked for what clients want"
 
 
 def _check_observers(central: State) -> None:

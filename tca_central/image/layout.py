@@ -142,8 +142,8 @@ OBJECTS: dict[type, str] = {
     Wiretap: "at before condition has_fired holders id listener place watch",
     # order
     Agenda: (
-        "_facts ended ended_waits holds look_at only_watched resumed startable tap_events taps_to_fire tree waits "
-        "withdrawn"
+        "_facts ended ended_waits holds look_at only_watched resumed startable tap_events taps_to_fire tree unanswered "
+        "waits withdrawn"
     ),
     Dispatcher: (
         "_arrivals _clock _facts _out _suspects bytes changed crowded displaced granted handlers is_holding "

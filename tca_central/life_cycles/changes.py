@@ -132,7 +132,17 @@ def asked_for(central: State, task: Task, step: Transition, module: str, text: s
     if is_told:
         _tell_handler(central, task, asked)
     else:
-        _decide(central, task, step, asked)
+        _decide(central, task, step, asked, central.origin)
+
+
+def decide_instead(central: State, task: Task) -> None:
+    """The handler of a task has returned without a word to what clients want: the defaults decide."""
+    asked = [one for one in central.tree.forget_asked(task) if _is_awaited(task, one.source, one.name)]
+    if asked and not task.killed and central.tree.task(TaskId(task.id)) is task:
+        cycle, newest = task.message.life_cycle, asked[-1]
+        step = cycle.steps[newest.source, newest.name]
+        if task.state == step.target:
+            _decide(central, task, step, newest, 0)
 
 
 def _is_awaited(task: Task, source: str, name: str) -> bool:
@@ -155,7 +165,7 @@ def tell_again(central: State, task: Task) -> None:
             _tell_handler(central, task, asked)
 
 
-def _decide(central: State, task: Task, step: Transition, asked: ClientRequest) -> None:
+def _decide(central: State, task: Task, step: Transition, asked: ClientRequest, origin: int) -> None:
     """The default, where no handler decides."""
     if why := _why_refused(central, task, step, asked.source):
         refusal = task.message.life_cycle.refusal(task.state)
@@ -166,7 +176,7 @@ def _decide(central: State, task: Task, step: Transition, asked: ClientRequest) 
         _take_goal(central, task, asked.body)
         retry_task(central, task, asked.body, asked.module)
     elif task.message.life_cycle.ends_on_request(task.state):
-        kill(central, task, _wanted_by([asked], asked.module)._replace(origin=central.origin))
+        kill(central, task, _wanted_by([asked], asked.module)._replace(origin=origin))
 
 
 def _why_refused(central: State, task: Task, step: Transition, source: str) -> str:
@@ -218,8 +228,10 @@ def _change_by_server(central: State, connection: Connection, header: ChangeStat
     if body and step.effect is not Effect.RESULT:
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
     _apply(central, task, step, connection.module.name, header.text, body, seen)
-    for one in unseen if overtaken else ():
-        _apply_again(central, task, one)
+    if overtaken:
+        central.tree.forget_asked(task, unseen.__contains__)
+        for one in unseen:
+            _apply_again(central, task, one)
     _answer(central, connection, header, task.serial)
 
 

@@ -41,6 +41,7 @@ class Agenda(Stored):
         self._facts = facts
         self.look_at: deque[Task] = deque()  #: may go on: settle looks at them
         self.startable: deque[Task] = deque()  #: may be given to a handler
+        self.unanswered: deque[Task] = deque()  #: their handlers have returned, without a word to what clients want
         self.withdrawn: deque[Task] = deque()  #: may not any more: take them out of their queues
         self.ended: deque[Task] = deque()  #: have reached their last moment
         self.waits = 0  #: number of entries in all lists of waiters
@@ -126,6 +127,8 @@ class Agenda(Stored):
 
     def mark_returned(self, task: Task) -> None:
         """The task's handler has returned, for good."""
+        if task.rare is not None and task.rare.asked:
+            self.unanswered.append(task)
         task.returned = True
         self.look_at.append(task)
 

@@ -32,7 +32,7 @@ class Followed:
         self.delivery = 0
         self.is_given = False
         self.reached = 0
-        self.is_killed = self.is_over = self.has_failed = False
+        self.is_killed = self.is_over = self.has_failed = self.is_retried = False
 
     def take(self, name: str, state: str) -> None:
         self.state = state
@@ -170,8 +170,17 @@ class Reference:
 
     def note(self, recorded: Iterable[Any]) -> None:
         """What central recorded with an event."""
+        returned: set[int] = set()
         for fact in recorded:
             match fact:
+                case facts.Returned():
+                    returned |= {number for number, task in self.tasks.items() if task.delivery == fact.id}
+                case facts.Recovered():
+                    if fact.task in self.tasks and self.tasks[fact.task].has_failed:  # else its handler goes on
+                        returned.add(fact.task)
+                    self.failed(fact.task, False)
+                case facts.StateChanged() if fact.by is Party.CENTRAL and fact.task in returned:
+                    self.decided_instead(self.tasks[fact.task], fact)
                 case facts.HandlerAdded() if fact.accepts:
                     self.accepts.add((fact.module, fact.message))
                 case facts.Received() if fact.message_class.is_task and not fact.message_class.is_monitor:
@@ -181,13 +190,17 @@ class Reference:
                     self.given(fact)
                 case facts.Unqueued():
                     self.taken_back(fact.id)
-                case facts.Retried() if fact.task in self.tasks:
-                    self.tasks[fact.task].goal = fact.body or self.tasks[fact.task].goal
-                case facts.Killed() if fact.task in self.tasks:
-                    self.tasks[fact.task].is_killed = True
-                case facts.Reached() if fact.task in self.tasks:
-                    self.tasks[fact.task].reached |= fact.moments
-                    self.tasks[fact.task].is_over = self.tasks[fact.task].reached == ALL_MOMENTS
+                case facts.Failed() if not fact.is_beside:
+                    self.failed(fact.id, True)
+                case facts.Retried() | facts.Killed() | facts.Reached() if fact.task in self.tasks:
+                    self.goes_on(self.tasks[fact.task], fact)
+        for task in (self.tasks[number] for number in returned if number in self.tasks):
+            is_failing = task.has_failed or task.is_retried or task.is_killed or task.is_over
+            wanted = [one for one in task.open if task.leads_to_an_answer(one[0].target)]
+            assert is_failing or not wanted, (
+                f"task {next(n for n in self.tasks if self.tasks[n] is task)}: nobody answers {wanted}"
+            )
+            task.open = task.open if is_failing else []
         killed = [number for number in self.killed_by_wish if not self.tasks[number].is_killed]
         assert not killed, f"{killed} were to be killed: nobody decides for them"
 
@@ -215,5 +228,32 @@ class Reference:
         """A task waits for a handler once more."""
         task.open, task.newest_of_client = [], 0
         is_to_end = task.name_of(task.state, Effect.STOP)  # it is killed
+        task.has_failed = task.is_retried = False
         if task.state != task.cycle.initial and not is_to_end:
             task.take("restarted", task.cycle.initial)
+
+    def failed(self, number: int, has_failed: bool) -> None:
+        """Somebody has to deal with the failure of a task, or has."""
+        if number in self.tasks:
+            self.tasks[number].has_failed = has_failed
+
+    def decided_instead(self, task: Followed, fact: facts.StateChanged) -> None:
+        """The handler has returned without a word to what a client wants: central says it."""
+        (row, number, body), task.open = task.open[-1], []
+        assert row.target == task.state, (row, number)
+        is_granted = fact.transition == task.name_of(task.state, Effect.TAKE_GOAL)
+        assert is_granted or fact.transition == task.name_of(task.state, Effect.REFUSE)
+        task.goal = body if is_granted else task.goal
+        task.take(fact.transition, "running")
+
+    @staticmethod
+    def goes_on(task: Followed, fact: facts.Retried | facts.Killed | facts.Reached) -> None:
+        """Something happens to a task that is no change of its state."""
+        match fact:
+            case facts.Retried():
+                task.goal, task.is_retried = fact.body or task.goal, True
+            case facts.Killed():
+                task.is_killed = True
+            case facts.Reached():
+                task.reached |= fact.moments
+                task.is_over = task.reached == ALL_MOMENTS
