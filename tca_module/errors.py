@@ -14,6 +14,7 @@ TcaError             the base of the others
 ├── Timeout          no answer in time (also a TimeoutError)
 ├── QueryFailed      the handler of a query failed
 ├── TaskFailed       a goal or command failed
+├── Rejected         the handler of a task did not take over a new goal
 └── TaskKilled       a goal or command was killed: one waited for, or the handler's own
 BadData              data does not fit the format of its message (from tca_wire)
 """
@@ -141,6 +142,14 @@ class QueryFailed(RequestFailed):
 
 class TaskFailed(RequestFailed):
     """A goal or command failed: ``failure`` is the failure's name."""
+
+
+class Rejected(TcaError):
+    """The handler of a task goes on with its goal, and not with the new one: *reason* says why."""
+
+    def __init__(self, what: str, reason: str) -> None:
+        super().__init__(f"{what} was rejected" + (f": {reason}" if reason else ""))
+        self.reason = reason
 
 
 class TaskKilled(TcaError):

@@ -26,6 +26,7 @@ from tca_module.session.sent_tasks import SentId
 from tca_module.session.session import Session, quiet_within
 from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
+from tca_wire.packets.changes import ChangeState
 from tca_wire.packets.headers import Await, Bye, Register, Release, Send, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId
@@ -174,6 +175,20 @@ class Connection:
             self.line.flush()
             return TaskId(SentId(self, request))
 
+    def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
+        """Change the state of a task, which *what* says. Waits neither for central nor for its word; a refusal is raised
+        by the next call of the same sender, or by ``settle``; that it came too late is logged.
+        """
+        self.check_thread()
+        with self._lock:
+            session = self.session
+            if session.sends.untold >= MOST_UNTOLD and session.is_welcome:
+                self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
+            self._catch_up_for(header)
+            request = session.send_change(header, body, what)
+            self.line.flush()
+            return request
+
     def acknowledged(self, request: Request) -> EpochNumber:
         """The id of a task that was sent, once central has told it. Raises the error that the send came to."""
         if not self.is_mine:
@@ -292,14 +307,17 @@ class Connection:
         """The waiting handler is about to get an error, and so has been told of a kill."""
         self.session.open_deliveries.mark_told(self.session.open_deliveries.waiting_handler())
 
-    def until_over(self, request: Request, what: object) -> Generator[Any, None, None]:
+    def until_over(
+        self, request: Request, what: object, is_over: Callable[[], bool] | None = None
+    ) -> Generator[Any, None, None]:
         """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait`` does."""
+        is_done = is_over or (lambda: request.is_over)
         if self.await_news is None:
             msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
             raise MisuseError(msg)
         self.announce(request, blocking=False)
         try:
-            while not request.is_over:
+            while not is_done():
                 yield from self.await_news(request)
         except BaseException:
             self.abandon(request)
@@ -318,6 +336,16 @@ class Connection:
                 )
                 if blocking:  # else its event loop sends what has come together
                     self.line.flush()
+
+    def declared(self, name: str) -> Message[Any, Any] | None:
+        """The message of that name, if it was declared here."""
+        return self._declared.get(name)
+
+    def catch_up(self) -> None:
+        """Take in what has arrived. Never waits."""
+        self.check_thread()
+        with self._lock:
+            self.line.catch_up()
 
     def flush(self) -> None:
         """Send what is to be said."""

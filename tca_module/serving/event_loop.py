@@ -171,7 +171,7 @@ class EventLoop:
         """Await news of a request."""
         future = self._loop.create_future()
         self._waiting.setdefault(request, []).append(future)
-        request.notify = partial(self._heard, request)
+        request.wakes = partial(self._heard, request)
         if self._connection.session.outgoing and not self._is_flushing:  # what others await now goes with it
             self._is_flushing = True
             self._loop.call_soon(self._flush)

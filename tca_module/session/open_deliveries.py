@@ -5,11 +5,14 @@ because its module ends. Reading ``task.cancelled`` as true counts as being told
 can clean up. The context tells which handler waits: for asyncio tasks, the one that started them.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import Context, ContextVar
+from typing import Any
 
 from tca_module.errors import Stopped, TaskKilled
+from tca_wire.packets.changes import Requested
 
 KILLED = "its task has been killed"
 ENDS = "its module ends"
@@ -24,7 +27,7 @@ class OpenDelivery:
     """A delivery that is being handled, or about to be."""
 
     __slots__ = ("delivery", "is_killed", "is_shielded", "is_suspended", "is_told_of_end", "is_told_of_kill", "name",
-                 "owner", "why_killed")  # fmt: skip
+                 "on_request", "owner", "requested", "state", "why_killed")  # fmt: skip
 
     def __init__(self, owner: "OpenDeliveries", delivery: int, *, is_suspended: bool = False) -> None:
         self.owner = owner
@@ -36,6 +39,9 @@ class OpenDelivery:
         self.is_suspended = is_suspended  #: its task
         self.is_told_of_kill = False  #: the handler knows it
         self.is_told_of_end = False  #: the handler knows that the module ends
+        self.requested: deque[tuple[Requested, bytes]] = deque()  #: by clients, of the handler, which has yet to look
+        self.on_request: list[Callable[[], None]] = []  #: become news with each of those
+        self.state: Any = None  #: its task's, as the handler knows it; made when it is first needed
 
 
 class OpenDeliveries:
@@ -78,6 +84,13 @@ class OpenDeliveries:
         """The task of a delivery was suspended or resumed."""
         if (one := self._known.get(delivery)) is not None:
             one.is_suspended = is_suspended
+
+    def request(self, header: Requested, body: bytes) -> list[Callable[[], None]]:
+        """A client wants something of a delivery's handler; what is to be called because of it."""
+        if (one := self._known.get(header.delivery)) is None:
+            return []
+        one.requested.append((header, body))
+        return one.on_request
 
     def forget(self) -> None:
         """Central was restarted and has forgotten them; it may use the same numbers again."""

@@ -8,6 +8,7 @@ from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError,
 from tca_module.session.epoch_numbers import EpochNumber, forgotten_text
 from tca_module.session.lasting_attachments import is_lasting
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
 from tca_wire.packets.codec import misfit
 from tca_wire.packets.headers import Register, Send, SetVariable, ToCentral
 from tca_wire.points import ROOT
@@ -15,13 +16,13 @@ from tca_wire.vocabulary import Outcome, Refusal
 
 _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
-_ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled
+_ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | Observe
 """Questions of how things stand now: after a restart as before."""
 
 HARMLESS = _ABOUT_CENTRAL | headers.AwaitPoint | headers.Lock
 """Requests that may be made twice: the second changes nothing."""
 
-_WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled
+_WAITS_FOR_OTHERS = Send | headers.AwaitPoint | headers.Lock | headers.WaitUntilHandled | Observe
 """Requests that central answers when others have done something."""
 
 _WITHOUT_TASKS = (
@@ -38,7 +39,7 @@ class Request:
 
     __slots__ = ("__weakref__", "accepted", "after", "answers", "body", "by", "epoch", "gone", "header",
                  "is_announced", "is_over", "lost", "mark", "notify", "number", "path", "refused", "repeated",
-                 "settled", "taken", "wants_answer", "was_sent", "what")  # fmt: skip
+                 "settled", "taken", "wakes", "wants_answer", "was_sent", "what")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -57,11 +58,12 @@ class Request:
         self.taken = ""  #: of a lock that was granted: how it was lost
         self.path: Any = None  #: the way that it went directly, under that way's *number*
         self.number = 0
-        self.what = ""  #: of a task that was sent without waiting: its name, for people
+        self.what = ""  #: of what was sent without waiting, a task mostly: its name, for people
         self.by = ""  #: and the message whose handler has sent it
         self.after: list[Any] = []  #: and the siblings that it was to come after, until it is accepted
         self.mark = 0  #: how many statements had been sent before it
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
+        self.wakes: Callable[[], None] | None = None  #: so does this, for coroutines that await it
         self.settled: Callable[[Request], None] | None = None  #: called by the session itself, when it is over
 
     @property
@@ -69,7 +71,7 @@ class Request:
         """Whether it is open, and central does not know if its sender waits by now."""
         header = self.header
         if self.what:
-            return not self.is_over and header.quiet and not self.is_announced
+            return isinstance(header, Send) and not self.is_over and header.quiet and not self.is_announced
         is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
         return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
 
@@ -135,6 +137,8 @@ def refers_to_tasks(header: Any) -> bool:
         return bool(header.origin or (isinstance(header, Send) and (header.parent or header.constraints)))
     if isinstance(header, headers.Inspect):
         return header.task != ROOT
+    if isinstance(header, Observe):
+        return bool(header.task or header.below)
     return not isinstance(header, _WITHOUT_TASKS) and not is_lasting(header)
 
 

@@ -31,7 +31,7 @@ from tca_module.session.request import (
 )
 from tca_module.session.sent_tasks import TaskSends
 from tca_wire.packets import headers
-from tca_wire.packets.changes import Requested
+from tca_wire.packets.changes import ChangeState, Observe, Requested
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.packets.routes import Barred, EntranceGone, Route
 from tca_wire.points import TaskId
@@ -120,6 +120,13 @@ class Session:
         request.what, request.by = what, self.open_deliveries.name_of(header.origin)
         self.sends.untold += 1
         self.adopt(request)
+        return request
+
+    def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
+        """Change a task's state, which *what* says, without waiting for central's word; otherwise like ``send_task``."""
+        request = self.request(header, body)
+        request.what, request.by = what, self.open_deliveries.name_of(header.origin)
+        self.sends.untold += 1
         return request
 
     def _send(self, request: Request) -> None:
@@ -350,7 +357,7 @@ class Session:
             self._declare_what_may_be_forgotten()
         for request in self._requests.values():
             request.repeated = request.was_sent
-            if request.what:  # it is answered by itself
+            if request.what and isinstance(request.header, headers.Send):  # it is answered by itself
                 request.header = msgspec.structs.replace(request.header, quiet=False)
             self._send(request)
         self.outgoing += self._replies.values()
@@ -392,6 +399,8 @@ class Session:
                 self.end(request, RESTARTED)
             elif request.was_sent and not is_for_any_central(request.header):
                 self.end(request, "central was restarted meanwhile and has forgotten it")
+            elif isinstance(request.header, Observe):
+                request.answers.clear()  # about tasks that are no more
         for lock in self._locks.values():
             lock.taken = "central was restarted and has forgotten it"
         self._locks.clear()
@@ -455,7 +464,7 @@ class Session:
         """Repeat a request that central dropped when the connection broke."""
         if isinstance(request.header, HARMLESS):
             del self._requests[request.header.number]
-            request.taken = ""
+            request.taken, request.repeated = "", False
             self._number(request)
             self._send(request)
         else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
@@ -469,8 +478,12 @@ class Session:
                 if isinstance(request.header, headers.Lock) and header.outcome is Outcome.DONE:
                     self._locks[header.number] = request
                 self.end(request)
-            elif request.notify is not None:
-                self.news.append(request.notify)
+            else:
+                self._tell_of(request)
+
+    def _tell_of(self, request: Request) -> None:
+        """There is news of a request: let those know who want to."""
+        self.news += [tell for tell in (request.notify, request.wakes) if tell is not None]
 
     def end(self, request: Request, lost: str = "") -> None:
         """A request is over, or was *lost*: call those who want to know."""
@@ -482,8 +495,7 @@ class Session:
             self._end_send(request)
         if request.settled is not None:
             request.settled(request)
-        if request.notify is not None:
-            self.news.append(request.notify)
+        self._tell_of(request)
 
     def _end_send(self, request: Request) -> None:
         """Central's word of a task that was sent is there, or never will be."""
@@ -493,6 +505,8 @@ class Session:
             self.sends.lost.append(request)
         elif request.refused is None:
             request.header, request.body, request.after = _SPENT, b"", []  # its id may be kept for ever
+        elif request.refused.refusal is Refusal.TOO_LATE and isinstance(request.header, ChangeState):
+            self.complaints.append(request.why_failed)  # who is late need not have known it
         elif not origin or origin in self.open_deliveries:
             self.sends.add(request)
         else:  # its handler has returned: central has let that fail
@@ -540,7 +554,7 @@ class Session:
         headers.Suspended: lambda self, header, _: self.open_deliveries.suspend(
             header.delivery, is_suspended=header.is_suspended
         ),
-        Requested: lambda *_: None,
+        Requested: lambda self, header, body: self.news.extend(self.open_deliveries.request(header, body)),
         headers.Recall: lambda self, header, _: self.give_back(header.deliveries),
         headers.Taken: _on_taken,
         headers.Replace: _on_replace,

@@ -1,0 +1,211 @@
+"""What central tells of tasks' states: in order, each change once, and how many were missed.
+
+Central first tells how things stand, then that this is all, then each change. After its restart, and after a break that
+it has noticed, it does so again: tasks of which it does not tell then have ended meanwhile.
+"""
+
+import weakref
+from collections import deque
+from collections.abc import Callable, Generator
+from typing import Any, NamedTuple
+
+import msgspec
+
+from tca_module.link.connection import Connection
+from tca_module.session.epoch_numbers import with_epoch
+from tca_module.session.request import Request
+from tca_wire.packets.changes import Observe
+from tca_wire.packets.parts import StateChange
+from tca_wire.points import TaskId
+from tca_wire.text.measures import numbered
+from tca_wire.vocabulary import Party
+
+MOST_UNREAD = 10_000
+"""Changes that wait to be read; the oldest beyond that count as missed."""
+
+_ENDED_UNSEEN = "it ended while this program did not hear central"
+
+_decode = msgspec.msgpack.Decoder(StateChange).decode
+
+
+class News(NamedTuple):
+    """A change of a task's state, as it came."""
+
+    change: StateChange
+    task: TaskId
+    missed: int
+    """The number of changes before it that nobody here has seen."""
+
+
+Wants = Callable[[News], bool]
+
+
+class Feed:
+    """The news that one reader wants and has not read; none from before it was made."""
+
+    def __init__(self, wants: Wants) -> None:
+        self._wants = wants
+        self._unread: deque[News] = deque()
+        self._dropped: dict[int, int] = {}  #: by task: changes for which there was no room
+
+    def __bool__(self) -> bool:
+        return bool(self._unread)
+
+    def put(self, news: News) -> None:
+        """Something has changed."""
+        if not self._wants(news):
+            return
+        self._unread.append(news)
+        if len(self._unread) > MOST_UNREAD:
+            oldest = self._unread.popleft()
+            self._dropped[oldest.task] = self._dropped.get(oldest.task, 0) + oldest.missed + 1
+
+    def take(self) -> News:
+        """The oldest of them."""
+        news = self._unread.popleft()
+        return news._replace(missed=news.missed + self._dropped.pop(news.task, 0))
+
+
+class Observation:
+    """A request for news of some tasks' states, for as long as somebody has this."""
+
+    def __init__(self, connection: Connection, header: Observe, what: object) -> None:
+        self.connection = connection
+        self.on_news: Callable[[News], object] | None = None  #: gets each before the feeds do
+        self._what = what  # for errors
+        self._header = header
+        self._feeds: weakref.WeakSet[Feed] = weakref.WeakSet()
+        self._is_held = False
+        self._known: dict[int, StateChange] = {}  # the newest of each living task, unless only some states are wanted
+        self._present: set[int] | None = set()  # tasks of which it is told how they stand; None: of all that there are
+        self._epoch = connection.session.epoch
+        self._is_given_up = False
+        self._request = self._ask()
+
+    def _ask(self) -> Request:
+        request = self.connection.request(self._header, wants_answer=True)
+        abandon, me = self.connection.abandon, weakref.ref(self)
+
+        def tell() -> None:
+            if (observation := me()) is not None:
+                observation._take_in()  # noqa: SLF001
+            elif not request.is_over:
+                abandon(request)
+
+        request.notify = self._take_in if self._is_held else tell
+        return request
+
+    def hold(self) -> None:
+        """Go on also if nobody has this: ``on_news`` is wanted until the end, or ``close()``."""
+        self._is_held = True
+        self._request.notify = self._take_in
+
+    # --- reading -----------------------------------------------------------------------------------------------------
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it is known how things stand."""
+        return self._present is None or self.is_over
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more will come."""
+        return self._request.is_over and not self._request.answers
+
+    def feed(self, wants: Wants = lambda _: True) -> Feed:
+        """A place for news from now on."""
+        feed = Feed(wants)
+        self._feeds.add(feed)
+        return feed
+
+    def wait(self, is_there: Callable[[], bool], timeout: float | None) -> bool:
+        """Wait until *is_there*, or nothing more can come; whether it is. Raises what ``Connection.wait`` does."""
+        self.catch_up()
+        if not is_there():
+            try:
+                self.connection.wait(self._request, timeout, self._what, lambda: self._settles(is_there))
+            except BaseException:
+                self._is_given_up = not self._request.is_over
+                raise
+        return is_there()
+
+    def until(self, is_there: Callable[[], bool]) -> Generator[Any, None, bool]:
+        """The same for coroutines, which await it; ``asyncio.timeout`` limits the wait."""
+        self.catch_up()
+        if not is_there():
+            try:
+                yield from self.connection.until_over(self._request, self._what, lambda: self._settles(is_there))
+            except BaseException:
+                self._is_given_up = not self._request.is_over
+                raise
+        return is_there()
+
+    def _settles(self, is_there: Callable[[], bool]) -> bool:
+        self._take_in()
+        return is_there() or self.is_over
+
+    def catch_up(self) -> None:
+        """Take in what has arrived; begin anew if a wait has given the request up. Never waits."""
+        if self._is_given_up:
+            self._is_given_up, self._request = False, self._ask()
+        self.connection.catch_up()
+        self._take_in()
+
+    def close(self) -> None:
+        """Want no more news."""
+        if not self._request.is_over:
+            self.connection.abandon(self._request)
+        self._request.is_over, self._is_given_up = True, False
+        self._request.notify = None
+        self._request.answers.clear()
+
+    # --- what comes --------------------------------------------------------------------------------------------------
+
+    def _take_in(self) -> None:
+        while self._request.answers:
+            answer, body = self._request.answers.popleft()
+            if body:
+                self._on_change(_decode(body))
+            elif answer.more:
+                self._on_all_told()
+
+    def _on_change(self, change: StateChange) -> None:
+        if change.is_late:
+            self._present_ones().add(change.task)
+        known = self._known.get(change.task)
+        if known is not None and 0 <= change.serial <= known.serial:
+            return  # it has been seen, or is older than what has
+        if change.is_over:
+            self._known.pop(change.task, None)
+        elif not self._header.states:
+            self._known[change.task] = change
+        self._publish(change, max(0, change.serial - known.serial - 1) if known is not None else 0)
+
+    def _present_ones(self) -> set[int]:
+        """The tasks of which central tells how they stand: it begins with that."""
+        if self._epoch != self.connection.session.epoch:
+            self._forget(list(self._known), "central was restarted and has forgotten it")
+            self._epoch, self._present = self.connection.session.epoch, None
+        if self._present is None:
+            self._present = set()
+        return self._present
+
+    def _on_all_told(self) -> None:
+        present = self._present_ones()
+        self._forget([task for task in self._known if task not in present], _ENDED_UNSEEN)
+        self._present = None
+
+    def _forget(self, tasks: list[int], why: str) -> None:
+        for task in tasks:
+            last = self._known.pop(task)
+            end = StateChange(
+                last.task, last.message, -1, "", "", Party.CENTRAL, text=why, goal=last.goal, is_late=True, is_over=True
+            )
+            self._publish(end, 1)
+
+    def _publish(self, change: StateChange, missed: int) -> None:
+        news = News(change, with_epoch(change.task, self._epoch, numbered(change.message, change.task)), missed)
+        if self.on_news is not None:
+            self.on_news(news)
+        for feed in list(self._feeds):
+            feed.put(news)

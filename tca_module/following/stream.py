@@ -1,0 +1,83 @@
+"""Changes of tasks as they come: iterated over, by plain code or by coroutines."""
+
+from collections.abc import AsyncIterator, Callable, Iterator
+from typing import Any, Generic, Self, TypeVar
+
+from tca_module.checks import TIMEOUT, check
+from tca_module.errors import Timeout
+from tca_module.following.observation import News, Observation, Wants
+
+T = TypeVar("T")
+
+
+class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
+    """Changes, or intermediate results, as they come. ``for`` waits for each, in async handlers ``async for``.
+
+    It ends with the task that it is about; that of ``observe()`` never does. At most 10,000 wait to be read: the oldest
+    beyond that are dropped, and counted in ``missed`` of the next.
+    """
+
+    def __init__(
+        self, observation: Observation, give: Callable[[News], T], wants: Wants, what: str, timeout: float | None,
+        *, is_owner: bool,
+    ) -> None:  # fmt: skip
+        check(what, TIMEOUT, timeout=timeout)
+        self._observation = observation
+        self._give = give
+        self._what = what
+        self._timeout = timeout
+        self._is_owner = is_owner
+        self._feed = observation.feed(wants)
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> T:
+        if not self._observation.wait(self._has_some, self._timeout):
+            self._end()
+            raise StopIteration
+        return self._give(self._feed.take())
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> T:
+        if not await _Awaited(self._observation.until(self._has_some)):
+            raise StopAsyncIteration
+        return self._give(self._feed.take())
+
+    def _has_some(self) -> bool:
+        return bool(self._feed)
+
+    def _end(self) -> None:
+        if not self._observation.is_over:
+            raise Timeout(f"{self._what} did not come within {self._timeout:g} s", can_wait=True)
+
+    def arrived(self) -> list[T]:
+        """Those that have come by now. Never waits."""
+        self._observation.catch_up()
+        found = []
+        while self._feed:
+            found.append(self._give(self._feed.take()))
+        return found
+
+    def close(self) -> None:
+        """Want no more; twice does no harm. The end of a ``with`` block does it."""
+        if self._is_owner:
+            self._observation.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class _Awaited:
+    """A generator that waits, as coroutines await it."""
+
+    def __init__(self, waiting: Any) -> None:
+        self._waiting = waiting
+
+    def __await__(self) -> Any:
+        return self._waiting
