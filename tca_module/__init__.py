@@ -12,6 +12,7 @@ from tca_module.errors import (
     NotSent,
     QueryFailed,
     Refused,
+    Rejected,
     Stopped,
     TaskFailed,
     TaskKilled,
@@ -19,8 +20,12 @@ from tca_module.errors import (
     Timeout,
     VariableNotSet,
 )
+from tca_module.following.mirror import ChangeCallback
+from tca_module.following.stream import Stream
+from tca_module.following.update import PendingUpdate
 from tca_module.module import Module
 from tca_module.sending.any_task import wait_for_any
+from tca_module.sending.attachments import AttachmentRef, Recovery
 from tca_module.sending.central_services import Claim
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble
 from tca_module.sending.directory import HandlerInfo, MessageInfo, ModuleInfo, ResourceInfo
@@ -29,7 +34,7 @@ from tca_module.sending.replies import Notification, PendingReplies, PendingRepl
 from tca_module.sending.sender import Sender, TaskOptions
 from tca_module.sending.task import Task
 from tca_module.sending.task_points import this
-from tca_module.sending.task_ref import AttachmentRef, Recovery, SentTask, TaskInfo, TaskRef
+from tca_module.sending.task_ref import Change, SentTask, TaskInfo, TaskRef
 from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.callbacks import Callback
 from tca_wire.constraints import Constraint
@@ -65,6 +70,8 @@ __all__ = [
     "Broadcast",
     "Callback",
     "CentralLost",
+    "Change",
+    "ChangeCallback",
     "Claim",
     "Client",
     "Command",
@@ -103,6 +110,7 @@ __all__ = [
     "Party",
     "PendingReplies",
     "PendingReply",
+    "PendingUpdate",
     "Point",
     "PointMonitor",
     "PollingMonitor",
@@ -110,11 +118,13 @@ __all__ = [
     "QueryFailed",
     "Recovery",
     "Refused",
+    "Rejected",
     "ResourceInfo",
     "Scope",
     "Sender",
     "SentTask",
     "Stopped",
+    "Stream",
     "TapEvent",
     "Task",
     "TaskFailed",

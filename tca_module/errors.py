@@ -19,12 +19,16 @@ TcaError             the base of the others
 BadData              data does not fit the format of its message (from tca_wire)
 """
 
+import asyncio
 from typing import Any
 
 from tca_wire.errors import BadData as BadData  # noqa: PLC0414 - it belongs to them
 from tca_wire.messages.declarations import D, Failure
 from tca_wire.messages.formats import decode_untyped
 from tca_wire.vocabulary import Refusal
+
+ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
+"""Errors of users' functions that concern these alone; others, such as KeyboardInterrupt, end the module."""
 
 
 class TcaError(Exception):

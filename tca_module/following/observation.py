@@ -151,6 +151,15 @@ class Observation:
         self.connection.catch_up()
         self._take_in()
 
+    def nudge(self) -> None:
+        """Let a coroutine that waits look again."""
+        if self._request.wakes is not None:
+            self._request.wakes()
+
+    def check(self) -> None:
+        """Raise the error that the request came to, if any."""
+        self._request.check(self._what)
+
     def close(self) -> None:
         """Want no more news."""
         if not self._request.is_over:

@@ -19,7 +19,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
 
     def __init__(
         self, observation: Observation, give: Callable[[News], T], wants: Wants, what: str, timeout: float | None,
-        *, is_owner: bool,
+        *, is_owner: bool = False,
     ) -> None:  # fmt: skip
         check(what, TIMEOUT, timeout=timeout)
         self._observation = observation
@@ -33,25 +33,33 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         return self
 
     def __next__(self) -> T:
-        if not self._observation.wait(self._has_some, self._timeout):
-            self._end()
+        if not self._has_next(self._timeout):
             raise StopIteration
         return self._give(self._feed.take())
+
+    def receive(self, timeout: float | None = None) -> T | None:
+        """The next one; None if none will come. Raises Timeout after so many seconds."""
+        check(self._what, TIMEOUT, timeout=timeout)
+        return self._give(self._feed.take()) if self._has_next(timeout) else None
+
+    def _has_next(self, timeout: float | None) -> bool:
+        """Wait for the next one; False if none will come."""
+        if self._observation.wait(self._has_some, timeout):
+            return True
+        if self._observation.is_over:
+            return False
+        raise Timeout(f"{self._what} did not come within {timeout:g} s", can_wait=True)
 
     def __aiter__(self) -> Self:
         return self
 
     async def __anext__(self) -> T:
-        if not await _Awaited(self._observation.until(self._has_some)):
+        if not await Awaited(self._observation.until(self._has_some)):
             raise StopAsyncIteration
         return self._give(self._feed.take())
 
     def _has_some(self) -> bool:
         return bool(self._feed)
-
-    def _end(self) -> None:
-        if not self._observation.is_over:
-            raise Timeout(f"{self._what} did not come within {self._timeout:g} s", can_wait=True)
 
     def arrived(self) -> list[T]:
         """Those that have come by now. Never waits."""
@@ -73,7 +81,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         self.close()
 
 
-class _Awaited:
+class Awaited:
     """A generator that waits, as coroutines await it."""
 
     def __init__(self, waiting: Any) -> None:

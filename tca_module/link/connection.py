@@ -176,8 +176,8 @@ class Connection:
             return TaskId(SentId(self, request))
 
     def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
-        """Change the state of a task, which *what* says. Waits neither for central nor for its word; a refusal is raised
-        by the next call of the same sender, or by ``settle``; that it came too late is logged.
+        """Change the state of a task, which *what* says. Waits neither for central nor for its word. A refusal is
+        raised by the next call of the same sender, or by ``settle``; that it came too late is logged.
         """
         self.check_thread()
         with self._lock:

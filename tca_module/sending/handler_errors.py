@@ -6,9 +6,18 @@ from types import TracebackType
 
 import msgspec
 
-from tca_module.errors import Deadlock, LockLost, QueryFailed, Stopped, TaskFailed, Timeout
+from tca_module.errors import Deadlock, LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout
 from tca_wire.messages.declarations import FailureRaised
-from tca_wire.messages.failures import BAD_DATA, CANCELLED, DEADLOCK, HANDLER_ERROR, LOCK_LOST, MODULE_LOST, TIMEOUT
+from tca_wire.messages.failures import (
+    BAD_DATA,
+    CANCELLED,
+    DEADLOCK,
+    HANDLER_ERROR,
+    LOCK_LOST,
+    MODULE_LOST,
+    REJECTED,
+    TIMEOUT,
+)
 from tca_wire.packets.headers import Fail
 from tca_wire.text.printable import shortened
 
@@ -19,12 +28,17 @@ class Misfit(Exception):
     """A handler's data or result does not fit the declaration."""
 
 
+class Rejection(Exception):
+    """A handler does not begin with its task, or does not do what a client asks for."""
+
+
+class Aborted(TaskKilled):
+    """A handler has stopped because a client asked for the task's end."""
+
+
 class Reissued(Exception):
     """An exception handler cannot deal with its failure."""
 
-
-ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
-"""Errors of users' functions that concern these alone; others, such as KeyboardInterrupt, end the module."""
 
 _NAMED = (
     (Misfit, BAD_DATA),
@@ -61,6 +75,8 @@ def _printable(text: str) -> str:
 def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     if isinstance(error, FailureRaised):
         return Fail(delivery, error.name, error.text, error.kinds), error.body
+    if isinstance(error, Rejection):
+        return Fail(delivery, REJECTED, str(error)), b""
     if isinstance(error, Reissued):
         return Fail(delivery, "", reissue=True), b""
     if isinstance(error, QueryFailed | TaskFailed):

@@ -6,9 +6,8 @@ from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic, Self
 
 from tca_module.checks import TIMEOUT, check
-from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
+from tca_module.errors import ORDINARY, BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
 from tca_module.link.connection import Connection
-from tca_module.sending.handler_errors import ORDINARY
 from tca_module.session.request import Request
 from tca_wire.messages.declarations import Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Answer

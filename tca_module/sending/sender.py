@@ -9,9 +9,10 @@ from tca_module import checks
 from tca_module.checks import EXECUTED, LateText, check, check_class, check_function, check_options, is_brief
 from tca_module.errors import Refused, Timeout
 from tca_module.link.connection import Connection
+from tca_module.sending.attachments import Recovery
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_ref import Recovery, SentTask, TaskRef, node_of
+from tca_module.sending.task_ref import SentTask, TaskRef, node_of
 from tca_module.sending.watching import WatchingServices
 from tca_module.session.request import Request
 from tca_wire.constraints import Constraint, Flags, not_before

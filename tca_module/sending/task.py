@@ -11,6 +11,8 @@ from tca_module.link.connection import Connection
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble, context_of
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
+from tca_module.sending.served_task import ServedTask
+from tca_module.sending.task_requests import ServerState
 from tca_module.sending.task_points import TaskInterval
 from tca_module.sending.task_ref import FIND_IT, SteerableTask, TaskRef
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
@@ -22,7 +24,7 @@ from tca_wire.text.measures import numbered
 C = TypeVar("C")
 
 
-class Task(Sender, SteerableTask):
+class Task(Sender, SteerableTask, ServedTask):
     """The message being handled. Goals and commands sent from it become its subtasks; ``kill``, ``suspend`` and their
     like are about itself.
 
@@ -30,11 +32,15 @@ class Task(Sender, SteerableTask):
     its *id* is 0, and its handler sends under the root.
     """
 
-    def __init__(self, connection: Connection, delivery: Deliver, message: Message[Any, Any]) -> None:
+    def __init__(
+        self, connection: Connection, delivery: Deliver, message: Message[Any, Any], *, accepts: bool = False
+    ) -> None:
+        """*accepts*: the handler says itself when it accepts the task."""
         self._link: Connection | None = connection
         self._wakes: Connection = connection  # also when the handler has returned
         self._message = message
         self._delivery = delivery
+        self._accepts = accepts
         self._what = numbered(message.name, delivery.task) if delivery.task else f"'{message.name}'"
         epoch = connection.session.epoch
         task_id = with_epoch(delivery.task, epoch, self._what)
@@ -162,6 +168,16 @@ class Task(Sender, SteerableTask):
             connection.transport.waker()  # an answer from another thread must not wait
             self.later = LaterReply(connection, self._message, self._delivery)
         return self.later
+
+    def _served(self) -> ServerState:
+        self._node()
+        connection = self._connection()
+        connection.catch_up()
+        delivery, message = self._delivery, self._message
+        served: ServerState = connection.session.open_deliveries.state_of(
+            self.delivery, lambda one: ServerState(connection, delivery, one, message, accepts=self._accepts)
+        )
+        return served
 
     def check_sent(self) -> None:
         """The handler is about to return: raises the error of a task that it has sent, if one is known. If a message

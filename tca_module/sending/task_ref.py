@@ -2,23 +2,27 @@
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any, Generic, NamedTuple, overload
 
 import msgspec
 
 from tca_module import checks
-from tca_module.checks import LateText, check, check_class, check_handles, check_message, is_brief
+from tca_module.checks import LateText, check, check_class, check_message, is_brief
 from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
+from tca_module.following.followed_task import FollowedTask, decode_progress, is_progress, life_cycle_of
+from tca_module.following.observation import News
 from tca_module.link.connection import Connection
 from tca_module.link.questions import answered
+from tca_module.sending.attachments import AttachmentRef, Recovery
 from tca_module.sending.task_points import TaskIntervals
-from tca_module.session.epoch_numbers import first_foreign, with_epoch
+from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Command, D, Failure, FailureRaised, Goal, Message, R
+from tca_wire.messages.formats import decode_untyped
 from tca_wire.packets import headers
-from tca_wire.packets.parts import Attachment
 from tca_wire.points import Point, TaskId, describe_moments
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Scope
@@ -59,52 +63,6 @@ FIND_IT = "in other threads connect(), and use task(number) of that"
 
 _DEALT_WITH = "an exception handler dealt with it, so there is no result"
 _RELATIONS = {"self": "state", "kept": "kept tasks"}
-
-
-class AttachmentRef:
-    """An exception handler or wiretap that was attached; ``remove()`` takes it away. That of a message or of the root
-    is attached anew when central was restarted.
-    """
-
-    def __init__(self, connection: Connection, number: int, header: headers.Attach | headers.Tap) -> None:
-        self._connection = connection
-        self._attachments = connection.session.attachments
-        self._standing = self._attachments.of(header)
-        self._number = number  # of an attachment to a task
-        self._origin = header.origin
-
-    @property
-    def id(self) -> int:
-        """Its number, as in ``tca attached``; it changes when central is restarted."""
-        return self._standing.number if self._standing is not None else self._number
-
-    def remove(self) -> None:
-        """Take it away for good, unless another module wants it too. Messages that it has sent stay."""
-        connection = self._connection
-        if self._standing is not None:
-            self._attachments.forget(self._standing, connection.session.epoch)
-        try:
-            origin = 0 if first_foreign([self._origin], connection.session.epoch) else self._origin
-            connection.call(headers.Remove(0, self.id, origin=origin), f"removing {self.id}")
-        except CentralLost:
-            if first_foreign([self.id], connection.session.epoch) is None:
-                raise
-
-
-class Recovery:
-    """An exception handler of a task that is being sent: ``on_failure=[Recovery(COLLISION, RAISE_LEG, maximum=2)]``. It
-    takes what ``on_failure()`` of a handle takes. Raises MisuseError if handler and failure do not fit.
-    """
-
-    __slots__ = ("attachment", "handler")
-
-    def __init__(
-        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
-    ) -> None:
-        check_handles(failure, handler)
-        check(handler.title, checks.MAXIMUM, maximum=maximum)
-        self.handler = handler
-        self.attachment = Attachment(failure.name if failure is not None else "", handler.name, maximum or 0)
 
 
 def node_of(task: "TaskRef") -> TaskId:
@@ -303,8 +261,9 @@ class SteerableTask(TaskIntervals):
         return bool(self._connection().call(header, what, body))
 
 
-class TaskRef(SteerableTask):
-    """A task of the tree: wait for it, kill, suspend or retry it, raise a failure on it, look at its relatives.
+class TaskRef(SteerableTask, FollowedTask["Change"]):
+    """A task of the tree: wait for it, follow its state, give it a new goal, cancel, kill, suspend or retry it, raise a
+    failure on it, look at its relatives.
 
     ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took effect, False if
     the task had ended. Promises for later (``on_failure``, ``on_termination``, ``keep``) raise Refused ("too late").
@@ -341,6 +300,9 @@ class TaskRef(SteerableTask):
     def _connection(self) -> Connection:
         self._link.check_thread(self, "sent or found it", FIND_IT)
         return self._link
+
+    def _as_change(self, news: News) -> "Change":
+        return Change(news, self, self._link.declared(self.message))
 
     # --- its end ---------------------------------------------------------------------------------------------------
 
@@ -415,6 +377,50 @@ class TaskRef(SteerableTask):
         header = headers.Attach(0, wanted, self._node(), origin=self._origin)
         number = self._connection().call(header, LateText(lambda: f"attaching '{handler.name}' to {self._in_words}"))
         return AttachmentRef(self._connection(), number, header)
+
+
+class Change:
+    """A change of a task's state; or, if *is_late*, how it stood when the observer came."""
+
+    def __init__(self, news: News, task: TaskRef, message: Message[Any, Any] | None) -> None:
+        change = news.change
+        self.task = task
+        self.message = change.message  #: its name
+        self.serial = change.serial  #: the number of changes of this task, this one included
+        self.state = change.state  #: the task's, from now on; "" if it ended while nobody here heard central
+        self.transition = change.transition  #: by which it came to that; "" if *is_late*
+        self.by = change.by  #: client, server or central
+        self.module = change.module  #: the client's or server's
+        self.text = change.text  #: the reason, for people
+        self.is_late = change.is_late
+        self.is_over = change.is_over  #: the task has ended
+        self.missed = news.missed  #: the number of changes before this one that were not seen here
+        self._change = change
+        self._message = message
+
+    def __repr__(self) -> str:
+        return f"{self.task}: {self.state}" + (f" ({self.transition})" if self.transition else "")
+
+    @cached_property
+    def goal(self) -> Any:
+        """The task's data; as plain values if its message is not declared here."""
+        return self._goal_of(self._change.goal)
+
+    @cached_property
+    def data(self) -> Any:
+        """What came with it: the goal that a client asks for, an intermediate result (the newest, if *is_late*), the
+        result, or the data of the failure. None if nothing did.
+        """
+        data, message = self._change.data, self._message
+        if is_progress(self._change):
+            return decode_progress(message, data)
+        if not self.is_over:
+            return self._goal_of(data)
+        is_result = message is not None and self.state == life_cycle_of(message).done
+        return message.decode_reply(data) if message is not None and is_result and data else decode_untyped(data)
+
+    def _goal_of(self, data: bytes) -> Any:
+        return self._message.decode_data(data) if self._message is not None and data else decode_untyped(data)
 
 
 class SentTask(TaskRef, Generic[R]):

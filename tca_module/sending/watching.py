@@ -6,10 +6,11 @@ from typing import Any, TypedDict, Unpack, overload
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, check_options
 from tca_module.errors import MisuseError
+from tca_module.sending.attachments import AttachmentRef, Recovery
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import A, MonitorRef, check_action
 from tca_module.sending.sibling_order import SiblingOrder
-from tca_module.sending.task_ref import AttachmentRef, Recovery, SentTask, TaskRef, node_of
+from tca_module.sending.task_ref import SentTask, TaskRef, node_of
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, Monitor, PointMonitor, PollingMonitor

@@ -8,9 +8,8 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 from tca_module.checks import DELAY, PERIOD, check, check_function
-from tca_module.errors import MisuseError
+from tca_module.errors import ORDINARY, MisuseError
 from tca_module.link.connection import Connection
-from tca_module.sending.handler_errors import ORDINARY
 from tca_module.sending.sender import Sender
 from tca_module.sockets.transport import Transport
 

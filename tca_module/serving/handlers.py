@@ -5,8 +5,8 @@ from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
 from tca_module.checks import FLAG, MESSAGE, PENDING, check, check_function, is_async
-from tca_module.errors import NIL, MisuseError, Stopped, TaskKilled
-from tca_module.sending.handler_errors import ORDINARY, Misfit, failed, handler_error
+from tca_module.errors import NIL, ORDINARY, MisuseError, Stopped, TaskKilled
+from tca_module.sending.handler_errors import Aborted, Misfit, failed, handler_error
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
 from tca_module.session.open_deliveries import task_is_killed
@@ -121,7 +121,7 @@ class Handler:
         if task.later is not None:
             task.later.end(f"its handler failed: {type(error).__name__}")
         is_told = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
-        if is_told or (isinstance(error, Stopped) and task_is_killed()):
+        if is_told or isinstance(error, Aborted) or (isinstance(error, Stopped) and task_is_killed()):
             return Reply(task.delivery), NIL  # its task was killed, and it ends as was wanted: that is no failure
         if isinstance(error, asyncio.CancelledError) and not self.is_async:
             return handler_error(task.delivery, error)  # nobody has cancelled it, but something that it ran

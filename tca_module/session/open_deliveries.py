@@ -121,6 +121,14 @@ class OpenDeliveries:
             return mine
         return self._known.get(delivery)
 
+    def state_of(self, delivery: int, make: Callable[[OpenDelivery], Any]) -> Any:
+        """The state of the task of a delivery, as its handler knows it; made when it is first asked for."""
+        one = self._of(delivery)
+        assert one is not None
+        if one.state is None:
+            one.state = make(one)
+        return one.state
+
     def is_killed(self, delivery: int) -> bool:
         """Whether the task of a delivery was killed or forgotten; never that of a direct one (< 0)."""
         one = self._of(delivery)

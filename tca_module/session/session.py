@@ -123,7 +123,7 @@ class Session:
         return request
 
     def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
-        """Change a task's state, which *what* says, without waiting for central's word; otherwise like ``send_task``."""
+        """Change a task's state, as *what* says, without waiting for central's word; otherwise like ``send_task``."""
         request = self.request(header, body)
         request.what, request.by = what, self.open_deliveries.name_of(header.origin)
         self.sends.untold += 1

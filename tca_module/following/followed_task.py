@@ -1,0 +1,237 @@
+"""What a client does with a task beside waiting for its end: follow its state, give it a new goal, cancel it."""
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar, overload
+
+from tca_module.checks import TEXT, LateText, check, check_message
+from tca_module.errors import MisuseError, Refused
+from tca_module.following.mirror import C, ChangeCallback, Mirror
+from tca_module.following.observation import News, Observation
+from tca_module.following.stream import Stream
+from tca_module.following.update import PendingUpdate
+from tca_module.link.connection import Connection
+from tca_wire.life_cycles import GENERAL, Effect, LifeCycle
+from tca_wire.messages.declarations import Message, TaskMessage
+from tca_wire.messages.formats import decode_untyped
+from tca_wire.packets.changes import ChangeState, Observe
+from tca_wire.packets.parts import StateChange
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Party, Refusal
+
+P = TypeVar("P")
+
+
+def is_progress(change: StateChange) -> bool:
+    """Whether its data are an intermediate result."""
+    return bool(change.data) and not change.is_over and change.by is not Party.CLIENT
+
+
+def decode_progress(message: Message[Any, Any] | None, data: bytes) -> Any:
+    """An intermediate result; as plain values if its message is not declared here."""
+    return message.progress.decode(data) if isinstance(message, TaskMessage) else decode_untyped(data)
+
+
+def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
+    """The life cycle of a message's tasks; the general one if it is not declared here."""
+    return message.life_cycle if isinstance(message, TaskMessage) else GENERAL
+
+
+class FollowedTask(Generic[C]):
+    """A task whose state is followed, once that is asked for: ``state``, ``changes()``, ``update()`` and their like.
+
+    Following begins at their first use, or with ``follow()``. Central is then waited for once; later never, and it goes
+    on by itself after a break.
+    """
+
+    _origin: int
+    _mirror: Mirror | None = None
+    _changes: Stream[C] | None = None
+
+    # --- what a handle provides --------------------------------------------------------------------------------------
+
+    @property
+    def message(self) -> str:
+        """The name of the message that the task is."""
+        raise NotImplementedError
+
+    @property
+    def _in_words(self) -> str:
+        raise NotImplementedError
+
+    def _connection(self) -> Connection:
+        raise NotImplementedError
+
+    def _node(self) -> TaskId:
+        raise NotImplementedError
+
+    def _as_change(self, news: News) -> C:
+        """A change as users see it."""
+        raise NotImplementedError
+
+    # --- following ---------------------------------------------------------------------------------------------------
+
+    def follow(self) -> None:
+        """Begin to follow the task now, without waiting: what happens from now on is not missed."""
+        self._followed()
+
+    def _followed(self) -> Mirror:
+        if self._mirror is None:
+            what = LateText(lambda: f"the state of {self._in_words}")
+            header = Observe(0, self._node(), self.message, origin=self._origin)
+            observation = Observation(self._connection(), header, what)
+            self._mirror = Mirror(observation, self._in_words)
+        return self._mirror
+
+    @property
+    def state(self) -> str:
+        """The task's state, such as "running". Waits for central the first time only, later never."""
+        return self._followed().state
+
+    @property
+    def serial(self) -> int:
+        """The number of changes of the task's state, as far as is known here; -1 if that was never told."""
+        mirror = self._followed()
+        mirror.state  # noqa: B018 - it is known with that
+        return mirror.serial
+
+    def changes(self, timeout: float | None = None) -> Stream[C]:
+        """The changes of the task's state from now on, until its end; first how it stands, if it has left its first
+        state by now. Each is waited for, at most *timeout* seconds: then Timeout is raised.
+
+        ::
+
+            for change in sent.changes():
+                print(change.state)
+        """
+        observation = self._followed().observation
+        what = f"a change of {self._in_words}"
+        return Stream(observation, self._as_change, lambda news: news.change.serial != 0, what, timeout)
+
+    def next_change(self, timeout: float | None = None) -> C | None:
+        """The next change of the task's state, each once; None if it has ended and all were given. The first is how it
+        stands, if nothing else has followed it yet. Raises Timeout.
+        """
+        if self._changes is None:
+            self._changes = self.changes()
+        return self._changes.receive(timeout)
+
+    @overload
+    def progress(self, kind: None = None, *, timeout: float | None = ...) -> Stream[Any]: ...
+    @overload
+    def progress(self, kind: type[P], *, timeout: float | None = ...) -> Stream[P]: ...
+    def progress(self, kind: Any = None, *, timeout: float | None = None) -> Stream[Any]:
+        """The intermediate results of the task, from the newest on; otherwise like ``changes``. *kind* is their type,
+        for type checkers.
+
+        ::
+
+            for feel in grasp.progress(Feel):
+                print(feel.force)
+        """
+        observation, message = self._followed().observation, self._declared()
+        if kind is not None and isinstance(message, TaskMessage) and message.progress.kind is not kind:
+            raise MisuseError(f"the intermediate results of {message.title} are {message.progress}, not {kind!r:.60}")
+        what = f"an intermediate result of {self._in_words}"
+        return Stream(
+            observation, lambda news: decode_progress(message, news.change.data), lambda news: is_progress(news.change),
+            what, timeout,
+        )  # fmt: skip
+
+    def on_change(self, function: Callable[[Any, C], object] | Callable[[C], object]) -> ChangeCallback[C]:
+        """Have a function called with a Sender under the root and each change from now on, or with the change alone:
+        in this thread, one call at a time, while it waits for central or its next message. Errors in it are logged.
+        """
+        callback = ChangeCallback("on_change()", self._connection(), function, self._as_change)
+        self._followed().call(callback.put)
+        return callback
+
+    # --- asking for something ----------------------------------------------------------------------------------------
+
+    def update(self, goal: Any, *, timeout: float | None = None, message: Message[Any, Any] | None = None) -> None:
+        """Give the running task a new goal, and wait until its handler has taken it over; where that does not say that
+        it takes updates, the task begins anew with it.
+
+        Raises Rejected, with the handler's reason, if it goes on with the old one, or the task ends first; Refused if
+        the task can't be given one in its state; Timeout. Of a task that was only found, give its *message*.
+        """
+        self.update_send(goal, message=message).wait(timeout)
+
+    def update_send(self, goal: Any, *, message: Message[Any, Any] | None = None) -> PendingUpdate:
+        """The same without waiting: ``wait()`` for the handler's word later, or ``await`` it in an async handler."""
+        self._know(message)
+        what, cycle = f"the update of {self._in_words}", self._life_cycle
+        rows = [row for row in cycle.transitions if row.effect is Effect.NEW_GOAL]
+        if not rows:
+            raise MisuseError(f"{what}: {cycle} has none; kill the task and send a new one")
+        mirror = self._followed()
+        row = next((row for row in rows if row.source == mirror.known), rows[0])
+        self._check_possible(what, row.name, mirror.known)
+        feed = mirror.observation.feed()
+        request = self._send_change(row.name, self._encoded(goal), "", what)
+        return PendingUpdate(what, mirror, feed, request, cycle, row)
+
+    def cancel(self, why: str = "") -> None:
+        """Ask for the end of the task, without waiting: its handler decides, and may take its time; where it says
+        nothing of cancels, the task is killed. It is not lost, even while central is away.
+        """
+        what, cycle = LateText(lambda: f"cancelling {self._in_words}"), self._life_cycle
+        check(what, TEXT, why=why)
+        names = [row.name for row in cycle.transitions if row.by is Party.CLIENT and cycle.ends_on_request(row.target)]
+        if not names:
+            raise MisuseError(f"{what}: {cycle} has no such transition; kill() ends the task")
+        self._send_change(names[0], b"", why, str(what))
+
+    def take(
+        self, transition: str, data: Any = None, *, why: str = "", message: Message[Any, Any] | None = None
+    ) -> bool:
+        """Take a client's transition of the task's own life cycle: ``sent.take("pause")``. *data* is the goal, if the
+        transition has one. Returns False if the task had ended, or the server was first and left no way to it.
+
+        Raises MisuseError for a transition that is no client's, Refused if the task's state has no such way out.
+        """
+        what = f"'{transition}' of {self._in_words}"
+        check(what, TEXT, why=why)
+        self._know(message)
+        self._check_possible(what, transition, self._mirror.known if self._mirror is not None else "")
+        body = self._encoded(data) if data is not None else b""
+        return bool(self._connection().call(self._change(transition, why), what, body))
+
+    def _check_possible(self, what: str, name: str, state: str) -> None:
+        """Raise an error if no client can take that transition, or none in a *state* that is known ("": it is not)."""
+        cycle = self._life_cycle
+        if name not in (names := cycle.names(Party.CLIENT)) and self._declared() is not None:
+            listed = ", ".join(f"'{one}'" for one in names) or "none"
+            raise MisuseError(f"{what}: no client can take that; {cycle} has for clients: {listed}")
+        if state and name in names and not cycle.is_over(state) and cycle.step(state, name, Party.CLIENT) is None:
+            sources = " or ".join(f"'{one}'" for one in cycle.sources(name, Party.CLIENT))
+            raise Refused(what, Refusal.TOO_LATE, f"the task is '{state}', and that is possible while it is {sources}")
+
+    def _send_change(self, name: str, body: bytes, why: str, what: str) -> Any:
+        return self._connection().send_change(self._change(name, why), body, what)
+
+    def _change(self, name: str, why: str) -> ChangeState:
+        serial = self._mirror.serial if self._mirror is not None and self._mirror.known else -1
+        return ChangeState(0, self._node(), name, serial, why, self._origin)
+
+    def _encoded(self, goal: Any) -> bytes:
+        message = self._declared()
+        if message is None:
+            raise MisuseError(f"a new goal of {self._in_words}: say of which message it is, with message=")
+        return message.encode_data(goal)
+
+    def _know(self, message: Message[Any, Any] | None) -> None:
+        """The task is that *message*, if it is given."""
+        if message is None:
+            return
+        check_message(message)
+        if message.name != self.message:
+            raise MisuseError(f"{self._in_words} is no '{message.name}'")
+        self._connection().declare(message)
+
+    def _declared(self) -> Message[Any, Any] | None:
+        """The task's message, if it was declared here."""
+        return self._connection().declared(self.message)
+
+    @property
+    def _life_cycle(self) -> LifeCycle:
+        return life_cycle_of(self._declared())

@@ -1,0 +1,90 @@
+"""A task as a program that follows it knows it: the newest state, and functions to call with each change."""
+
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Generic, TypeVar
+
+from tca_module.checks import check_function
+from tca_module.errors import ORDINARY, Timeout
+from tca_module.following.observation import News, Observation
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
+
+C = TypeVar("C")
+
+
+class Mirror:
+    """A task's newest state, as far as this program has heard."""
+
+    def __init__(self, observation: Observation, what: str) -> None:
+        self.observation = observation
+        self.serial = -1
+        self.is_over = False
+        self._state = ""
+        self._what = what  # for errors
+        observation.on_news = self._on_news
+        self._functions: list[Callable[[News], None]] = []
+
+    def _on_news(self, news: News) -> None:
+        self._state, self.is_over = news.change.state, news.change.is_over
+        self.serial = max(self.serial, news.change.serial)  # of one that had ended central does not know it
+        for function in list(self._functions):
+            function(news)
+
+    @property
+    def state(self) -> str:
+        """The newest state. Waits for central's word until that has come once. Raises what ``Observation.wait`` does,
+        or Timeout.
+        """
+        self.observation.catch_up()
+        if not self.is_over:
+            if not self.observation.wait(lambda: self.observation.is_complete, ACKNOWLEDGED_WITHIN):
+                raise Timeout(f"the state of {self._what} was not told within {ACKNOWLEDGED_WITHIN:g} s")
+            self.observation.check()
+        return self._state
+
+    @property
+    def known(self) -> str:
+        """The newest state; "" if it was not told yet. Never waits."""
+        self.observation.catch_up()
+        return self._state if self.observation.is_complete else ""
+
+    def call(self, function: Callable[[News], None]) -> None:
+        """Call a function with each change from now on, also if nobody else follows the task any more."""
+        self._functions.append(function)
+        self.observation.hold()
+
+
+class ChangeCallback(Generic[C]):
+    """A function that is called with changes of tasks: in the thread that asked for that, one call at a time, while it
+    waits for central or its next message. Errors in it are logged.
+    """
+
+    def __init__(
+        self, what: str, connection: Connection, function: Callable[..., object], give: Callable[[News], C]
+    ) -> None:
+        self.is_over = False  #: it is called no more
+        self._arguments = check_function(what, function, "(sender, change) or (change)", (2, 1))
+        self._connection = connection
+        self._function = function
+        self._give = give
+        self._log = logging.getLogger(f"tca.{connection.session.module}")
+
+    def put(self, news: News) -> None:
+        """Something has changed: call the function soon."""
+        if not self.is_over:
+            self._connection.waiting.callbacks.append(partial(self._call, news))
+
+    def cancel(self) -> None:
+        """Call it no more; from any thread. Twice does no harm."""
+        self.is_over = True
+
+    def _call(self, news: News) -> None:
+        if self.is_over:
+            return
+        given: tuple[Any, ...] = (self._connection.root_sender, self._give(news))
+        try:
+            self._function(*given[-self._arguments :])
+            self._connection.settle(0, wait=True)
+        except ORDINARY:  # its author reads the log
+            self._log.exception("%s failed", getattr(self._function, "__qualname__", self._function))

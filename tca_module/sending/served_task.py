@@ -1,0 +1,89 @@
+"""What a task's handler does with its state: accept or reject it, report results, hear what clients ask for."""
+
+from typing import Any
+
+from tca_module.checks import TEXT, TIMEOUT, check
+from tca_module.errors import BadData, MisuseError, TaskKilled
+from tca_module.sending.handler_errors import Aborted, Rejection
+from tca_module.sending.task_requests import Requests, ServerState, TaskRequest
+from tca_wire.messages.declarations import Message, TaskMessage
+
+
+class ReportingTask:
+    """A task that somebody works on: its handler, or whoever owes its reply."""
+
+    _message: Message[Any, Any]
+
+    def _served(self) -> ServerState:
+        """The task's state. Raises MisuseError for what is no task."""
+        raise NotImplementedError
+
+    @property
+    def state(self) -> str:
+        """The task's state, as far as is known here. Never waits."""
+        return self._served().state
+
+    def accept(self) -> None:
+        """Say that the task is begun; for handlers declared with ``accepts=True``."""
+        served = self._served()
+        served.take(served.life_cycle.accepted.name)
+
+    def report(self, data: Any = None) -> None:
+        """Tell those who follow the task of an intermediate result, of the type *progress* of its message. Does not
+        wait. Raises BadData.
+        """
+        message = self._message
+        if not isinstance(message, TaskMessage):
+            raise MisuseError(f"{self} can't report(): only goals and commands have intermediate results")
+        served = self._served()
+        if data is not None and message.progress.kind is type(None):
+            raise MisuseError(f"{message.title} is declared without progress=, and report() was given {data!r:.60}")
+        try:
+            body = message.progress.encode(data)
+        except BadData as error:
+            raise BadData(f"the intermediate results of {message.title} are {message.progress}: {error}") from None
+        served.report(body)
+
+    def take(self, transition: str, why: str = "") -> None:
+        """Take a server's transition of the task's own life cycle: ``task.take("paused")``. Raises MisuseError for one
+        that is no server's, or not possible in the task's state.
+        """
+        check(f"'{transition}' of {self}", TEXT, why=why)
+        self._served().take(transition, why)
+
+    @property
+    def request(self) -> TaskRequest | None:
+        """The oldest open request of a client, if there is one: for handlers that say in ``takes=`` what they hear.
+        Never waits.
+        """
+        return self._served().oldest
+
+
+class ServedTask(ReportingTask):
+    """A task, as its handler has it."""
+
+    def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
+        """The next request of a client, each once; None after *timeout* seconds. Raises TaskKilled if the task is
+        killed, Stopped if the module ends. In async handlers use ``requests()``.
+        """
+        check(f"wait_for_request() of {self}", TIMEOUT, timeout=timeout)
+        return self._served().wait(timeout)
+
+    def requests(self) -> Requests:
+        """The requests of clients as they come; in async handlers for ``async for request in task.requests():``."""
+        return Requests(self._served())
+
+    def rejected(self, why: str = "") -> Exception:
+        """The error to raise when the task is not begun: ``raise task.rejected("no hand is free")``. Its client gets
+        the failure "rejected".
+        """
+        check(f"rejected() of {self}", TEXT, why=why)
+        return Rejection(why or "its handler gives no reason")
+
+    def aborted(self, why: str = "") -> TaskKilled:
+        """The error to raise when all is safe after a request for the task's end: ``raise task.aborted()``. It is the
+        short form of ``request.accept()`` and a return.
+        """
+        check(f"aborted() of {self}", TEXT, why=why)
+        self._served().stop(why)
+        return Aborted(str(self), why or "a client has asked for its end")

@@ -1,0 +1,282 @@
+"""The state of a task as its handler knows it, and what clients ask of that: a new goal, the task's end.
+
+The table of its life cycle says what the handler may do; what it may not is refused here. Where a client was faster,
+central decides (tca_central/life_cycles).
+"""
+
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator
+from functools import partial
+from typing import Any, Self
+
+from tca_module.errors import CentralLost, MisuseError
+from tca_module.following.followed_task import life_cycle_of
+from tca_module.following.stream import Awaited
+from tca_module.link.connection import Connection
+from tca_module.session.epoch_numbers import with_epoch
+from tca_module.session.open_deliveries import OpenDelivery
+from tca_module.session.request import Request
+from tca_wire.life_cycles import Effect, LifeCycle, Transition
+from tca_wire.messages.declarations import Message
+from tca_wire.packets.changes import ChangeState, Observe, Requested
+from tca_wire.packets.headers import Deliver
+from tca_wire.text.measures import numbered
+from tca_wire.vocabulary import Party
+
+
+class TaskRequest:
+    """A client has taken a transition of the task, such as "update" or "cancel": accept or reject it. It is open until
+    then, or until another one overtakes it.
+    """
+
+    def __init__(self, served: "ServerState", row: Transition, header: Requested, goal: Any) -> None:
+        self.transition = header.transition
+        self.goal = goal  #: the new one, of an update; else None
+        self.why = header.text  #: the client's reason
+        self.serial = header.serial
+        self.row = row
+        self.is_given = False  #: a wait has given it to the handler
+        self._served = served
+
+    def __repr__(self) -> str:
+        return f"'{self.transition}' of {self._served}" + (f": {self.why}" if self.why else "")
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it waits for the handler's word. Never waits."""
+        return self._served.is_open(self)
+
+    def accept(self) -> bool:
+        """Grant it: the new goal is the task's, or the task ends as cancelled, and its handler should return. Returns
+        False if another request has overtaken it.
+        """
+        return self._served.accept(self)
+
+    def reject(self, why: str = "") -> bool:
+        """Refuse it: the task goes on as it was, and the client is told why. Returns what ``accept`` does."""
+        return self._served.reject(self, why)
+
+
+class ServerState:
+    """The state of a task that is being handled; from any thread."""
+
+    def __init__(
+        self, connection: Connection, delivery: Deliver, one: OpenDelivery, message: Message[Any, Any], *, accepts: bool
+    ) -> None:  # fmt: skip
+        self.life_cycle = cycle = life_cycle_of(message)
+        self._state = cycle.initial if accepts else cycle.accepted.target
+        self._serial = 0  # the newest that a client's transition had
+        self._open: list[TaskRequest] = []  # oldest first
+        self._connection = connection
+        self._message = message
+        self._one = one
+        self._what = numbered(message.name, delivery.task)
+        epoch = connection.session.epoch
+        self._task = with_epoch(delivery.task, epoch, self._what)
+        self._origin = with_epoch(delivery.delivery, epoch, self._what)
+        self._lock = threading.RLock()
+        self._awaited = Request(Observe(0), b"", wants_answer=True)  # stands for what clients may ask of it
+        self._awaited.path = self
+        one.on_request.append(self._wake)
+
+    def __repr__(self) -> str:
+        return self._what
+
+    def abandon(self, _: Request) -> None:
+        """A coroutine does not wait any more."""
+
+    def _wake(self) -> None:
+        if self._awaited.wakes is not None:
+            self._awaited.wakes()
+
+    # --- what clients ask for ----------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> str:
+        """The task's state."""
+        with self._lock:
+            self._look()
+            return self._state
+
+    @property
+    def oldest(self) -> TaskRequest | None:
+        """The oldest open request."""
+        with self._lock:
+            self._look()
+            return self._open[0] if self._open else None
+
+    def is_open(self, request: TaskRequest) -> bool:
+        """Whether a request waits for the handler's word."""
+        with self._lock:
+            self._look()
+            return request in self._open
+
+    @property
+    def has_new(self) -> bool:
+        """Whether there is one that no wait has given yet."""
+        with self._lock:
+            self._look()
+            return any(not one.is_given for one in self._open)
+
+    def take_new(self) -> TaskRequest | None:
+        """The oldest open request that no wait has given yet."""
+        with self._lock:
+            self._look()
+            found = next((one for one in self._open if not one.is_given), None)
+            if found is not None:
+                found.is_given = True
+            return found
+
+    def _look(self) -> None:
+        while self._one.requested:
+            header, body = self._one.requested.popleft()
+            if header.serial <= self._serial:
+                continue  # central has said it twice
+            self._serial = header.serial
+            cycle = self.life_cycle
+            rows = (one for one in cycle.transitions if one.name == header.transition)
+            row = cycle.step(self._state, header.transition, Party.CLIENT) or next(rows)
+            self._state = row.target
+            self._open = [one for one in self._open if not self._wants_answer(one)]  # it overtakes those
+            goal = self._message.decode_data(body) if body else None
+            self._open.append(TaskRequest(self, row, header, goal))
+
+    def _wants_answer(self, request: TaskRequest) -> bool:
+        """Whether the client waits for the handler's word in a state of its own."""
+        cycle, state = self.life_cycle, request.row.target
+        return cycle.ends_on_request(state) or bool(cycle.grant(state) or cycle.refusal(state))
+
+    def accept(self, request: TaskRequest) -> bool:
+        """Grant a request; False if it is no longer open."""
+        with self._lock:
+            if not self.is_open(request):
+                return False
+            self._open.remove(request)
+            is_goal = request.row.effect is Effect.NEW_GOAL
+            row = self.life_cycle.grant(self._state) if is_goal else self._row_with(Effect.STOP)
+            if row is not None:
+                self._take(row)
+            return True
+
+    def reject(self, request: TaskRequest, why: str) -> bool:
+        """Refuse a request; False if it is no longer open."""
+        with self._lock:
+            if not self.is_open(request):
+                return False
+            row = self.life_cycle.refusal(self._state)
+            if row is None:
+                raise MisuseError(f"{request} can't be rejected: {self.life_cycle} has no transition for that")
+            self._open.remove(request)
+            self._take(row, why)
+            return True
+
+    # --- what the handler does ---------------------------------------------------------------------------------------
+
+    def take(self, name: str, why: str = "", body: bytes = b"") -> None:
+        """Take a transition of the server's."""
+        with self._lock:
+            self._look()
+            cycle = self.life_cycle
+            row = cycle.step(self._state, name, Party.SERVER)
+            if row is None:
+                raise MisuseError(self._not_now(name))
+            if cycle.is_over(row.target) and row.effect is not Effect.STOP:
+                raise MisuseError(f"'{name}' ends {self}: its handler returns, or raises a failure, instead")
+            if row.effect is not Effect.RESULT:
+                self._open = [one for one in self._open if not self._wants_answer(one)]
+            self._take(row, why, body)
+
+    def _not_now(self, name: str) -> str:
+        cycle = self.life_cycle
+        if name not in (names := cycle.names(Party.SERVER)):
+            listed = ", ".join(f"'{one}'" for one in names)
+            return f"the handler of {self} can't take '{name}': {cycle} has for servers: {listed}"
+        sources = " or ".join(f"'{one}'" for one in cycle.sources(name, Party.SERVER))
+        advice = ""
+        if name == cycle.accepted.name:
+            advice = "; a task is accepted when its handler gets it, unless that is declared with accepts=True"
+        elif self._state == cycle.initial:
+            advice = "; accept() it first"
+        return f"{self} is '{self._state}': '{name}' is possible while it is {sources}{advice}"
+
+    def report(self, body: bytes) -> None:
+        """Tell of an intermediate result; one of a task that has just been stopped is dropped."""
+        with self._lock:
+            self._look()
+            if self.life_cycle.is_over(self._state):
+                return
+            rows = [row for row in self.life_cycle.transitions if row.effect is Effect.RESULT]
+            if not rows:
+                raise MisuseError(f"{self} can't report(): {self.life_cycle} has no transition for results")
+            row = self._row_with(Effect.RESULT) or rows[0]
+            self.take(row.name, body=body)
+
+    def stop(self, why: str = "") -> None:
+        """End the task as its client wants."""
+        with self._lock:
+            self._look()
+            row = self._row_with(Effect.STOP)
+            if row is None:
+                raise MisuseError(f"{self} is '{self._state}', and nobody has asked for its end: return, or fail")
+            self._open.clear()
+            self._take(row, why)
+
+    def _row_with(self, effect: Effect) -> Transition | None:
+        rows = (row for row in self.life_cycle.transitions if row.source == self._state and row.effect is effect)
+        return next(rows, None)
+
+    def _take(self, row: Transition, why: str = "", body: bytes = b"") -> None:
+        self._state = row.target
+        header = ChangeState(0, self._task, row.name, self._serial, why, self._origin)
+        send = partial(self._connection.send_change, header, body, f"'{row.name}' of {self}")
+        if self._connection.is_mine:
+            send()
+        else:
+            self._connection.call_soon(partial(self._send_late, send))
+
+    def _send_late(self, send: Callable[[], object]) -> None:
+        """Another thread wants it."""
+        try:
+            send()
+        except CentralLost as error:
+            self._connection.log.warning("%s", error)
+
+    # --- waiting -----------------------------------------------------------------------------------------------------
+
+    def wait(self, timeout: float | None) -> TaskRequest | None:
+        """The next request that no wait has given yet; None after so many seconds."""
+        connection = self._connection
+        moment = None if timeout is None else connection.transport.time() + timeout
+        connection.wait_until(lambda: self.has_new, f"a request to {self}", moment)
+        return self.take_new()
+
+    async def awaited(self) -> TaskRequest:
+        """The same in a coroutine, without end."""
+        waiting = self._connection.until_over(self._awaited, f"a request to {self}", lambda: self.has_new)
+        await Awaited(waiting)
+        found = self.take_new()
+        assert found is not None
+        return found
+
+
+class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
+    """What clients ask of a task, each once: ``for`` waits for each, in async handlers ``async for``. The task's end,
+    and that of the module, raise TaskKilled and Stopped, or CancelledError.
+    """
+
+    def __init__(self, served: ServerState) -> None:
+        self._served = served
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> TaskRequest:
+        found = self._served.wait(None)
+        assert found is not None
+        return found
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> TaskRequest:
+        return await self._served.awaited()
