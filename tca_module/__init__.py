@@ -35,6 +35,7 @@ from tca_module.sending.sender import Sender, TaskOptions
 from tca_module.sending.task import Task
 from tca_module.sending.task_points import this
 from tca_module.sending.task_ref import Change, SentTask, TaskInfo, TaskRef
+from tca_module.sending.task_requests import TaskRequest
 from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.callbacks import Callback
 from tca_wire.constraints import Constraint
@@ -132,6 +133,7 @@ __all__ = [
     "TaskKilled",
     "TaskOptions",
     "TaskRef",
+    "TaskRequest",
     "TcaError",
     "Timeout",
     "Transition",

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from typing import Any, Literal, TypeVar, overload
+from typing import Any, Literal, TypeVar, Unpack, overload
 
 from tca_module import checks
 from tca_module.checks import check, check_function
@@ -18,6 +18,7 @@ from tca_module.link.opening import CentralAddress, hello, open_connection
 from tca_module.link.stop import Stop
 from tca_module.sending.sender import Sender
 from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
+from tca_module.serving.handler_options import BUSY, HandlerOptions, WhenBusy, checked_format
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.slot import CALLBACKS, Slot, Slots
 from tca_module.session.lasting_attachments import LastingAttachments
@@ -65,6 +66,7 @@ class Module(Sender):
         self.central = central
         self._resources = {name: capacity}
         self._hung_after: dict[str, float] = {}  #: by resource
+        self._busy: dict[str, str] = {}  #: by resource: what becomes of tasks that would have to wait
         self._handlers: dict[str, Handler] = {}
         self._first: list[Callable[[Module], object]] = []
         self._link: Connection | None = None
@@ -80,50 +82,45 @@ class Module(Sender):
     # --- declaring -------------------------------------------------------------------------------------------------
 
     def resource(
-        self, name: str, capacity: int = 1, *, hung: Literal["wait", "replace"] = "wait", hung_after: float = 5.0
-    ) -> str:
+        self, name: str, capacity: int = 1, *, hung: Literal["wait", "replace"] = "wait", hung_after: float = 5.0,
+        when_busy: WhenBusy = "queue",
+    ) -> str:  # fmt: skip
         """Declare a part of the module that handles at most *capacity* messages at a time, each in its own thread.
         Handlers choose it with ``resource=``; the others use the module's own resource, which this may name, too.
 
         With ``hung="replace"`` a handler that does not return *hung_after* seconds after its task was killed, or its
         sender gave up, is left behind: another thread takes its place. Without it the place stays taken.
+
+        *when_busy* says what becomes of a task that would have to wait for it, unless its handler, declared after this,
+        says so: see HandlerOptions.
         """
         self._check_not_running("resource()")
         check("resource()", checks.NAME, name=name)
         check(f"resource '{name}'", checks.CAPACITY, capacity=capacity)
         check(f"resource '{name}'", checks.HUNG, hung=hung)
         check(f"resource '{name}'", checks.DURATION, hung_after=hung_after)
+        check(f"resource '{name}'", BUSY, when_busy=when_busy)
         self._resources[name] = capacity
         self._hung_after[name] = hung_after if hung == "replace" else 0.0
+        self._busy[name] = when_busy
         return name
 
     @overload
     def handles(
-        self, message: Message[None, R], *, resource: str | None = None, pool: str | None = None,
-        pending: int | None = None, direct: bool = False,
-    ) -> HandlerDecoratorWithoutData[R]: ...  # fmt: skip
+        self, message: Message[None, R], **options: Unpack[HandlerOptions]
+    ) -> HandlerDecoratorWithoutData[R]: ...
     @overload
-    def handles(
-        self, message: Message[D, R], *, resource: str | None = None, pool: str | None = None,
-        pending: int | None = None, direct: bool = False,
-    ) -> HandlerDecorator[D, R]: ...  # fmt: skip
-    def handles(
-        self, message: Message[Any, Any], *, resource: str | None = None, pool: str | None = None,
-        pending: int | None = None, direct: bool = False,
-    ) -> Any:  # fmt: skip
+    def handles(self, message: Message[D, R], **options: Unpack[HandlerOptions]) -> HandlerDecorator[D, R]: ...
+    def handles(self, message: Message[Any, Any], **options: Unpack[HandlerOptions]) -> Any:
         """Declare the decorated function, plain or ``async def``, as this module's handler of *message*.
 
-        The newest module that declares a handler gets the messages; modules that name the same *pool* share them. With
-        *pending*, at most that many wait for this handler; one more displaces the oldest: an inform or broadcast is
-        dropped, a query fails with "overload", a goal or command is killed. With *direct*, this inform or query may
-        come straight from its senders: faster, but without priority, and in the journal without data. It goes through
-        central while a wiretap or another handler wants it.
+        The newest module that declares a handler gets the messages; modules that name the same *pool* share them.
         """
         self._check_not_running("handles()")
-        check("handles()", checks.NAME_OR_NONE, resource=resource, pool=pool)
+        known_as = checked_format(message, options, self.name, self._busy)
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-            handler = Handler(message, function, resource or self.name, pool or "", pending, direct=direct)
+            handler = Handler(message, function, known_as)
             if known := self._handlers.get(message.name):
                 msg = f"module '{self.name}' handles '{message.name}' already, in {known.name}: one handler a message"
                 raise MisuseError(msg)

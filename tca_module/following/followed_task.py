@@ -3,10 +3,12 @@
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar, overload
 
-from tca_module.checks import TEXT, LateText, check, check_message
+import msgspec
+
+from tca_module.checks import NAME, TEXT, LateText, check, check_message
 from tca_module.errors import MisuseError, Refused
 from tca_module.following.mirror import C, ChangeCallback, Mirror
-from tca_module.following.observation import News, Observation
+from tca_module.following.observation import News, Observation, is_progress
 from tca_module.following.stream import Stream
 from tca_module.following.update import PendingUpdate
 from tca_module.link.connection import Connection
@@ -14,16 +16,15 @@ from tca_wire.life_cycles import GENERAL, Effect, LifeCycle
 from tca_wire.messages.declarations import Message, TaskMessage
 from tca_wire.messages.formats import decode_untyped
 from tca_wire.packets.changes import ChangeState, Observe
-from tca_wire.packets.parts import StateChange
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Party, Refusal
 
 P = TypeVar("P")
 
 
-def is_progress(change: StateChange) -> bool:
-    """Whether its data are an intermediate result."""
-    return bool(change.data) and not change.is_over and change.by is not Party.CLIENT
+def _is_change(news: News) -> bool:
+    """Whether the task has left its first state."""
+    return news.change.serial != 0
 
 
 def decode_progress(message: Message[Any, Any] | None, data: bytes) -> Any:
@@ -95,24 +96,31 @@ class FollowedTask(Generic[C]):
         return mirror.serial
 
     def changes(self, timeout: float | None = None) -> Stream[C]:
-        """The changes of the task's state from now on, until its end; first how it stands, if it has left its first
-        state by now. Each is waited for, at most *timeout* seconds: then Timeout is raised.
+        """The changes of the task's state from now on, until its end; first how it stands (``is_late``), if it has left
+        its first state by now. Each is waited for, at most *timeout* seconds: then Timeout is raised.
 
         ::
 
             for change in sent.changes():
                 print(change.state)
         """
-        observation = self._followed().observation
+        mirror = self._followed()
+        mirror.observation.catch_up()
+        first = mirror.newest
+        if first is not None:
+            first = first._replace(change=msgspec.structs.replace(first.change, is_late=True), missed=0)
+        return self._stream(timeout, first)
+
+    def _stream(self, timeout: float | None = None, first: News | None = None) -> Stream[C]:
         what = f"a change of {self._in_words}"
-        return Stream(observation, self._as_change, lambda news: news.change.serial != 0, what, timeout)
+        return Stream(self._followed().observation, self._as_change, _is_change, what, timeout, first=first)
 
     def next_change(self, timeout: float | None = None) -> C | None:
-        """The next change of the task's state, each once; None if it has ended and all were given. The first is how it
-        stands, if nothing else has followed it yet. Raises Timeout.
+        """The next change of the task's state that ``state`` and this have not shown; None if there will be none. If
+        nothing has followed the task yet, how it stands, if it has left its first state. Raises Timeout.
         """
         if self._changes is None:
-            self._changes = self.changes()
+            self._changes = self._stream()
         return self._changes.receive(timeout)
 
     @overload
@@ -128,13 +136,14 @@ class FollowedTask(Generic[C]):
             for feel in grasp.progress(Feel):
                 print(feel.force)
         """
-        observation, message = self._followed().observation, self._declared()
+        mirror, message = self._followed(), self._declared()
         if kind is not None and isinstance(message, TaskMessage) and message.progress.kind is not kind:
             raise MisuseError(f"the intermediate results of {message.title} are {message.progress}, not {kind!r:.60}")
         what = f"an intermediate result of {self._in_words}"
+        mirror.observation.catch_up()
         return Stream(
-            observation, lambda news: decode_progress(message, news.change.data), lambda news: is_progress(news.change),
-            what, timeout,
+            mirror.observation, lambda news: decode_progress(message, news.change.data), is_progress, what, timeout,
+            first=mirror.progress,
         )  # fmt: skip
 
     def on_change(self, function: Callable[[Any, C], object] | Callable[[C], object]) -> ChangeCallback[C]:
@@ -142,7 +151,7 @@ class FollowedTask(Generic[C]):
         in this thread, one call at a time, while it waits for central or its next message. Errors in it are logged.
         """
         callback = ChangeCallback("on_change()", self._connection(), function, self._as_change)
-        self._followed().call(callback.put)
+        self._followed().call(lambda news: callback.put(news) if _is_change(news) else None)
         return callback
 
     # --- asking for something ----------------------------------------------------------------------------------------
@@ -163,12 +172,12 @@ class FollowedTask(Generic[C]):
         rows = [row for row in cycle.transitions if row.effect is Effect.NEW_GOAL]
         if not rows:
             raise MisuseError(f"{what}: {cycle} has none; kill the task and send a new one")
-        mirror = self._followed()
+        body, mirror = self._encoded(goal), self._followed()
         row = next((row for row in rows if row.source == mirror.known), rows[0])
         self._check_possible(what, row.name, mirror.known)
-        feed = mirror.observation.feed()
-        request = self._send_change(row.name, self._encoded(goal), "", what)
-        return PendingUpdate(what, mirror, feed, request, cycle, row)
+        unread = mirror.observation.unread()
+        request = self._send_change(row.name, body, "", what)
+        return PendingUpdate(what, mirror, unread, request, cycle, row)
 
     def cancel(self, why: str = "") -> None:
         """Ask for the end of the task, without waiting: its handler decides, and may take its time; where it says
@@ -189,11 +198,12 @@ class FollowedTask(Generic[C]):
 
         Raises MisuseError for a transition that is no client's, Refused if the task's state has no such way out.
         """
+        check(LateText(lambda: f"take() of {self._in_words}"), NAME, transition=transition)
         what = f"'{transition}' of {self._in_words}"
         check(what, TEXT, why=why)
         self._know(message)
-        self._check_possible(what, transition, self._mirror.known if self._mirror is not None else "")
         body = self._encoded(data) if data is not None else b""
+        self._check_possible(what, transition, self._mirror.known if self._mirror is not None else "")
         return bool(self._connection().call(self._change(transition, why), what, body))
 
     def _check_possible(self, what: str, name: str, state: str) -> None:

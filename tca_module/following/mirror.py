@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 
 from tca_module.checks import check_function
 from tca_module.errors import ORDINARY, Timeout
-from tca_module.following.observation import News, Observation
+from tca_module.following.observation import News, Observation, is_progress
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 
 C = TypeVar("C")
@@ -20,14 +20,17 @@ class Mirror:
         self.observation = observation
         self.serial = -1
         self.is_over = False
-        self._state = ""
+        self.newest: News | None = None  #: the newest change, or how it stands
+        self.progress: News | None = None  #: the newest intermediate result
         self._what = what  # for errors
         observation.on_news = self._on_news
         self._functions: list[Callable[[News], None]] = []
 
     def _on_news(self, news: News) -> None:
-        self._state, self.is_over = news.change.state, news.change.is_over
+        self.newest, self.is_over = news, news.change.is_over
         self.serial = max(self.serial, news.change.serial)  # of one that had ended central does not know it
+        if is_progress(news):
+            self.progress = news
         for function in list(self._functions):
             function(news)
 
@@ -42,6 +45,10 @@ class Mirror:
                 raise Timeout(f"the state of {self._what} was not told within {ACKNOWLEDGED_WITHIN:g} s")
             self.observation.check()
         return self._state
+
+    @property
+    def _state(self) -> str:
+        return self.newest.change.state if self.newest is not None else ""
 
     @property
     def known(self) -> str:

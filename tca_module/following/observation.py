@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from tca_module.errors import CentralLost
 from tca_module.link.connection import Connection
 from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.request import Request
+from tca_module.session.sent_tasks import SentId
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.parts import StateChange
 from tca_wire.points import TaskId
@@ -37,10 +39,16 @@ class News(NamedTuple):
     """The number of changes before it that nobody here has seen."""
 
 
+def is_progress(news: News) -> bool:
+    """Whether its data are an intermediate result."""
+    change = news.change
+    return bool(change.data) and not change.is_over and change.by is not Party.CLIENT
+
+
 Wants = Callable[[News], bool]
 
 
-class Feed:
+class Unread:
     """The news that one reader wants and has not read; none from before it was made."""
 
     def __init__(self, wants: Wants) -> None:
@@ -71,10 +79,10 @@ class Observation:
 
     def __init__(self, connection: Connection, header: Observe, what: object) -> None:
         self.connection = connection
-        self.on_news: Callable[[News], object] | None = None  #: gets each before the feeds do
+        self.on_news: Callable[[News], object] | None = None  #: gets each before its readers do
         self._what = what  # for errors
         self._header = header
-        self._feeds: weakref.WeakSet[Feed] = weakref.WeakSet()
+        self._readers: weakref.WeakSet[Unread] = weakref.WeakSet()
         self._is_held = False
         self._known: dict[int, StateChange] = {}  # the newest of each living task, unless only some states are wanted
         self._present: set[int] | None = set()  # tasks of which it is told how they stand; None: of all that there are
@@ -112,11 +120,11 @@ class Observation:
         """Whether nothing more will come."""
         return self._request.is_over and not self._request.answers
 
-    def feed(self, wants: Wants = lambda _: True) -> Feed:
+    def unread(self, wants: Wants = lambda _: True) -> Unread:
         """A place for news from now on."""
-        feed = Feed(wants)
-        self._feeds.add(feed)
-        return feed
+        unread = Unread(wants)
+        self._readers.add(unread)
+        return unread
 
     def wait(self, is_there: Callable[[], bool], timeout: float | None) -> bool:
         """Wait until *is_there*, or nothing more can come; whether it is. Raises what ``Connection.wait`` does."""
@@ -124,8 +132,8 @@ class Observation:
         if not is_there():
             try:
                 self.connection.wait(self._request, timeout, self._what, lambda: self._settles(is_there))
-            except BaseException:
-                self._is_given_up = not self._request.is_over
+            except BaseException as error:
+                self._on_error(error)
                 raise
         return is_there()
 
@@ -135,10 +143,16 @@ class Observation:
         if not is_there():
             try:
                 yield from self.connection.until_over(self._request, self._what, lambda: self._settles(is_there))
-            except BaseException:
-                self._is_given_up = not self._request.is_over
+            except BaseException as error:
+                self._on_error(error)
                 raise
         return is_there()
+
+    def _on_error(self, error: BaseException) -> None:
+        """A wait has ended with an error: it has given the request up, and the next one begins anew."""
+        self._is_given_up = not self._request.is_over
+        if isinstance(error, CentralLost) and isinstance(self._header.task, SentId):
+            self.connection.session.sends.discard(self._header.task.request)
 
     def _settles(self, is_there: Callable[[], bool]) -> bool:
         self._take_in()
@@ -216,5 +230,5 @@ class Observation:
         news = News(change, with_epoch(change.task, self._epoch, numbered(change.message, change.task)), missed)
         if self.on_news is not None:
             self.on_news(news)
-        for feed in list(self._feeds):
-            feed.put(news)
+        for reader in list(self._readers):
+            reader.put(news)

@@ -1,6 +1,7 @@
 """Changes of tasks as they come: iterated over, by plain code or by coroutines."""
 
-from collections.abc import AsyncIterator, Callable, Iterator
+import types
+from collections.abc import AsyncIterator, Callable, Generator, Iterator
 from typing import Any, Generic, Self, TypeVar
 
 from tca_module.checks import TIMEOUT, check
@@ -19,15 +20,18 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
 
     def __init__(
         self, observation: Observation, give: Callable[[News], T], wants: Wants, what: str, timeout: float | None,
-        *, is_owner: bool = False,
+        *, is_owner: bool = False, first: News | None = None,
     ) -> None:  # fmt: skip
+        """*first*: came before this was made. The end of its owner ends the observation."""
         check(what, TIMEOUT, timeout=timeout)
         self._observation = observation
         self._give = give
         self._what = what
         self._timeout = timeout
         self._is_owner = is_owner
-        self._feed = observation.feed(wants)
+        self._unread = observation.unread(wants)
+        if first is not None:
+            self._unread.put(first)
 
     def __iter__(self) -> Self:
         return self
@@ -35,12 +39,12 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
     def __next__(self) -> T:
         if not self._has_next(self._timeout):
             raise StopIteration
-        return self._give(self._feed.take())
+        return self._give(self._unread.take())
 
     def receive(self, timeout: float | None = None) -> T | None:
         """The next one; None if none will come. Raises Timeout after so many seconds."""
         check(self._what, TIMEOUT, timeout=timeout)
-        return self._give(self._feed.take()) if self._has_next(timeout) else None
+        return self._give(self._unread.take()) if self._has_next(timeout) else None
 
     def _has_next(self, timeout: float | None) -> bool:
         """Wait for the next one; False if none will come."""
@@ -54,19 +58,19 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         return self
 
     async def __anext__(self) -> T:
-        if not await Awaited(self._observation.until(self._has_some)):
+        if not await awaited(self._observation.until(self._has_some)):
             raise StopAsyncIteration
-        return self._give(self._feed.take())
+        return self._give(self._unread.take())
 
     def _has_some(self) -> bool:
-        return bool(self._feed)
+        return bool(self._unread)
 
     def arrived(self) -> list[T]:
         """Those that have come by now. Never waits."""
         self._observation.catch_up()
         found = []
-        while self._feed:
-            found.append(self._give(self._feed.take()))
+        while self._unread:
+            found.append(self._give(self._unread.take()))
         return found
 
     def close(self) -> None:
@@ -81,11 +85,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         self.close()
 
 
-class Awaited:
-    """A generator that waits, as coroutines await it."""
-
-    def __init__(self, waiting: Any) -> None:
-        self._waiting = waiting
-
-    def __await__(self) -> Any:
-        return self._waiting
+@types.coroutine
+def awaited(waiting: Generator[Any, None, T]) -> Generator[Any, None, T]:
+    """A wait of a connection's, for coroutines."""
+    return (yield from waiting)

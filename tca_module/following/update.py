@@ -6,7 +6,7 @@ from typing import Any
 from tca_module.checks import TIMEOUT, check
 from tca_module.errors import Rejected, Timeout
 from tca_module.following.mirror import Mirror
-from tca_module.following.observation import Feed, Observation
+from tca_module.following.observation import Observation, Unread
 from tca_module.session.request import Request
 from tca_wire.life_cycles import Effect, LifeCycle, Transition
 from tca_wire.packets.parts import StateChange
@@ -17,11 +17,11 @@ class PendingUpdate:
     """A new goal that a task was given. ``wait()`` returns when it is taken over; in async handlers ``await`` does."""
 
     def __init__(
-        self, what: str, mirror: Mirror, feed: Feed, request: Request, life_cycle: LifeCycle, row: Transition
+        self, what: str, mirror: Mirror, unread: Unread, request: Request, life_cycle: LifeCycle, row: Transition
     ) -> None:  # fmt: skip
         self._what = what
         self._mirror = mirror
-        self._feed = feed  # of what has come since before it was sent
+        self._unread = unread  # of what has come since before it was sent
         self._request = request  # by which central takes the client's transition, *row*
         self._goal = request.body
         self._life_cycle = life_cycle
@@ -77,8 +77,8 @@ class PendingUpdate:
         if not serial:
             self._end(f"it came too late, the task is {self._mirror.known or 'about to end'}")
         moved_on = ""
-        while self._feed and not self._is_over:
-            news = self._feed.take()
+        while self._unread and not self._is_over:
+            news = self._unread.take()
             if news.change.serial >= serial or news.change.is_over:
                 moved_on = self._hear(news.change, is_sure=not (news.missed or news.change.is_late))
         if moved_on and not self._is_over:  # and central does not ask for it again

@@ -5,7 +5,9 @@ from typing import Any, Generic, overload
 
 from tca_module.errors import MisuseError, Stopped
 from tca_module.link.connection import Connection
+from tca_module.sending.handled_task import ReportingTask
 from tca_module.sending.handler_errors import failed
+from tca_module.sending.task_requests import ServerState
 from tca_module.session.open_deliveries import current_delivery, working_on
 from tca_wire.messages.declarations import Message, R
 from tca_wire.messages.failures import MODULE_LOST
@@ -13,16 +15,21 @@ from tca_wire.packets.headers import Deliver, Fail, Reply
 from tca_wire.text.measures import numbered
 
 
-class LaterReply(Generic[R]):
+class LaterReply(ReportingTask, Generic[R]):
     """The reply that a handler owes: it returns this, and somebody replies later.
 
-    Until then its slot is taken. ``reply`` or ``fail`` may be called once, from any thread.
+    Until then its slot is taken. ``reply`` or ``fail`` may be called once, from any thread; ``accept``, ``report`` and
+    ``take`` before that, and what clients ask for is in ``request``.
     """
 
-    def __init__(self, connection: Connection, message: Message[Any, R], delivery: Deliver) -> None:
+    def __init__(
+        self, connection: Connection, message: Message[Any, R], delivery: Deliver, state: ServerState | None = None
+    ) -> None:
+        """*state*: the task's, if it is one."""
         self._connection = connection
         self._message = message
         self._delivery = delivery
+        self._state = state
         self._open_delivery = current_delivery()  # the handler's that owes it
         self._lock = threading.Lock()
         self._answer: tuple[Reply | Fail, bytes] | None = None
@@ -42,6 +49,13 @@ class LaterReply(Generic[R]):
     def is_open(self) -> bool:
         """Whether the reply is still owed."""
         return self._answer is None and not self._ended
+
+    def _served(self) -> ServerState:
+        if self._state is None:
+            raise MisuseError(f"{self} is no task of the tree: only goals and commands are")
+        if not self.is_open:
+            raise MisuseError(f"{self} has been answered, or can't be any more: {self._ended or 'it is over'}")
+        return self._state
 
     @overload
     def reply(self: "LaterReply[None]", value: None = None) -> None: ...

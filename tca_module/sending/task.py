@@ -9,12 +9,12 @@ from tca_module.checks import check
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble, context_of
+from tca_module.sending.handled_task import HandledTask
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
-from tca_module.sending.served_task import ServedTask
-from tca_module.sending.task_requests import ServerState
 from tca_module.sending.task_points import TaskInterval
 from tca_module.sending.task_ref import FIND_IT, SteerableTask, TaskRef
+from tca_module.sending.task_requests import ServerState
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver
@@ -24,7 +24,7 @@ from tca_wire.text.measures import numbered
 C = TypeVar("C")
 
 
-class Task(Sender, SteerableTask, ServedTask):
+class Task(Sender, SteerableTask, HandledTask):
     """The message being handled. Goals and commands sent from it become its subtasks; ``kill``, ``suspend`` and their
     like are about itself.
 
@@ -166,7 +166,8 @@ class Task(Sender, SteerableTask, ServedTask):
         connection = self._connection()
         if self.later is None:
             connection.transport.waker()  # an answer from another thread must not wait
-            self.later = LaterReply(connection, self._message, self._delivery)
+            state = self._served() if self._task_id != ROOT else None
+            self.later = LaterReply(connection, self._message, self._delivery, state)
         return self.later
 
     def _served(self) -> ServerState:

@@ -10,8 +10,8 @@ import msgspec
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, is_brief
 from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
-from tca_module.following.followed_task import FollowedTask, decode_progress, is_progress, life_cycle_of
-from tca_module.following.observation import News
+from tca_module.following.followed_task import FollowedTask, decode_progress, life_cycle_of
+from tca_module.following.observation import News, is_progress
 from tca_module.link.connection import Connection
 from tca_module.link.questions import answered
 from tca_module.sending.attachments import AttachmentRef, Recovery
@@ -395,7 +395,7 @@ class Change:
         self.is_late = change.is_late
         self.is_over = change.is_over  #: the task has ended
         self.missed = news.missed  #: the number of changes before this one that were not seen here
-        self._change = change
+        self._news = news
         self._message = message
 
     def __repr__(self) -> str:
@@ -404,15 +404,15 @@ class Change:
     @cached_property
     def goal(self) -> Any:
         """The task's data; as plain values if its message is not declared here."""
-        return self._goal_of(self._change.goal)
+        return self._goal_of(self._news.change.goal)
 
     @cached_property
     def data(self) -> Any:
         """What came with it: the goal that a client asks for, an intermediate result (the newest, if *is_late*), the
         result, or the data of the failure. None if nothing did.
         """
-        data, message = self._change.data, self._message
-        if is_progress(self._change):
+        data, message = self._news.change.data, self._message
+        if is_progress(self._news):
             return decode_progress(message, data)
         if not self.is_over:
             return self._goal_of(data)

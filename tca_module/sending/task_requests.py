@@ -1,7 +1,7 @@
 """The state of a task as its handler knows it, and what clients ask of that: a new goal, the task's end.
 
-The table of its life cycle says what the handler may do; what it may not is refused here. Where a client was faster,
-central decides (tca_central/life_cycles).
+The table of its life cycle says what the handler may do; what it may not is refused here, as far as the handler has
+looked at what clients have asked for. Where they were faster central decides (tca_central/life_cycles).
 """
 
 import threading
@@ -11,12 +11,12 @@ from typing import Any, Self
 
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.following.followed_task import life_cycle_of
-from tca_module.following.stream import Awaited
+from tca_module.following.stream import awaited
 from tca_module.link.connection import Connection
 from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.open_deliveries import OpenDelivery
 from tca_module.session.request import Request
-from tca_wire.life_cycles import Effect, LifeCycle, Transition
+from tca_wire.life_cycles import Effect, Transition
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.changes import ChangeState, Observe, Requested
 from tca_wire.packets.headers import Deliver
@@ -128,6 +128,7 @@ class ServerState:
             return found
 
     def _look(self) -> None:
+        """The handler looks at what has come."""
         while self._one.requested:
             header, body = self._one.requested.popleft()
             if header.serial <= self._serial:
@@ -149,7 +150,7 @@ class ServerState:
     def accept(self, request: TaskRequest) -> bool:
         """Grant a request; False if it is no longer open."""
         with self._lock:
-            if not self.is_open(request):
+            if request not in self._open:
                 return False
             self._open.remove(request)
             is_goal = request.row.effect is Effect.NEW_GOAL
@@ -161,7 +162,7 @@ class ServerState:
     def reject(self, request: TaskRequest, why: str) -> bool:
         """Refuse a request; False if it is no longer open."""
         with self._lock:
-            if not self.is_open(request):
+            if request not in self._open:
                 return False
             row = self.life_cycle.refusal(self._state)
             if row is None:
@@ -175,7 +176,6 @@ class ServerState:
     def take(self, name: str, why: str = "", body: bytes = b"") -> None:
         """Take a transition of the server's."""
         with self._lock:
-            self._look()
             cycle = self.life_cycle
             row = cycle.step(self._state, name, Party.SERVER)
             if row is None:
@@ -202,7 +202,6 @@ class ServerState:
     def report(self, body: bytes) -> None:
         """Tell of an intermediate result; one of a task that has just been stopped is dropped."""
         with self._lock:
-            self._look()
             if self.life_cycle.is_over(self._state):
                 return
             rows = [row for row in self.life_cycle.transitions if row.effect is Effect.RESULT]
@@ -250,10 +249,10 @@ class ServerState:
         connection.wait_until(lambda: self.has_new, f"a request to {self}", moment)
         return self.take_new()
 
-    async def awaited(self) -> TaskRequest:
+    async def come(self) -> TaskRequest:
         """The same in a coroutine, without end."""
         waiting = self._connection.until_over(self._awaited, f"a request to {self}", lambda: self.has_new)
-        await Awaited(waiting)
+        await awaited(waiting)
         found = self.take_new()
         assert found is not None
         return found
@@ -279,4 +278,4 @@ class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
         return self
 
     async def __anext__(self) -> TaskRequest:
-        return await self._served.awaited()
+        return await self._served.come()

@@ -4,16 +4,16 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.checks import FLAG, MESSAGE, PENDING, check, check_function, is_async
+from tca_module.checks import check_function, is_async
 from tca_module.errors import NIL, ORDINARY, MisuseError, Stopped, TaskKilled
+from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Aborted, Misfit, failed, handler_error
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
 from tca_module.session.open_deliveries import task_is_killed
 from tca_wire.errors import BadData
-from tca_wire.messages.controls import Monitor
-from tca_wire.messages.declarations import D, Inform, Message, Query, R, Variable
-from tca_wire.packets.headers import Fail, Reply
+from tca_wire.messages.declarations import D, Message, R
+from tca_wire.packets.headers import Deliver, Fail, Reply
 from tca_wire.packets.parts import HandlerFormat
 
 Coming = Coroutine[Any, Any, R | LaterReply[R]]
@@ -65,17 +65,11 @@ Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]
 class Handler:
     """A function that handles a message, in a resource."""
 
-    def __init__(
-        self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str, pending: int | None,
-        *, direct: bool = False,
-    ) -> None:  # fmt: skip
-        check("handles()", MESSAGE, message=message)
-        _check_options(message, pending, direct=direct)
+    def __init__(self, message: Message[Any, Any], function: Callable[..., Any], known_as: HandlerFormat) -> None:
         self.message = message
         self.function = function
-        self.resource = resource
-        #: this handler, as central is told of it
-        self.format = HandlerFormat(message.name, resource, pool, pending or 0, direct)
+        self.resource = known_as.resource
+        self.format = known_as  #: this handler, as central is told of it
         self.name = getattr(function, "__qualname__", repr(function))
         self.is_async = is_async(function)
         # Without data one argument comes first: a second one with a default is the author's own.
@@ -83,6 +77,10 @@ class Handler:
         wanted, possible = (f"(task, data: {message.data})", (2,)) if has_data else ("(task)", (1, 2))
         what = f"a handler of {message.title}"
         self._arguments = check_function(what, function, wanted, possible, may_be_async=True)
+
+    def task(self, connection: Connection, delivery: Deliver) -> Task:
+        """A message to be handled."""
+        return Task(connection, delivery, self.message, accepts=self.format.accepts)
 
     def handle(self, task: Task, body: bytes) -> Answer:
         """Call the function; the answer for central, or who will give it. Raises what ends the module."""
@@ -126,19 +124,3 @@ class Handler:
         if isinstance(error, asyncio.CancelledError) and not self.is_async:
             return handler_error(task.delivery, error)  # nobody has cancelled it, but something that it ran
         return failed(task.delivery, error)
-
-
-def _check_options(message: Message[Any, Any], pending: int | None, *, direct: bool) -> None:
-    """Raise MisuseError for options with which the message can't be handled."""
-    what = message.title
-    check(what, PENDING, pending=pending)
-    check(what, FLAG, direct=direct)
-    if isinstance(message, Monitor):
-        raise MisuseError(f"{what} can't be handled: central carries it out; handle the messages that it sends")
-    if isinstance(message, Variable) and pending not in (None, 1):
-        raise MisuseError(f"{what} can't be handled with pending={pending}: only its newest value waits")
-    if direct and not isinstance(message, Inform | Query):
-        raise MisuseError(f"{what} can't be handled with direct=True: only informs and queries can")
-    if direct and pending:
-        why = "what comes directly waits with its senders, not in central"
-        raise MisuseError(f"{what} can't be handled with direct=True and pending={pending}: {why}")

@@ -159,7 +159,7 @@ class Slot:
         if handler is None:
             connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
             return
-        task, self.handling = Task(connection, delivery, handler.message), delivery.message
+        task, self.handling = handler.task(connection, delivery), delivery.message
         begun = connection.session.open_deliveries.begin(delivery.delivery, repr(task))
         if not handler.is_async:
             with working_on(begun):
@@ -184,7 +184,7 @@ class Slot:
             return
         assert self._connection is not None
         assert self._loop is not None
-        task = Task(self._connection, delivery, handler.message)
+        task = handler.task(self._connection, delivery)
         begun = self._connection.session.open_deliveries.begin(delivery.delivery, repr(task))
 
         async def attend() -> None:

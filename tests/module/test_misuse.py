@@ -251,8 +251,31 @@ OF_TASKS: dict[str, dict[str, Any]] = {
     "children": {"message": REST},
     "ancestors": {"message": REST},
     "descendants": {"message": REST},
+    "changes": {"timeout": BRIEFLY},
+    "next_change": {"timeout": BRIEFLY},
+    "progress": {"kind": None, "timeout": BRIEFLY},
+    "on_change": {"function": nothing},
+    "update": {"goal": None, "timeout": BRIEFLY, "message": REST},
+    "update_send": {"goal": None, "message": REST},
+    "cancel": {"why": ""},
+    "take": {"transition": "cancel", "data": None, "why": "", "message": REST},
 }
-ALONE = {"id", "message", "suspend", "resume", "keep", "release", "info", "parent", "handling", "planning", "achieving"}
+ALONE = {
+    "id",
+    "message",
+    "state",
+    "serial",
+    "follow",
+    "suspend",
+    "resume",
+    "keep",
+    "release",
+    "info",
+    "parent",
+    "handling",
+    "planning",
+    "achieving",
+}
 
 
 @pytest.fixture
@@ -338,8 +361,18 @@ def test_points_and_what_is_made_of_them(sender: Client) -> None:
 def test_declaring_a_module(central: LocalCentral) -> None:
     legs = Module("legs", central)
     right: dict[str, dict[str, Any]] = {
-        "resource": {"name": "arm", "capacity": 1},
-        "handles": {"message": REST, "resource": "arm", "pool": "", "pending": 1, "direct": False},
+        "resource": {"name": "arm", "capacity": 1, "when_busy": "reject"},
+        "handles": {
+            "message": REST,
+            "resource": "arm",
+            "pool": "",
+            "pending": 1,
+            "direct": False,
+            "accepts": False,
+            "takes": ["update"],
+            "refuses": ["cancel"],
+            "when_busy": "queue",
+        },
         "at_start": {"function": nothing},
         "after": {"delay": 9.0, "function": nothing, "resource": ""},
         "on_readable": {"source": 0, "function": nothing, "resource": ""},

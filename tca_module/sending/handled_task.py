@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tca_module.checks import TEXT, TIMEOUT, check
+from tca_module.checks import NAME, TEXT, TIMEOUT, check
 from tca_module.errors import BadData, MisuseError, TaskKilled
 from tca_module.sending.handler_errors import Aborted, Rejection
 from tca_module.sending.task_requests import Requests, ServerState, TaskRequest
@@ -48,6 +48,7 @@ class ReportingTask:
         """Take a server's transition of the task's own life cycle: ``task.take("paused")``. Raises MisuseError for one
         that is no server's, or not possible in the task's state.
         """
+        check(f"take() of {self}", NAME, transition=transition)
         check(f"'{transition}' of {self}", TEXT, why=why)
         self._served().take(transition, why)
 
@@ -59,7 +60,7 @@ class ReportingTask:
         return self._served().oldest
 
 
-class ServedTask(ReportingTask):
+class HandledTask(ReportingTask):
     """A task, as its handler has it."""
 
     def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:

@@ -1,0 +1,98 @@
+"""The options with which a message is handled, checked when its handler is declared."""
+
+from collections.abc import Collection, Mapping
+from typing import Any, Literal, TypedDict
+
+from tca_module import checks
+from tca_module.checks import ArgumentKind, check_options
+from tca_module.errors import MisuseError
+from tca_module.following.followed_task import life_cycle_of
+from tca_wire.messages.controls import Monitor
+from tca_wire.messages.declarations import Inform, Message, Query, Variable
+from tca_wire.packets.parts import HandlerFormat
+from tca_wire.vocabulary import Busy, Party
+
+WhenBusy = Literal["queue", "preempt", "reject"]
+
+
+class HandlerOptions(TypedDict, total=False):
+    """The options of a handler. Those after *direct* are for tasks."""
+
+    resource: str | None
+    """The resource that handles it; the module's own unless said otherwise."""
+    pool: str | None
+    """Modules that name the same one share the messages."""
+    pending: int | None
+    """At most that many wait for this handler; one more displaces the oldest: an inform or broadcast is dropped, a
+    query fails with "overload", a goal or command is killed."""
+    direct: bool
+    """This inform or query may come straight from its senders: faster, but without priority, and in the journal without
+    data. It goes through central while a wiretap or another handler wants it."""
+    accepts: bool
+    """The handler says itself when it has accepted a task, with ``task.accept()``; else it has when it gets it."""
+    takes: Collection[str]
+    """The requests of clients that the handler hears and decides about, such as ["update", "cancel"]. Of the others, an
+    update lets the task begin anew with the new goal, a cancel kills it."""
+    refuses: Collection[str]
+    """The requests of clients that are refused in its name."""
+    when_busy: WhenBusy | None
+    """What becomes of a task that would have to wait: "queue" (it waits), "preempt" (the newest goes on, the others are
+    cancelled) or "reject"; None: as its resource says."""
+
+
+BUSY = ArgumentKind("'queue', 'preempt' or 'reject'", lambda value: value in tuple(Busy))
+_BUSY_OR_NONE = ArgumentKind(f"{BUSY.words}, or None", lambda value: value is None or BUSY.fits(value))
+_TRANSITIONS = ArgumentKind(
+    "a list of transitions, such as ['update', 'cancel']",
+    lambda value: isinstance(value, list | tuple | set | frozenset) and all(isinstance(one, str) for one in value),
+)
+_KINDS = {
+    "resource": checks.NAME_OR_NONE, "pool": checks.NAME_OR_NONE, "pending": checks.PENDING, "direct": checks.FLAG,
+    "accepts": checks.FLAG, "takes": _TRANSITIONS, "refuses": _TRANSITIONS, "when_busy": _BUSY_OR_NONE,
+}  # fmt: skip
+_OF_TASKS = ("accepts", "takes", "refuses", "when_busy")
+
+
+def checked_format(
+    message: Message[Any, Any], options: HandlerOptions, own: str, busy: Mapping[str, str]
+) -> HandlerFormat:
+    """A handler as central is told of it; *own* is its module's resource, *busy* the policies of resources. Raises
+    MisuseError for options with which the message can't be handled.
+    """
+    checks.check("handles()", checks.MESSAGE, message=message)
+    check_options(message.title, options, _KINDS)
+    _check(message, options.get("pending"), direct=options.get("direct", False))
+    _check_transitions(message, options)
+    resource = options.get("resource") or own
+    when_busy = options.get("when_busy") or (busy.get(resource) if message.message_class.is_task else None)
+    return HandlerFormat(
+        message.name, resource, options.get("pool") or "", options.get("pending") or 0, options.get("direct", False),
+        options.get("accepts", False), sorted(options.get("takes", ())), sorted(options.get("refuses", ())),
+        Busy(when_busy or Busy.QUEUE),
+    )  # fmt: skip
+
+
+def _check(message: Message[Any, Any], pending: int | None, *, direct: bool) -> None:
+    what = message.title
+    if isinstance(message, Monitor):
+        raise MisuseError(f"{what} can't be handled: central carries it out; handle the messages that it sends")
+    if isinstance(message, Variable) and pending not in (None, 1):
+        raise MisuseError(f"{what} can't be handled with pending={pending}: only its newest value waits")
+    if direct and not isinstance(message, Inform | Query):
+        raise MisuseError(f"{what} can't be handled with direct=True: only informs and queries can")
+    if direct and pending:
+        why = "what comes directly waits with its senders, not in central"
+        raise MisuseError(f"{what} can't be handled with direct=True and pending={pending}: {why}")
+
+
+def _check_transitions(message: Message[Any, Any], options: HandlerOptions) -> None:
+    given = [name for name in _OF_TASKS if options.get(name)]
+    if given and not message.message_class.is_task:
+        raise MisuseError(f"{message.title} can't be handled with {given[0]}=: only tasks have states")
+    cycle = life_cycle_of(message)
+    names, takes, refuses = cycle.names(Party.CLIENT), set(options.get("takes", ())), set(options.get("refuses", ()))
+    listed = ", ".join(f"'{name}'" for name in names) or "none"
+    if unknown := sorted((takes | refuses) - set(names)):
+        raise MisuseError(f"{message.title} has no client's transition '{unknown[0]}': {cycle} has {listed}")
+    if both := sorted(takes & refuses):
+        raise MisuseError(f"{message.title} can't be handled with '{both[0]}' both taken and refused: say one of them")

@@ -1,0 +1,351 @@
+"""Who sends a task follows its state, gives it a new goal and cancels it, whatever its handler knows of that."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+from module.real_central import SOON
+
+from tca_module import (
+    BASIC,
+    GENERAL,
+    BadData,
+    CentralLost,
+    Change,
+    Client,
+    Command,
+    Goal,
+    LifeCycle,
+    MisuseError,
+    Module,
+    Outcome,
+    Party,
+    Query,
+    Refused,
+    Rejected,
+    Sender,
+    Task,
+    TaskFailed,
+    Timeout,
+    Transition,
+    connect,
+    ending,
+)
+from tca_module.following import observation
+from tca_module.testing import LocalCentral
+
+
+@dataclass
+class Grip:
+    item: str
+
+
+@dataclass
+class Feel:
+    force: float
+
+
+GRASP = Command("grasp", Grip, result=str, progress=Feel)
+WAVE, WALK = Command("wave", int, life_cycle=BASIC), Goal("walk", int)
+NEVER = Query("never", reply=int)
+PAUSABLE = LifeCycle(
+    "pausable",
+    [
+        *GENERAL.transitions,
+        Transition("pause", "running", "paused", Party.CLIENT),
+        Transition("resume", "paused", "running", Party.CLIENT),
+        *ending("paused"),
+    ],
+)
+CARRY = Command("carry", int, life_cycle=PAUSABLE)
+
+
+@pytest.fixture
+def central() -> Iterator[LocalCentral]:
+    with LocalCentral(check=True, stepped=True) as central:
+        yield central
+
+
+@pytest.fixture
+def user(central: LocalCentral) -> Iterator[Client]:
+    with connect("user", central) as client:
+        yield client
+
+
+@pytest.fixture
+def arm(central: LocalCentral) -> Iterator[Module]:
+    """An arm whose handlers know nothing of states. It grasps all but a cup at once."""
+    module = Module("arm", central)
+
+    @module.handles(GRASP)
+    def grasp(task: Task, grip: Grip) -> str:
+        task.report(Feel(0.5))
+        task.report(Feel(1.0))
+        if grip.item == "cup":
+            task.query(NEVER, timeout=None)
+        return f"holds {grip.item}"
+
+    module.handles(WAVE)(lambda task, _: task.sleep(10))
+    module.handles(CARRY, takes=["pause", "resume"], resource="back")(lambda task, _: task.sleep(10))
+    module.handles(WALK, resource="legs")(lambda *_: None)
+    with module.running():
+        yield module
+
+
+def failed(why: str) -> None:
+    raise ValueError(why)
+
+
+def told(changes: list[Change]) -> list[str]:
+    return [f"{one.transition}: {one.state}" for one in changes]
+
+
+def test_a_task_is_followed_from_beginning_to_end(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("pen"), delay=5)
+    assert (grasp.state, grasp.serial) == ("initiated", 0)
+    changes = grasp.changes()
+    central.advance(5)
+    seen = list(changes)
+    assert told(seen) == [
+        "accepted: running", "result available: running", "result available: running", "completed: done",
+    ]  # fmt: skip
+    assert [one.serial for one in seen] == [1, 2, 3, 4]
+    assert [one.by for one in seen] == ["server"] * 4
+    assert [one.data for one in seen] == [None, Feel(0.5), Feel(1.0), "holds pen"]
+    assert {one.goal.item for one in seen} == {"pen"}
+    assert {one.module for one in seen[:3]} == {"arm"}
+    assert not any(one.is_late or one.missed for one in seen)
+    assert [one.is_over for one in seen] == [False, False, False, True]
+    assert (grasp.state, grasp.serial, grasp.result()) == ("done", 4, "holds pen")
+    assert {one.task.id for one in seen} == {grasp.id}
+
+
+def test_only_the_first_look_at_a_state_waits(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("pen"), delay=5)
+    assert grasp.state == "initiated"
+    before = len(central.entries)
+    assert [grasp.state for _ in range(5)] == ["initiated"] * 5
+    assert len(central.entries) == before
+
+
+def test_the_next_change_is_waited_for(user: Client, arm: Module, central: LocalCentral) -> None:
+    wave = user.command(WAVE, 1, delay=5)
+    wave.follow()
+    with pytest.raises(Timeout, match=r"a change of command .wave. did not come within 0\.01 s"):
+        wave.next_change(0.01)
+    central.advance(15)
+    assert [str(wave.next_change()) for _ in range(3)] == [
+        "wave {1}: running (accepted)",
+        "wave {1}: done (completed)",
+        "None",
+    ]
+    assert wave.next_change() is None
+
+
+def test_who_comes_late_learns_how_the_task_stands(user: Client, arm: Module, central: LocalCentral) -> None:
+    user.command(GRASP, Grip("cup"))
+    central.until_quiet()
+    with connect("visitor", central) as visitor:
+        (found,) = visitor.tasks(GRASP)
+        late = found.next_change()
+        assert late is not None
+        assert (late.state, late.serial, late.is_late, late.missed, late.transition) == ("running", 3, True, 0, "")
+        assert (late.goal, late.data) == ({"item": "cup"}, {"force": 1.0}), "not declared by this program: plain values"
+        assert next(found.progress()) == {"force": 1.0}
+        found.kill("enough")
+        last = found.next_change()
+        assert last is not None
+        assert (last.state, last.text, last.by) == ("cancelled", "enough (by visitor)", "central")
+
+
+def test_how_a_task_has_ended_is_known_afterwards(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp, dropped = user.command(GRASP, Grip("pen")), user.command(GRASP, Grip("cup"))
+    central.until_quiet()
+    dropped.kill()
+    central.until_quiet()
+    assert (grasp.state, dropped.state) == ("done", "cancelled")
+    (only,) = grasp.changes()
+    assert (only.state, only.is_over, only.is_late, only.data) == ("done", True, True, "holds pen")
+    assert grasp.next_change() is None
+
+
+def test_progress_is_iterated_over(user: Client, arm: Module) -> None:
+    grasp = user.command(GRASP, Grip("pen"))
+    grasp.follow()
+    assert [feel.force for feel in grasp.progress(Feel)][-1:] == [1.0]
+    with pytest.raises(MisuseError, match="the intermediate results of command 'grasp' are Feel, not <class 'float'>"):
+        grasp.progress(float)
+
+
+def test_a_function_is_called_with_each_change(user: Client, arm: Module, central: LocalCentral) -> None:
+    seen: list[str] = []
+    wave = user.command(WAVE, 1, delay=5)
+
+    def look(sender: Sender, change: Change) -> None:
+        seen.append(change.state)
+        if change.is_over:
+            sender.command(WAVE, 2)
+
+    wave.on_change(look)
+    wave.on_change(lambda change: seen.append(str(change.serial)))
+    never = wave.on_change(lambda _: seen.append("never"))
+    never.cancel()
+    central.advance(15)
+    assert wave.wait() is Outcome.DONE
+    with pytest.raises(Timeout):
+        user.tasks(WAVE)[0].wait(0.01)
+    assert seen == ["running", "1", "done", "2"]
+
+
+def test_an_error_in_such_a_function_is_logged(
+    user: Client, arm: Module, central: LocalCentral, caplog: pytest.LogCaptureFixture
+) -> None:
+    grasp = user.command(GRASP, Grip("pen"), delay=1)
+    grasp.on_change(lambda _: failed("seen"))
+    central.advance(1)
+    assert grasp.wait() is Outcome.DONE
+    assert "ValueError: seen" in caplog.text
+    with pytest.raises(MisuseError, match=r"on_change\(\): .* declare it with \(sender, change\) or \(change\)"):
+        grasp.on_change(lambda: None)  # type: ignore[arg-type]
+
+
+# --- Updates and cancels -------------------------------------------------------------------------------------------------
+
+
+def test_a_handler_that_knows_nothing_of_updates_begins_anew(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("cup"))
+    changes = grasp.changes()
+    central.until_quiet()
+    grasp.update(Grip("pen"))
+    assert grasp.result() == "holds pen"
+    seen = told([one for one in changes if one.transition != "result available"])
+    assert seen == [
+        ": running", "update: update requested", "accept: running", "restarted: initiated", "accepted: running",
+        "completed: done",
+    ]  # fmt: skip
+
+
+def test_and_is_killed_by_a_cancel(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("cup"))
+    grasp.cancel("the cup is hot")
+    assert grasp.wait() is Outcome.KILLED
+    assert grasp.state == "cancelled"
+    grasp.cancel()  # it does no harm
+    queued = user.command(GRASP, Grip("cup"), delay=60)
+    queued.cancel()
+    assert queued.wait() is Outcome.KILLED
+
+
+def test_a_cancel_is_not_lost_while_central_is_away(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("cup"))
+    assert grasp.state == "running"
+    central.cut("user")
+    grasp.cancel("nobody hears me")
+    assert grasp.wait(SOON) is Outcome.KILLED
+    assert grasp.state == "cancelled"
+
+
+def test_a_cancel_right_before_the_end_of_a_program_arrives(arm: Module, central: LocalCentral) -> None:
+    with connect("hasty", central) as hasty:
+        hasty.command(GRASP, Grip("cup"))
+    with connect("hasty", central) as hasty:
+        hasty.tasks(GRASP)[0].cancel("no time")
+    central.until_quiet()
+    assert not central.core.dispatcher.running
+    assert "killed: grasp {1}: no time (by hasty)" in central.transcript()
+
+
+def test_an_update_that_is_impossible_says_why(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("pen"), delay=5)
+    with pytest.raises(Refused, match="the task is 'initiated', and that is possible while it is 'running'"):
+        grasp.update(Grip("cup"))
+    with pytest.raises(BadData, match="wants data of type Grip"):
+        grasp.update(5)
+    central.advance(5)
+    with pytest.raises(Rejected, match="it came too late, the task is done") as error:
+        grasp.update(Grip("cup"))
+    assert error.value.reason == "it came too late, the task is done"
+
+
+def test_a_life_cycle_without_updates_has_none(user: Client, arm: Module) -> None:
+    wave = user.command(WAVE, 1)
+    with pytest.raises(MisuseError, match=r"life cycle 'basic' has none"):
+        wave.update(2)
+    with pytest.raises(MisuseError, match=r"life cycle 'basic' has no such transition; kill\(\) ends the task"):
+        wave.cancel()
+    wave.kill()
+
+
+def test_a_found_task_is_updated_with_its_message(user: Client, arm: Module, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("cup"))
+    central.until_quiet()
+    with connect("visitor", central) as visitor:
+        (found,) = visitor.tasks("grasp")
+        with pytest.raises(MisuseError, match=r"a new goal of .*: say of which message it is, with message="):
+            found.update({"item": "pen"})
+        with pytest.raises(MisuseError, match=r"grasp \{1\} is no 'wave'"):
+            found.update(2, message=WAVE)
+        found.update(Grip("pen"), message=GRASP)
+    assert grasp.result() == "holds pen"
+
+
+def test_a_transition_of_ones_own(user: Client, arm: Module, central: LocalCentral) -> None:
+    carry = user.command(CARRY, 1)
+    assert carry.state == "running"
+    assert carry.take("pause", why="a step ahead")
+    assert carry.state == "paused"
+    with pytest.raises(Refused, match="the task is 'paused', and that is possible while it is 'running'"):
+        carry.take("pause")
+    with pytest.raises(MisuseError, match="no client can take that; life cycle 'pausable' has for clients: 'update', "):
+        carry.take("accept")
+    assert carry.take("resume")
+    central.advance(10)
+    assert carry.state == "done"
+    assert not carry.take("cancel"), "it has ended"
+
+
+# --- What gets lost ------------------------------------------------------------------------------------------------------
+
+
+def test_following_goes_on_after_a_break(user: Client, arm: Module, central: LocalCentral) -> None:
+    wave = user.command(WAVE, 1, delay=5)
+    changes = wave.changes()
+    assert wave.state == "initiated"
+    central.cut("user")
+    central.advance(5)
+    assert next(changes).state == "running"
+    central.cut("user")
+    central.advance(10)
+    assert [one.state for one in changes] == ["done"]
+
+
+def test_changes_that_nobody_reads_are_counted(
+    user: Client, arm: Module, monkeypatch: pytest.MonkeyPatch, central: LocalCentral
+) -> None:
+    monkeypatch.setattr(observation, "MOST_UNREAD", 2)
+    grasp = user.command(GRASP, Grip("pen"), delay=5)
+    changes = grasp.changes()
+    central.advance(5)
+    seen = [(one.serial, one.missed) for one in changes]
+    assert seen == [(3, 2), (4, 0)]
+
+
+def test_a_task_that_was_lost_with_central_has_no_state(user: Client, arm: Module, central: LocalCentral) -> None:
+    wave = user.command(WAVE, 1, delay=60)
+    assert wave.state == "initiated"
+    central.restart("second")
+    with pytest.raises(CentralLost, match="command 'wave' is lost: central was restarted"):
+        wave.next_change(SOON)
+
+
+def test_a_failed_task_is_cancelled(user: Client, arm: Module, central: LocalCentral) -> None:
+    fail = Command("fail")
+    feet = Module("feet", central)
+    feet.handles(fail)(lambda _: failed("no ground"))
+    with feet.running():
+        failing = user.command(fail, delay=1)
+        changes = failing.changes()
+        central.advance(1)
+        assert told(list(changes)) == ["accepted: running", "failed: cancelled"]
+        with pytest.raises(TaskFailed):
+            failing.result()
