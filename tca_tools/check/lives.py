@@ -8,7 +8,6 @@ from tca_wire.journal import facts
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition, read_life_cycle
 from tca_wire.vocabulary import Party
 
-
 UNKNOWN = -1
 """Of a serial number: what was declared before the journal begins decides how often the state has changed."""
 
