@@ -27,7 +27,7 @@ def run_as_task(root: MachineState, chart: MachineChart, mission: BaseMission) -
     @module.handles(command)
     def run(task: Task, _: MachineChart) -> TaskEnd:
         with Mission(mission.server, name=chart.name, central=mission.central, under=task) as inner:
-            end = MachineRun(root, inner, getattr(task, "report", lambda _: None)).until_end()
+            end = MachineRun(root, inner, task.report).until_end()
         return _told(task, end)
 
     with module.running():

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import Any
 
 import pytest
 from missions.rover import TASKS, Rover, mission_of_rover
@@ -10,6 +11,7 @@ from tca_missions import BadParameter, ConditionVerified, Mission, MissionTaskFa
 from tca_missions.charts import Sequence, StateMachine
 from tca_module import Client, connect
 from tca_module.testing import LocalCentral
+from tca_wire.charts import read_active, read_machine
 from tca_wire.journal import facts
 
 
@@ -54,6 +56,28 @@ def test_a_machine_is_a_task_of_its_mission() -> None:
         assert [fact.message for fact in sent if fact.parent == machine.id] == [
             "rover.Drive", "rover.Watch", "rover.Drive", "rover.Drive", "rover.Drive",
         ]  # fmt: skip
+        _check_told(machine, mission.central.facts)
+
+
+def _check_told(machine: facts.Received, told: list[Any]) -> None:
+    """Whoever reads the journal knows the machine, and which of its states were active."""
+    formats = next(fact for fact in told if isinstance(fact, facts.FormatDefined) and fact.message == machine.message)
+    chart = read_machine(formats.data, machine.body)
+    assert chart is not None
+    assert chart == patrol().chart
+    changes = [fact for fact in told if isinstance(fact, facts.StateChanged) and fact.task == machine.id]
+    progress = [read_active(change.body) for change in changes]
+    assert [(one.running, one.after) for one in progress] == [
+        (["Drive"], ""),
+        (["Watch", "Drive 2"], "Drive has completed"),
+        (["Watch", "Drive 3"], "Drive 2 has completed"),
+        (["Drive 4"], "Watch has completed"),
+    ]
+    assert [chart.states[number].label for number in progress[1].active] == [
+        "patrol", "concurrence", "Watch", "sequence", "Drive 2",
+    ]  # fmt: skip
+    assert read_machine(formats.data, b"\x93") is None
+    assert read_machine("{}", machine.body) is None
 
 
 @pytest.mark.parametrize(
