@@ -1,7 +1,6 @@
 """State machines of mission tasks, as they are written: ``with Sequence("patrol") as sm: sm.GoTo(goal_x=1.0)``."""
 
-from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Literal, Self
@@ -9,7 +8,7 @@ from typing import Any, ClassVar, Literal, Self
 from tca_missions.charts.drawing import draw
 from tca_missions.charts.own_task import run_as_task
 from tca_missions.charts.soundness import endings_of
-from tca_missions.charts.states import ENDINGS, MachineState, UnsoundMachine
+from tca_missions.charts.states import ENDINGS, ContainerState, MachineState, UnsoundMachine
 from tca_missions.client.mission import BaseMission
 from tca_missions.outcomes import TaskEnd
 from tca_module import MisuseError
@@ -31,8 +30,8 @@ class StateMachine:
         if not isinstance(name, str) or not name.strip():
             raise MisuseError(f"a machine needs a name, not {name!r:.60}")
         self.name = name
-        self._root = MachineState(self._kind, name, None)
-        self._inside = [self._root]
+        self._written: list[ContainerState] = []
+        self._root = ContainerState(self._kind, name, None, self._written)
         self._labelled: dict[str, MachineState] = {}
         self._chart: MachineChart | None = None
 
@@ -40,13 +39,13 @@ class StateMachine:
         return repr(self._root)
 
     def __enter__(self) -> Self:
-        if self._chart is not None or self._root.children:
-            raise MisuseError(f"{self!r} is written in one with block; make another StateMachine")
+        self._root.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._root.__exit__()
         if kind is None:
             self._build()
 
@@ -67,48 +66,40 @@ class StateMachine:
         """A state that does nothing and has completed at once: where paths meet, or a name for a way out."""
         return self._add(StateKind.EPSILON, label, "epsilon")
 
-    @contextmanager
-    def sequence(self, label: str = "", /) -> Iterator[MachineState]:
+    def sequence(self, label: str = "", /) -> ContainerState:
         """States that follow one another in the order in which they are written, as long as they complete."""
-        with self._container(StateKind.SEQUENCE, label, "sequence") as state:
-            yield state
+        return self._container(StateKind.SEQUENCE, label, "sequence")
 
-    @contextmanager
-    def machine(self, label: str = "", /) -> Iterator[MachineState]:
+    def machine(self, label: str = "", /) -> ContainerState:
         """A machine inside: it begins with its first state, and only written transitions lead to another."""
-        with self._container(StateKind.MACHINE, label, "machine") as state:
-            yield state
+        return self._container(StateKind.MACHINE, label, "machine")
 
-    @contextmanager
-    def concurrence(self, label: str = "", /, *, until: Literal["any", "all"] = "any") -> Iterator[MachineState]:
+    def concurrence(self, label: str = "", /, *, until: Literal["any", "all"] = "any") -> ContainerState:
         """States that run together. *any*: until one has ended; its ending is that of all. *all*: until all have
         completed, or one has ended otherwise. Those that still run then are stopped. One of them at most has tasks in
         the foreground.
         """
-        if until not in _KINDS:
-            raise MisuseError(f"until is 'any' or 'all', not {until!r:.60}")
-        with self._container(_KINDS[until], label, "concurrence") as state:
-            yield state
+        return self._container(_concurrence(until), label, "concurrence")
 
-    @contextmanager
-    def _container(self, kind: StateKind, label: str, default: str) -> Iterator[MachineState]:
-        state = self._add(kind, label, default)
-        self._inside.append(state)
-        try:
-            yield state
-        finally:
-            self._inside.pop()
+    def _container(self, kind: StateKind, label: str, default: str) -> ContainerState:
+        label, inside = self._checked(label, default)
+        state = self._labelled[label] = ContainerState(kind, label, inside, self._written)
+        return state
 
     def _add(self, kind: StateKind, label: str, default: str) -> MachineState:
-        if not self._root.is_open:
-            raise MisuseError(f"{self!r} is built: write its states inside its with block")
+        label, inside = self._checked(label, default)
+        state = self._labelled[label] = MachineState(kind, label, inside)
+        return state
+
+    def _checked(self, label: str, default: str) -> tuple[str, ContainerState]:
+        """The label of a new state, and the container in which it is written."""
+        if not self._root.is_open or not self._written:
+            raise MisuseError(f"{self!r}: its states are written inside its with block")
         if not isinstance(label, str):
             raise MisuseError(f"the label of a state is text, not {label!r:.60}; parameters are given by name")
         if label in self._labelled:
             raise UnsoundMachine(f"{self!r} has two states '{label}': give one of them another label")
-        state = MachineState(kind, label or self._free(default), self._inside[-1])
-        self._labelled[state.label] = state
-        return state
+        return label or self._free(default), self._written[-1]
 
     def _free(self, default: str) -> str:
         label, number = default, 1
@@ -174,7 +165,11 @@ class Concurrence(StateMachine):
     """A machine whose states run together, until *any* has ended, or *all* have completed."""
 
     def __init__(self, name: str, *, until: Literal["any", "all"] = "any") -> None:
-        if until not in _KINDS:
-            raise MisuseError(f"until is 'any' or 'all', not {until!r:.60}")
         super().__init__(name)
-        self._root.kind = _KINDS[until]
+        self._root.kind = _concurrence(until)
+
+
+def _concurrence(until: str) -> StateKind:
+    if until not in _KINDS:
+        raise MisuseError(f"until is 'any' or 'all', not {until!r:.60}")
+    return _KINDS[until]

@@ -33,7 +33,8 @@ class MachineState:
             parent.children.append(self)
 
     def __repr__(self) -> str:
-        return f"'{self.label}'" if self.kind is StateKind.TASK else f"{self.kind} '{self.label}'"
+        kind = "concurrence" if self.kind.is_concurrent else self.kind
+        return f"'{self.label}'" if self.kind is StateKind.TASK else f"{kind} '{self.label}'"
 
     def on(
         self,
@@ -94,3 +95,23 @@ class MachineState:
         yield self
         for child in self.children:
             yield from child.all()
+
+
+class ContainerState(MachineState):
+    """A state that holds others: those that are written inside its ``with`` block."""
+
+    def __init__(
+        self, kind: StateKind, label: str, parent: MachineState | None, written: "list[ContainerState]"
+    ) -> None:
+        """*written*: the containers in which the machine is being written, innermost last."""
+        super().__init__(kind, label, parent)
+        self._written = written
+
+    def __enter__(self) -> Self:
+        if not self.is_open or self.children:
+            raise MisuseError(f"{self!r} is written in one with block; make another one")
+        self._written.append(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._written.pop()

@@ -26,6 +26,11 @@ def _empty(sm: StateMachine) -> None:
         pass
 
 
+def _without_with(sm: StateMachine) -> None:
+    sm.GoTo()
+    sm.sequence("forgotten")
+
+
 def _one_branch(sm: StateMachine) -> None:
     with sm.concurrence():
         sm.GoTo()
@@ -92,13 +97,14 @@ def _same_label(sm: StateMachine) -> None:
         (_unknown_target, "'GoTo': on(completed='hom') names no state; there are 'GoTo', 'home'"),
         (_unreachable, "'lost' in sequence 'robot' can't be reached"),
         (_empty, "sequence 'nothing' is empty: give it a task"),
+        (_without_with, "sequence 'forgotten' is empty: give it a task"),
         (lambda _: None, "sequence 'robot' is empty: give it a task"),
-        (_one_branch, "any of 'concurrence' has one state only"),
-        (_two_in_front, "any of 'both': 'GoTo' and sequence 'sequence' would run in the foreground at once"),
+        (_one_branch, "concurrence 'concurrence' has one state only"),
+        (_two_in_front, "concurrence 'both': 'GoTo' and sequence 'sequence' would run in the foreground at once"),
         (_idle_for_ever, "lead to each other for ever without any task"),
         (_idle_branch, "sequence 'quick' may end before any task in it has run"),
         (_into_container, "'GoTo': on(failed=...): 'inside' is inside sequence 'inner'"),
-        (_across_branches, "'Look': on(completed=...): 'other' runs beside it in any of 'both', and can't follow"),
+        (_across_branches, "'Look': on(completed=...): 'other' runs beside it in concurrence 'both', and can't follow"),
         (_impossible_ending, "sequence 'for ever' can't end as completed: it ends as failed or timeout or interrupted"),
         (_epsilon_fails, "epsilon 'here' can't end as failed: it ends as completed"),
         (_same_label, "sequence 'robot' has two states 'home'"),
@@ -118,13 +124,19 @@ def test_refused_where_it_is_written() -> None:
             goto.on(completed=3)  # type: ignore[arg-type]
         with pytest.raises(MisuseError, match="parameters are given by name"):
             sm.GoTo(1.0)
-        with pytest.raises(MisuseError, match="until is 'any' or 'all', not 'some'"), sm.concurrence(until="some"):  # type: ignore[arg-type]
+        with pytest.raises(MisuseError, match="until is 'any' or 'all', not 'some'"):
+            sm.concurrence(until="some")  # type: ignore[arg-type]
+        with sm.sequence() as inner:
+            sm.GoTo()
+        with pytest.raises(MisuseError, match="is written in one with block"), inner:
             pass
         with pytest.raises(MisuseError, match="is not built"):
             assert sm.chart
     for late in (sm.GoTo, sm.epsilon, lambda: goto.on(timeout=goto), sm.__enter__):
         with pytest.raises(MisuseError):
             late()
+    with pytest.raises(MisuseError, match="its states are written inside its with block"):
+        Sequence("robot").GoTo()
     with pytest.raises(MisuseError, match="a machine needs a name, not ''"):
         StateMachine("")
     with pytest.raises(MisuseError, match="until is"):
