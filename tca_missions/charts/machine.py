@@ -14,6 +14,8 @@ from tca_missions.outcomes import TaskEnd
 from tca_module import MisuseError
 from tca_wire.charts import ChartState, MachineChart, StateKind
 
+_LONGEST = 200
+"""Characters that the structure has of a parameter."""
 _KINDS = {"any": StateKind.ANY, "all": StateKind.ALL}
 
 
@@ -147,7 +149,7 @@ class StateMachine:
                 kind=state.kind,
                 parent=number[state.parent] if state.parent is not None else -1,
                 task=state.task,
-                parameters={name: f"{value}" for name, value in state.parameters.items()},
+                parameters={name: f"{value}"[:_LONGEST] for name, value in state.parameters.items()},
                 next={end: number[to] for end in ENDINGS if end in endings[state] and (to := state.target(end))},
                 ends=list(endings[state]),
             )
