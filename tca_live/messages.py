@@ -22,7 +22,7 @@ from tca_wire.text.plain_data import Bare
 from tca_wire.text.printable import printable
 
 _FIELD = re.compile(r"([^\s=\"'{}\[\],]+)=(.*)", re.DOTALL)
-_HOW = """DATA are fields, 'key=value', with dots for the fields of a part ('pose.x=1.5'); or one value as a whole; or
+HOW = """DATA are fields, 'key=value', with dots for the fields of a part ('pose.x=1.5'); or one value as a whole; or
 '-' for JSON from the standard input. A value is JSON where that fits, else text. After '--' it may begin with a minus.
 """
 
@@ -30,7 +30,7 @@ data_argument = click.argument("data", nargs=-1)
 timeout_option = click.option("--timeout", metavar="SECONDS", type=SECONDS, help="Wait no longer than this.")
 
 
-@click.command(epilog=_HOW)
+@click.command(epilog=HOW)
 @click.argument("name")
 @data_argument
 @click.option("--wait", is_flag=True, help="Wait until the goal or command has ended; exit code 1 unless it is done.")
@@ -54,7 +54,7 @@ def send(
             raise click.UsageError(f"{message.title} is not sent: {how}")
         if (wait or timeout is not None) and not isinstance(message, Goal | Command):
             raise click.UsageError(f"{message.title} has no end to wait for: leave --wait and --timeout out")
-        value = _read(message, data)
+        value = read_data(message, data)
         message.encode_data(value)
         _say_if_unhandled(client, message)
         if isinstance(message, Inform):
@@ -66,7 +66,7 @@ def send(
             _follow(made, timeout, wait=wait or timeout is not None, in_json=in_json)
 
 
-@click.command(epilog=_HOW)
+@click.command(epilog=HOW)
 @click.argument("name")
 @data_argument
 @timeout_option
@@ -108,7 +108,7 @@ def get_variable(variable: str, central: str | None, *, in_json: bool) -> None:
         click.echo(as_json(value) if in_json else as_text(value))
 
 
-@click.command("set", epilog=_HOW)
+@click.command("set", epilog=HOW)
 @click.argument("variable")
 @data_argument
 @central_option
@@ -116,7 +116,7 @@ def set_variable(variable: str, data: tuple[str, ...], central: str | None) -> N
     """Give a shared variable a new value."""
     with talking("set", central) as client:
         known = _variable(client, variable)
-        client.set_variable(known, _read(known, data))
+        client.set_variable(known, read_data(known, data))
 
 
 def _variable(client: Client, name: str) -> Variable[Any]:
@@ -129,7 +129,7 @@ def _variable(client: Client, name: str) -> Variable[Any]:
 # --- typed data ------------------------------------------------------------------------------------------------------
 
 
-def _read(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
+def read_data(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
     """The data that the words of a command line mean. Raises UsageError, or BadData when they are encoded."""
     takes_fields = getattr(message.data, "takes_fields", True)
     if message.data.kind is type(None) and words:
@@ -235,7 +235,7 @@ def _print_end(ref: SentTask[Any], *, in_json: bool) -> None:
 def _ask(
     client: Client, message: Any, data: tuple[str, ...], timeout: float | None, maximum: int | None, *, in_json: bool
 ) -> None:
-    value = _read(message, data)
+    value = read_data(message, data)
     message.encode_data(value)
     _say_if_unhandled(client, message)
     within = QUERY_TIMEOUT if timeout is None else timeout

@@ -10,11 +10,13 @@ from tca_live.shared import talking
 from tca_module.client import Client
 from tca_module.errors import Refused
 from tca_module.sending.task_ref import TaskRef
+from tca_wire.life_cycles import read_life_cycle
 from tca_wire.points import ROOT
 from tca_wire.text.measures import listed
 from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Scope
 
+_TOLD_TO_END = "told to end; it does when the handlers that run have returned"
 _HIGHEST = (1 << 63) - 1  # number that the protocol can say
 _SHOWN = 10  # tasks that one name may mean
 
@@ -26,8 +28,30 @@ def kill(task: TaskRef, why: str = "", delay: float = 0.0, scope: Scope = Scope.
     whom = {Scope.DESCENDANTS: f"all under {task}", Scope.SIBLINGS: f"the siblings of {task}"}
     is_over = scope is not Scope.TASK or delay or task.info() is None
     how = f"to be killed in {delay:g} s" if delay else "killed"
-    how = how if is_over else "told to end; it does when the handlers that run have returned"
+    how = how if is_over else _TOLD_TO_END
     return f"{whom.get(scope, task)}: {how}"
+
+
+def cancel(client: Client, task: TaskRef, why: str = "") -> str:
+    """Ask for the end of a task, which its handler may refuse."""
+    known = {one.name: one for one in client.messages()}.get(task.message)
+    cycle, state = read_life_cycle(known.life_cycle if known else ""), task.state
+    row = cycle.cancel(state)
+    if row is None:
+        msg = f"{task} is '{state}', and {cycle} has no cancel from there: 'tca kill {task.id}' ends it"
+        raise click.ClickException(printable(msg))
+    changes = task.changes()
+    if not task.take(row.name, why=why):
+        raise too_late(task, "cancelled")
+    last = changes.arrived()[-1]
+    info = None if last.is_over else task.info()
+    if info is None:
+        return f"{task}: cancelled"
+    if info.killed:
+        return f"{task}: {_TOLD_TO_END}"
+    if last.state != row.target:
+        raise click.ClickException(printable(f"{task} goes on: {last.text or last.transition}"))
+    return f"{task}: {last.state}; its handler decides"
 
 
 def suspend(task: TaskRef) -> str:
@@ -60,11 +84,12 @@ def retry(task: TaskRef) -> str:
     return f"{task}: to be handled again" + f" when its handler in {module} has returned" * bool(module)
 
 
-_STEERS: dict[str, Callable[[TaskRef, str], str]] = {
-    "kill": kill,
-    "suspend": lambda task, _why: suspend(task),
-    "resume": lambda task, _why: resume(task),
-    "retry": lambda task, _why: retry(task),
+_STEERS: dict[str, Callable[[Client, TaskRef, str], str]] = {
+    "cancel": cancel,
+    "kill": lambda _, task, why: kill(task, why),
+    "suspend": lambda _, task, _why: suspend(task),
+    "resume": lambda _, task, _why: resume(task),
+    "retry": lambda _, task, _why: retry(task),
 }
 
 
@@ -79,7 +104,7 @@ def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") 
         if client.status()["epoch"] != epoch:
             msg = f"central at {client.address} runs another run than the one shown: give its address as --central"
             raise click.ClickException(msg)
-        return steers(find_task(client, str(task)), why)
+        return steers(client, find_task(client, str(task)), why)
 
 
 def too_late(task: TaskRef, what: str) -> click.ClickException:

@@ -54,6 +54,10 @@ class MessageInfo(msgspec.Struct, frozen=True):
     data: str
     """The format of its data, as a JSON Schema; and of its reply or result."""
     reply: str
+    progress: str
+    """The format of a task's intermediate results ("": it has none)."""
+    life_cycle: str
+    """The table of a task's life cycle ("": the general one)."""
     handled_by: tuple[HandlerInfo, ...]
     """Newest first."""
 

@@ -1,8 +1,28 @@
-"""``tca cancel``, ``update`` and ``watch``: what people ask of a running task, and what they hear of its state."""
+"""``tca cancel`` and ``update``: what people ask of a running task."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from tca_module import GENERAL, Command, LifeCycle, Party, Transition, connect, ending
+import pytest
+from integration.commanded import SOON, tca
+
+from tca_live import shared
+from tca_live.states import cancel, update
+from tca_module import (
+    BASIC,
+    GENERAL,
+    Client,
+    Command,
+    LifeCycle,
+    Module,
+    Outcome,
+    Party,
+    SentTask,
+    Task,
+    Transition,
+    connect,
+    ending,
+)
 from tca_module.testing import LocalCentral
 
 PAUSABLE = LifeCycle(
@@ -15,6 +35,8 @@ class Grasp:
     width: float
 
 
+WALK, STAND, LATER = Command("walk"), Command("stand"), Command("later")
+DRIFT = Command("drift", life_cycle=BASIC)
 GRASP = Command("grasp", Grasp, result=float, progress=Grasp, life_cycle=PAUSABLE)
 
 
@@ -25,3 +47,91 @@ def test_what_others_have_declared_can_be_sent_with_its_progress_and_states() ->
             assert planner.declared("grasp").format == GRASP.format
             with connect("user", central) as user:
                 assert user.execute(user.declared("grasp"), {"width": 0.1}).info() is not None
+
+
+@pytest.fixture
+def central(monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
+    """That of the commands, too."""
+    with LocalCentral() as local:
+        monkeypatch.setattr(shared, "connect", lambda name, _, patience: connect(name, local, patience=patience))
+        yield local
+
+
+@pytest.fixture
+def user(central: LocalCentral) -> Iterator[Client]:
+    with connect("user", central) as client:
+        yield client
+
+
+@pytest.fixture
+def arm(central: LocalCentral) -> Iterator[None]:
+    """It grasps until it is told otherwise: of no less than 1 cm."""
+    arm = Module("arm", central)
+
+    @arm.handles(GRASP, takes=["update", "cancel"])
+    def grasp(task: Task, goal: Grasp) -> float:
+        task.report(goal)
+        while (request := task.wait_for_request(SOON)) is not None:
+            if request.transition == "cancel":
+                raise task.aborted()
+            if request.goal.width < 0.01:
+                request.reject("it would break")
+                continue
+            request.accept()
+            task.report(request.goal)
+        return goal.width
+
+    with arm.running():
+        yield
+
+
+@pytest.mark.parametrize(
+    ("message", "code", "said"),
+    [
+        (WALK, 0, "walk {1}: told to end; it does when the handlers that run have returned"),
+        (STAND, 1, "stand {1} goes on: the handler of 'stand' takes no 'cancel'"),
+        (LATER, 0, "later {1}: cancelled"),
+        (DRIFT, 1, "drift {1} is 'running', and life cycle 'basic' has no cancel from there: 'tca kill 1' ends it"),
+    ],
+    ids=lambda one: getattr(one, "name", ""),
+)
+def test_what_becomes_of_a_cancel(
+    central: LocalCentral, user: Client, message: Command[None, None], code: int, said: str
+) -> None:
+    legs = Module("legs", central)
+    for one, refuses in ((WALK, []), (STAND, ["cancel"]), (DRIFT, [])):
+        legs.handles(one, refuses=refuses)(lambda task: task.sleep(SOON))
+    with legs.running():
+        task = user.execute(message)
+        while message is not LATER and not (info := task.info()).module:  # type: ignore[union-attr]
+            assert info is not None
+        assert tca(cancel, message.name) == ((0, f"{said}\n", "") if code == 0 else (1, "", f"{said}\n"))
+        task.kill()
+
+
+@pytest.fixture
+def sent(arm: None, user: Client) -> SentTask[float]:
+    sent = user.execute(GRASP, Grasp(0.1))
+    assert next(sent.progress(Grasp, timeout=SOON)) == Grasp(0.1)
+    return sent
+
+
+def test_a_task_gets_a_new_goal_and_is_cancelled(sent: SentTask[float]) -> None:
+    assert tca(update, "grasp", "width=0.05") == (0, f"{sent}: has the new goal\n", "")
+    assert tca(update, "grasp", "width=0.001")[::2] == (1, f"the update of {sent} was rejected: it would break\n")
+    assert tca(update, "grasp", "width=0.04", "--no-wait")[:2] == (0, f"{sent}: the new goal is asked for\n")
+    assert tca(cancel, "grasp", "--why", "it slips") == (0, f"{sent}: cancel requested; its handler decides\n", "")
+    assert sent.wait(SOON) is Outcome.KILLED
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "error"),
+    [
+        (["grasp", "wide=1"], 2, "command 'grasp' wants data of type Grasp: field 'wide' is unknown: did you mean 'width'?"),
+        (["1", "width=1", "--no-wait", "--timeout", "1"], 2, "--no-wait and --timeout are given: leave one of them out"),
+        (["walk", "width=1"], 1, "no living task is called 'walk': living tasks are grasp {1}"),
+    ],
+)  # fmt: skip
+@pytest.mark.usefixtures("sent")
+def test_a_goal_that_cannot_be_is_told(words: list[str], code: int, error: str) -> None:
+    assert tca(update, *words) == (code, "", f"{error}\n")

@@ -14,7 +14,7 @@ from playwright.sync_api import Locator, Page, expect
 from tools.story import walking
 
 from tca_module import Client, Command, Goal, Module, Task, connect
-from tca_tools.view.steering import Steering
+from tca_tools.view.steering import Steering, SteeringRequest
 from tca_wire.vocabulary import Outcome
 from view.conftest import Look
 
@@ -84,11 +84,11 @@ def test_a_task_is_suspended_resumed_and_retried(look: Look, serve: Serve, robot
     page = look(address, f"?key={steering.key}#t=0&task={task.id}")
     assert steering.key not in page.url
     page.locator("#steering button", has_text="go to the end").click()  # nobody steers the past
-    expect(page.locator("#steering button")).to_have_text(["kill", "suspend", "retry"])
+    expect(page.locator("#steering button")).to_have_text(["cancel", "kill", "suspend", "retry"])
     for what, then, said in (
-        ("suspend", ["kill", "resume", "retry"], "patrol {1}: suspended"),
-        ("resume", ["kill", "suspend", "retry"], "patrol {1}: resumed"),
-        ("retry", ["kill", "suspend", "retry"], "patrol {1}: to be handled again"),
+        ("suspend", ["cancel", "kill", "resume", "retry"], "patrol {1}: suspended"),
+        ("resume", ["cancel", "kill", "suspend", "retry"], "patrol {1}: resumed"),
+        ("retry", ["cancel", "kill", "suspend", "retry"], "patrol {1}: to be handled again"),
     ):
         ask(page, what, task.id, rows=4)
         expect(page.locator("#steer p").first).to_contain_text("Under it: 3 living tasks.")
@@ -122,6 +122,8 @@ def test_a_task_is_killed_by_who_says_so_and_has_the_key(look: Look, serve: Serv
     expect(told(page)).to_contain_text("to steer, open the address that 'tca view' printed")
     expect(page.locator("[data-steer]")).to_have_count(0)
     assert other.info() is not None
+    wish = SteeringRequest("", other.id, "cancel", "enough")
+    assert "told to end" in steering.steer(wish, robot.user.status()["epoch"])
 
 
 def read(address: str, what: str) -> bytes:

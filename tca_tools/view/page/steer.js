@@ -1,4 +1,4 @@
-// What can be done to a task of a live run: it is killed, suspended, resumed or retried, after a question.
+// What can be done to a task of a live run: it is cancelled, killed, suspended, resumed or retried, after a question.
 
 import { element } from "./dom.js";
 import { ofRun } from "./runs.js";
@@ -7,6 +7,7 @@ import { counted, numbered } from "./words.js";
 
 const KEY = "key"; // of the address that the command printed: without it a page only looks
 const CHANGES = {
+  cancel: "Its handler is asked to end it, and decides. If it knows of no cancels, the task is killed.",
   kill: "It ends, and all that is under it. Handlers that run are told, not interrupted.",
   suspend: "Nothing more of it is started, nor of what is under it, until it is resumed. Handlers that run are told.",
   resume: "It goes on, and all that is under it.",
@@ -43,7 +44,7 @@ export class Steering {
     this.about = [about, isPresent];
     const { store } = this, task = store.byId.get(about.id), state = task && store.stateAt(task, store.end);
     const isAlive = task && !isOver(state) && store.isLive && sessionStorage.getItem(KEY) !== null;
-    const can = !isAlive || !isPresent || state === "ending" ? [] : ["kill", about.isSuspended ? "resume" : "suspend", "retry"];
+    const can = !isAlive || !isPresent || state === "ending" ? [] : ["cancel", "kill", about.isSuspended ? "resume" : "suspend", "retry"];
     const told = this.told?.id === about.id ? this.told : null, shown = JSON.stringify([about.id, isAlive, can, told]);
     if (shown === this.shown) return;
     this.shown = shown;
@@ -54,7 +55,7 @@ export class Steering {
   #present() {
     const made = element("button", { class: "link", text: "go to the end" });
     made.addEventListener("click", this.toEnd);
-    return [made, element("span", { class: "faint", text: "to kill, suspend or retry it" })];
+    return [made, element("span", { class: "faint", text: "to cancel, kill, suspend or retry it" })];
   }
 
   #button(what, task) {
@@ -69,7 +70,7 @@ export class Steering {
     this.id = task.id;
     dialog.querySelector("h2").textContent = `${what} ${numbered(task.name, task.id)}?`;
     dialog.querySelector("p").textContent = below ? `${CHANGES[what]} Under it: ${counted(below, "living task")}.` : CHANGES[what];
-    dialog.querySelector("label").hidden = what !== "kill";
+    dialog.querySelector("label").hidden = !["cancel", "kill"].includes(what);
     dialog.querySelector("input").value = "";
     const yes = dialog.querySelector("button[type=submit]");
     Object.assign(yes, { value: what, textContent: what, className: what });
