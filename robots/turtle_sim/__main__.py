@@ -16,6 +16,7 @@ from robots.turtle_sim.drawing import draw
 from robots.turtle_sim.missions.background import background
 from robots.turtle_sim.missions.interrupted import interrupted
 from robots.turtle_sim.missions.letters import letters
+from robots.turtle_sim.missions.machine import machine
 from robots.turtle_sim.missions.patrol import patrol
 from robots.turtle_sim.missions.three_turtles import MISSIONS
 from robots.turtle_sim.missions.too_far import too_far
@@ -58,6 +59,7 @@ SHOWS: dict[str, Missions] = {
     "too-far": {"turtle": too_far},
     "background": {"turtle": background},
     "interrupted": {"turtle": interrupted},
+    "machine": {"turtle": lambda mission: for_some_time(mission, machine().run)},
     "three-turtles": MISSIONS,
 }
 

@@ -1,12 +1,36 @@
 """The patrol as a state machine."""
 
+import math
+
+from turtles.towns import bounded, carry_out, started, town
+
 from robots.turtle_sim.missions.machine import machine
 
 
-def test_the_machine() -> None:
+def test_its_states() -> None:
     states = machine([(1.0, 9.0)]).chart.states
     assert [(state.label, state.parent) for state in states] == [
         ("patrol", -1), ("Wait", 0), ("GoTo", 0), ("concurrence", 0), ("WaitForROI", 3), ("sequence", 3),
         ("Wait 2", 5), ("GoTo 2", 5), ("GoTo 3", 0),
     ]  # fmt: skip
     assert states[-1].next["completed"] == 1
+
+
+def test_the_machine() -> None:
+    """The turtle never comes to the region: all points, then the middle, then from the beginning."""
+    with town() as there:
+        carry_out(there, bounded(there, 9, machine([(1.0, 3.0), (3.0, 3.0)]).run))
+        tasks = started(there)
+        assert tasks.count("WaitForROI") == 1
+        tasks.remove("WaitForROI")
+        assert tasks == ["Wait", "GoTo", "Wait", "GoTo", "Wait", "GoTo", "GoTo", "Wait"]
+        assert not there.server.runs
+
+
+def test_the_region_ends_the_concurrence() -> None:
+    """On its way to the first point the turtle comes through the region: the second point is never gone to."""
+    with town() as there:
+        carry_out(there, bounded(there, 6, machine([(10.0, 6.5), (10.0, 1.0)]).run))
+        assert sorted(started(there)[2:4]) == ["Wait", "WaitForROI"]
+        assert started(there)[4:] == ["GoTo", "GoTo"]
+        assert math.dist(there.place, (9.0, 6.0)) < 1.1

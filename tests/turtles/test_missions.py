@@ -1,10 +1,9 @@
 """The missions for one turtle, on a stepped clock."""
 
 import math
-from collections.abc import Callable
 
 import pytest
-from turtles.towns import Town, carry_out, started, town
+from turtles.towns import bounded, carry_out, started, town
 
 from robots.turtle_sim.missions.background import background
 from robots.turtle_sim.missions.interrupted import interrupted
@@ -12,27 +11,8 @@ from robots.turtle_sim.missions.letters import A, C, T, letters
 from robots.turtle_sim.missions.patrol import patrol
 from robots.turtle_sim.missions.too_far import too_far
 from robots.turtle_sim.world import Pose
-from tca_missions import ConditionVerified, Mission
+from tca_missions import Mission
 from tca_missions.console.names import ConsoleNames
-
-
-class Enough:
-    """A condition that a mission knows nothing of: so many tasks were started."""
-
-    def __init__(self, there: Town, tasks: int) -> None:
-        self.there, self.tasks = there, tasks
-
-    def is_verified(self) -> bool:
-        return len(started(self.there)) >= self.tasks
-
-
-def bounded(there: Town, tasks: int, endless: Callable[[Mission], object]) -> Callable[[Mission], None]:
-    def carry_out(mission: Mission) -> None:
-        mission.add_condition(Enough(there, tasks))
-        with pytest.raises(ConditionVerified):
-            endless(mission)
-
-    return carry_out
 
 
 def test_patrol() -> None:

@@ -1,9 +1,12 @@
 """The whole thing, with real processes: central, the turtle's task server, the mission, the pictures."""
 
+import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -47,6 +50,31 @@ def test_three_turtles_over_a_link_that_loses_half(tmp_path: Path) -> None:
     assert list(checkpoints(shown.stdout)) == EXPECTED
     logs = "".join((tmp_path / f"{turtle}_task_server.log").read_text() for turtle in MISSIONS)
     assert sum(map(int, re.findall(r"(\d+) of them lost", logs))) > 5
+
+
+@pytest.mark.soak
+def test_three_robots_of_tca_run(tmp_path: Path) -> None:
+    """As the page says; in the turtles' own time."""
+    with ExitStack() as stack:
+        for turtle in MISSIONS:
+            robot = start("tca_run", str(ROBOT / "sync" / f"{turtle}.toml"), log=tmp_path / f"{turtle}.log")
+            stack.callback(robot.wait, 60)
+            stack.callback(robot.send_signal, signal.SIGINT)
+        missions = {
+            turtle: start(
+                "robots.turtle_sim.missions.three_turtles", turtle, log=tmp_path / f"mission of {turtle}.log",
+                central=f"ipc:///tmp/tca-{turtle}.sock",
+            )
+            for turtle in MISSIONS
+        }  # fmt: skip
+        assert {turtle: mission.wait(180) for turtle, mission in missions.items()} == dict.fromkeys(MISSIONS, 0)
+
+
+def start(module: str, *arguments: str, log: Path, central: str = "") -> subprocess.Popen[bytes]:
+    environment = {**os.environ, "TCA_CENTRAL": central} if central else None
+    with log.open("wb") as file:
+        command = [sys.executable, "-m", module, *arguments]
+        return subprocess.Popen(command, stdout=file, stderr=file, env=environment)
 
 
 def checkpoints(said: str) -> Iterator[tuple[str, str, tuple[float, float]]]:

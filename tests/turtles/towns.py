@@ -6,11 +6,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import pytest
+
 from robots.turtle_sim.environment import TurtleEnvironment
 from robots.turtle_sim.simulator import Simulator
 from robots.turtle_sim.task_server import TASKS
 from robots.turtle_sim.world import CENTRE, Pose, TurtleWorld
-from tca_missions import Mission, TaskEnd, TaskServer
+from tca_missions import ConditionVerified, Mission, TaskEnd, TaskServer
 from tca_missions.serving.definition import ServedTask
 from tca_module import Client, SentTask, connect
 from tca_module.testing import LocalCentral
@@ -85,3 +87,24 @@ def town(
         with server.running(), connect("test", central) as user:
             central.advance(0.1)  # the turtle has told where it is
             yield Town(central, world, server, user)
+
+
+class Enough:
+    """A condition that a mission knows nothing of: so many tasks were started."""
+
+    def __init__(self, there: Town, tasks: int) -> None:
+        self.there, self.tasks = there, tasks
+
+    def is_verified(self) -> bool:
+        return len(started(self.there)) >= self.tasks
+
+
+def bounded(there: Town, tasks: int, endless: Callable[[Mission], object]) -> Callable[[Mission], None]:
+    """The first tasks of an endless mission."""
+
+    def carry_out(mission: Mission) -> None:
+        mission.add_condition(Enough(there, tasks))
+        with pytest.raises(ConditionVerified):
+            endless(mission)
+
+    return carry_out
