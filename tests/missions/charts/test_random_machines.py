@@ -3,6 +3,7 @@
 from contextlib import suppress
 from typing import Any
 
+import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from missions.charts.played import ENDINGS, EndOfPlay, PlayedMission, PlayedTask
@@ -10,6 +11,8 @@ from missions.charts.played import ENDINGS, EndOfPlay, PlayedMission, PlayedTask
 from tca_missions.charts import Sequence, StateMachine, UnsoundMachine
 from tca_missions.charts.running import MachineRun
 from tca_missions.charts.soundness import endings_of
+from tca_missions.charts.statechart import Statechart
+from tca_missions.charts.states import Ending, MachineState
 from tca_wire.charts import ActiveStates, StateKind
 
 LABELS = [f"s{number}" for number in range(9)]
@@ -57,13 +60,19 @@ def write(sm: StateMachine, data: st.DataObject, labels: list[str], depth: int, 
         state.on(**targets)
 
 
-@given(st.data())
-def test_sound_machines_run(data: st.DataObject) -> None:
+def drawn(data: st.DataObject) -> StateMachine:
+    """A machine that is not refused."""
     try:
         with Sequence("random") as sm:
             write(sm, data, list(reversed(LABELS)), 2, is_in_front=True)
     except UnsoundMachine:
         assume(False)
+    return sm
+
+
+@given(st.data())
+def test_sound_machines_run(data: st.DataObject) -> None:
+    sm = drawn(data)
     mission, published = Bored(data), list[ActiveStates]()
     run = MachineRun(sm.root, mission, published.append)
     with suppress(EndOfPlay):
@@ -77,3 +86,30 @@ def test_sound_machines_run(data: st.DataObject) -> None:
             assert state.kind is not StateKind.EPSILON
             assert state.parent in active.active or not number
             assert len(inside) == 1 or state.kind.is_concurrent or state.kind is StateKind.TASK
+
+
+def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
+    """The states that the statechart can enter, and the endings that it can have, by trying all."""
+    entered, endings = set[MachineState](), set[Ending]()
+    chart = Statechart(root, entered.add, lambda _: None)
+    states, seen = list(root.all()), set[tuple[int, ...]]()
+    paths: list[list[tuple[MachineState, Ending]]] = [[]]
+    for path in paths:
+        chart.begin()
+        for step in path:
+            chart.note_end(*step)
+        if chart.ending is not None:
+            endings.add(chart.ending)
+        elif (active := tuple(chart.active)) not in seen:
+            seen.add(active)
+            tasks = [states[number] for number in active if states[number].kind is StateKind.TASK]
+            paths += [[*path, (task, ending)] for task in tasks for ending in ENDINGS]
+    return entered, endings
+
+
+@pytest.mark.soak
+@given(st.data())
+def test_soundness_agrees_with_the_statechart(data: st.DataObject) -> None:
+    """Each state can be entered, and the machine can have the endings that it is said to have, and no others."""
+    sm = drawn(data)
+    assert explored(sm.root) == (set(sm.root.all()), set(endings_of(sm.root)[sm.root]))

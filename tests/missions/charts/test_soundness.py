@@ -81,6 +81,14 @@ def _impossible_ending(sm: StateMachine) -> None:
     sm.GoTo("end")
 
 
+def _never_all(sm: StateMachine) -> None:
+    with sm.concurrence(until="all"):
+        sm.Look(foreground=False)
+        with sm.sequence():
+            sm.Turn().on(completed="Turn")
+    sm.GoTo()
+
+
 def _epsilon_fails(sm: StateMachine) -> None:
     sm.epsilon("here").on(failed="home")
     sm.GoTo("home")
@@ -106,6 +114,7 @@ def _same_label(sm: StateMachine) -> None:
         (_into_container, "'GoTo': on(failed=...): 'inside' is inside sequence 'inner'"),
         (_across_branches, "'Look': on(completed=...): 'other' runs beside it in concurrence 'both', and can't follow"),
         (_impossible_ending, "sequence 'for ever' can't end as completed: it ends as failed or timeout or interrupted"),
+        (_never_all, "'GoTo' in sequence 'robot' can't be reached"),
         (_epsilon_fails, "epsilon 'here' can't end as failed: it ends as completed"),
         (_same_label, "sequence 'robot' has two states 'home'"),
     ],
