@@ -4,7 +4,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from missions.charts.played import ENDINGS, EndOfPlay, PlayedMission, PlayedTask
 
@@ -15,6 +15,7 @@ from tca_missions.charts.statechart import Statechart
 from tca_missions.charts.states import Ending, MachineState
 from tca_wire.charts import ActiveStates, StateKind
 
+MOST_ARE_REFUSED = settings(suppress_health_check=[HealthCheck.filter_too_much])
 LABELS = [f"s{number}" for number in range(9)]
 
 
@@ -70,6 +71,7 @@ def drawn(data: st.DataObject) -> StateMachine:
     return sm
 
 
+@MOST_ARE_REFUSED
 @given(st.data())
 def test_sound_machines_run(data: st.DataObject) -> None:
     sm = drawn(data)
@@ -108,6 +110,7 @@ def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
 
 
 @pytest.mark.soak
+@MOST_ARE_REFUSED
 @given(st.data())
 def test_soundness_agrees_with_the_statechart(data: st.DataObject) -> None:
     """Each state can be entered, and the machine can have the endings that it is said to have, and no others."""
