@@ -38,6 +38,8 @@ from tca_module.sending.task_ref import Change, SentTask, TaskInfo, TaskRef
 from tca_module.sending.task_requests import TaskRequest
 from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.callbacks import Callback
+from tca_module.serving.handler_options import HandlerOptions
+from tca_module.serving.server import Server
 from tca_wire.constraints import Constraint
 from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import BASIC, GENERAL, Effect, LifeCycle, Transition, ending
@@ -90,6 +92,7 @@ __all__ = [
     "Goal",
     "HandlerCount",
     "HandlerInfo",
+    "HandlerOptions",
     "Inform",
     "Interval",
     "LaterReply",
@@ -124,6 +127,7 @@ __all__ = [
     "Scope",
     "Sender",
     "SentTask",
+    "Server",
     "Stopped",
     "Stream",
     "TapEvent",

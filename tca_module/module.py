@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any, Literal, TypeVar, Unpack, overload
 
 from tca_module import checks
-from tca_module.checks import check, check_function
+from tca_module.checks import check, check_class, check_function
 from tca_module.errors import CentralLost, MisuseError, NoCentral, NotSent, Refused, Stopped
 from tca_module.link.connection import LINGER, PATIENCE, Connection
 from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
@@ -20,9 +20,10 @@ from tca_module.sending.sender import Sender
 from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
 from tca_module.serving.handler_options import BUSY, HandlerOptions, WhenBusy, checked_format
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
+from tca_module.serving.server import Server, ServerHandler, taken_by
 from tca_module.serving.slot import CALLBACKS, Slot, Slots
 from tca_module.session.lasting_attachments import LastingAttachments
-from tca_wire.messages.declarations import D, Message, R
+from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
 from tca_wire.packets.headers import WaitUntilHandled
 
 _WARN_AFTER = 5.0  # seconds that a module waits for required messages without a word
@@ -120,15 +121,29 @@ class Module(Sender):
         known_as = checked_format(message, options, self.name, self._busy)
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-            handler = Handler(message, function, known_as)
-            if known := self._handlers.get(message.name):
-                msg = f"module '{self.name}' handles '{message.name}' already, in {known.name}: one handler a message"
-                raise MisuseError(msg)
-            self._handlers[message.name] = handler
-            self._resources.setdefault(handler.resource, 1)
+            self._add(Handler(message, function, known_as))
             return function
 
         return declare
+
+    def serve(self, message: TaskMessage[D, R], server: Server[D, R], **options: Unpack[HandlerOptions]) -> None:
+        """Declare a Server as this module's handler of the tasks of *message*. Its methods say what it takes; otherwise
+        like ``handles``.
+        """
+        self._check_not_running("serve()")
+        check_class(message, Goal, Command, call="serve")
+        if "takes" in options:
+            raise MisuseError(f"serve() of {message.title}: the methods of the Server say what it takes, not takes=")
+        options["takes"] = [name for name in taken_by(message, server) if name not in options.get("refuses", ())]
+        self._add(ServerHandler(message, server, checked_format(message, options, self.name, self._busy)))
+
+    def _add(self, handler: Handler) -> None:
+        name = handler.message.name
+        if known := self._handlers.get(name):
+            msg = f"module '{self.name}' handles '{name}' already, in {known.name}: one handler a message"
+            raise MisuseError(msg)
+        self._handlers[name] = handler
+        self._resources.setdefault(handler.resource, 1)
 
     def at_start(self, function: Start) -> Start:
         """Have the decorated function called with the module once it has joined, before it gets any message: to attach

@@ -3,7 +3,7 @@
 import threading
 from typing import Any, Generic, overload
 
-from tca_module.errors import MisuseError, Stopped
+from tca_module.errors import NIL, MisuseError, Stopped
 from tca_module.link.connection import Connection
 from tca_module.sending.handled_task import ReportingTask
 from tca_module.sending.handler_errors import failed
@@ -95,6 +95,11 @@ class LaterReply(ReportingTask, Generic[R]):
         """Refuse replies from now on; the caller answers instead."""
         with self._lock:
             self._ended = self._ended or why
+
+    def is_owed_no_more(self) -> None:
+        """The task has ended as its client wanted: nobody needs the reply."""
+        if self.is_open:
+            self._take(Reply(self._delivery.delivery), NIL)
 
     def module_ends(self) -> None:
         """The handler's thread ends: a reply still owed has failed."""

@@ -16,6 +16,7 @@ from tca_module.sending.task_points import TaskInterval
 from tca_module.sending.task_ref import FIND_IT, SteerableTask, TaskRef
 from tca_module.sending.task_requests import ServerState
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
+from tca_module.session.open_deliveries import OpenDelivery
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver
 from tca_wire.points import ROOT, Interval, TaskId
@@ -169,6 +170,11 @@ class Task(Sender, SteerableTask, HandledTask):
             state = self._served() if self._task_id != ROOT else None
             self.later = LaterReply(connection, self._message, self._delivery, state)
         return self.later
+
+    def handled(self) -> tuple[OpenDelivery, ServerState]:
+        """The delivery, and the task's state, for the library itself."""
+        served = self._served()
+        return served.delivery, served
 
     def _served(self) -> ServerState:
         self._node()

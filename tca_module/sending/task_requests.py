@@ -69,7 +69,7 @@ class ServerState:
         self._open: list[TaskRequest] = []  # oldest first
         self._connection = connection
         self._message = message
-        self._one = one
+        self.delivery = one  #: of its handler
         self._what = numbered(message.name, delivery.task)
         epoch = connection.session.epoch
         self._task = with_epoch(delivery.task, epoch, self._what)
@@ -97,6 +97,16 @@ class ServerState:
         with self._lock:
             self._look()
             return self._state
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the task has been stopped as a client wanted."""
+        return self.life_cycle.is_over(self._state)
+
+    @property
+    def can_reject(self) -> bool:
+        """Whether a request can be refused in the task's state."""
+        return self.life_cycle.refusal(self._state) is not None
 
     @property
     def oldest(self) -> TaskRequest | None:
@@ -129,8 +139,8 @@ class ServerState:
 
     def _look(self) -> None:
         """The handler looks at what has come."""
-        while self._one.requested:
-            header, body = self._one.requested.popleft()
+        while self.delivery.requested:
+            header, body = self.delivery.requested.popleft()
             if header.serial <= self._serial:
                 continue  # central has said it twice
             self._serial = header.serial
@@ -202,7 +212,7 @@ class ServerState:
     def report(self, body: bytes) -> None:
         """Tell of an intermediate result; one of a task that has just been stopped is dropped."""
         with self._lock:
-            if self.life_cycle.is_over(self._state):
+            if self.is_over:
                 return
             rows = [row for row in self.life_cycle.transitions if row.effect is Effect.RESULT]
             if not rows:

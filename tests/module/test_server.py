@@ -1,0 +1,229 @@
+"""A server is a handler with a method for each thing that clients may want; what it lacks gets a default."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from module.real_central import SOON
+
+from tca_module import (
+    GENERAL,
+    Client,
+    Command,
+    Goal,
+    LaterReply,
+    LifeCycle,
+    MisuseError,
+    Module,
+    Outcome,
+    Party,
+    Query,
+    Rejected,
+    Server,
+    Task,
+    TaskRequest,
+    Transition,
+    connect,
+    ending,
+)
+from tca_module.testing import LocalCentral
+
+
+@dataclass
+class Grip:
+    item: str
+
+
+PAUSABLE = LifeCycle(
+    "pausable",
+    [*GENERAL.transitions, Transition("pause", "running", "paused", Party.CLIENT), Transition("go on", "paused", "running"),
+     *ending("paused")],
+)  # fmt: skip
+GRASP, WALK = Command("grasp", Grip, result=str), Goal("walk", int)
+SING = Command("sing", life_cycle=PAUSABLE)
+FREE = Query("free", reply=bool)
+
+
+class Grasping(Server[Grip, str]):
+    """Grasps for ten seconds, and waits in between."""
+
+    def __init__(self) -> None:
+        self.item = ""
+        self.seen: list[str] = []
+
+    def initiated(self, task: Task, goal: Grip) -> str:
+        self.item = goal.item
+        task.sleep(10)
+        return f"holds {self.item}"
+
+    def update(self, task: Task, goal: Grip) -> bool:
+        self.seen.append(f"{task}: {goal.item}")
+        if goal.item == "wall":
+            raise task.rejected("a wall can't be held")
+        if goal.item == "fire":
+            raise ValueError(goal.item)
+        self.item = goal.item
+        return goal.item != "air"
+
+    def cancel(self, task: Task, why: str) -> bool:
+        self.seen.append(f"{task}: {why}")
+        return why != "never"
+
+
+class Holding(Server[Grip, str]):
+    """Replies when somebody says so."""
+
+    def __init__(self) -> None:
+        self.owed: list[LaterReply[str]] = []
+        self.seen: list[str] = []
+
+    def initiated(self, task: Task, goal: Grip) -> LaterReply[str]:
+        self.owed.append(task.reply_later())
+        return self.owed[-1]
+
+    def update(self, task: Task, goal: Grip) -> bool:
+        self.seen.append(f"{task.state}: {goal.item}, {task.query(FREE)}")
+        return True
+
+    def cancel(self, task: Task, why: str) -> bool:
+        self.seen.append(f"{task.state}: {why}")
+        return True
+
+
+class Walking(Server[int, None]):
+    """Knows only how to walk."""
+
+    def initiated(self, task: Task, goal: int) -> None:
+        task.sleep(goal)
+
+
+class Singing(Server[None, None]):
+    async def initiated(self, task: Task, goal: None) -> None:
+        await task.query_send(Query("never", reply=bool))
+
+    def requested(self, task: Task, request: TaskRequest) -> bool:
+        task.take("go on", f"after a {request.transition}")
+        return True
+
+
+@pytest.fixture
+def central() -> Iterator[LocalCentral]:
+    with LocalCentral(check=True, stepped=True) as central:
+        yield central
+
+
+@pytest.fixture
+def user(central: LocalCentral) -> Iterator[Client]:
+    with connect("user", central) as client:
+        yield client
+
+
+@pytest.fixture
+def grasping(central: LocalCentral) -> Iterator[Grasping]:
+    arm, server = Module("arm", central), Grasping()
+    arm.serve(GRASP, server)
+    with arm.running():
+        yield server
+
+
+def test_a_blocking_server_hears_requests_while_it_waits(
+    user: Client, grasping: Grasping, central: LocalCentral
+) -> None:
+    grasp = user.command(GRASP, Grip("pen"))
+    central.until_quiet()
+    grasp.update(Grip("cup"))
+    for item, why in (
+        ("air", "its handler gives no reason"),
+        ("wall", "a wall can't be held"),
+        ("fire", "its handler"),
+    ):
+        with pytest.raises(Rejected, match=why):
+            grasp.update(Grip(item))
+        grasping.item = "cup"
+    grasp.cancel("never")
+    central.advance(10)
+    assert grasp.result() == "holds cup"
+    assert grasping.seen == [f"grasp {{1}}: {what}" for what in ("cup", "air", "wall", "fire", "never")]
+
+
+def test_its_task_is_cancelled(user: Client, grasping: Grasping, central: LocalCentral) -> None:
+    grasp = user.command(GRASP, Grip("pen"))
+    changes = grasp.changes()
+    grasp.cancel("the pen is hot")
+    assert grasp.wait() is Outcome.KILLED
+    last = list(changes)[-1]
+    assert (last.transition, last.state, last.text) == ("aborted", "cancelled", "the pen is hot (by user)")
+
+
+def test_one_that_replies_later_hears_them_between_messages(user: Client, central: LocalCentral) -> None:
+    arm, server = Module("arm", central), Holding()
+    arm.serve(GRASP, server)
+    arm.handles(FREE, resource="hand")(lambda _: True)
+    with arm.running():
+        grasp = user.command(GRASP, Grip("pen"))
+        central.until_quiet()
+        grasp.update(Grip("cup"))
+        server.owed[0].reply("held")
+        assert grasp.result(SOON) == "held"
+        second = user.command(GRASP, Grip("tea"))
+        central.until_quiet()
+        second.cancel("too hot")
+        assert second.wait(SOON) is Outcome.KILLED
+        assert not server.owed[1].is_open
+        third = user.command(GRASP, Grip("pen"))
+        central.until_quiet()
+        server.owed[2].reply("held again")
+        assert third.result(SOON) == "held again"
+    assert server.seen == ["update requested: cup, True", "cancel requested: too hot"]
+
+
+def test_what_a_server_lacks_gets_the_defaults(user: Client, central: LocalCentral) -> None:
+    feet = Module("feet", central)
+    feet.serve(WALK, Walking(), refuses=["cancel"])
+    with feet.running():
+        walk = user.goal(WALK, 60)
+        central.until_quiet()
+        walk.cancel()
+        walk.update(5)
+        central.advance(5)
+        assert walk.wait() is Outcome.DONE
+        assert walk.state == "done"
+
+
+def test_transitions_of_ones_own_have_a_method_too(user: Client, central: LocalCentral) -> None:
+    choir = Module("choir", central)
+    choir.serve(SING, Singing())
+    with choir.running():
+        sing = user.command(SING)
+        changes = sing.changes()
+        central.until_quiet()
+        assert sing.take("pause")
+        central.until_quiet()
+        sing.kill()
+        assert [(one.transition, one.text) for one in changes][1:3] == [("pause", ""), ("go on", "after a pause")]
+
+
+def test_servers_that_can_not_be(central: LocalCentral) -> None:
+    arm = Module("arm", central)
+
+    class Eager(Grasping):
+        async def cancel(self, task: Task, why: str) -> bool:  # type: ignore[override]
+            return True
+
+    wrong: list[tuple[Any, Any, str]] = [
+        (GRASP, Grasping, r"is no Server: give Grasping\(\)"),
+        (GRASP, lambda *_: None, "is no Server"),
+        (GRASP, Eager(), "Eager.cancel: .* is 'async def', and nobody awaits it"),
+        (FREE, Grasping(), r"serve\(\) takes messages of class Goal or Command, not Query"),
+    ]
+    for message, server, words in wrong:
+        with pytest.raises(MisuseError, match=words):
+            arm.serve(message, server)
+    with pytest.raises(MisuseError, match="the methods of the Server say what it takes, not takes="):
+        arm.serve(GRASP, Grasping(), takes=["update"])
+    with pytest.raises(TypeError, match="abstract"):
+        Server()  # type: ignore[abstract]
+    arm.serve(GRASP, Grasping())
+    with pytest.raises(MisuseError, match="module 'arm' handles 'grasp' already"):
+        arm.serve(GRASP, Grasping())
