@@ -23,7 +23,7 @@ from tca_central.shell.log_lines import LineFormatter
 from tca_central.shell.log_writer import Sync, is_written
 from tca_central.shell.recovery import unfinished
 from tca_central.shell.run_folder import RunFolder
-from tca_central.shell.server import LOST_AFTER, Server
+from tca_central.shell.server import LOST_AFTER, Daemon
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import keys_folder
@@ -108,7 +108,7 @@ def _log_lines(*, quiet: bool) -> None:
     logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, handlers=[lines])
 
 
-def _obey_signals(server: Server) -> None:
+def _obey_signals(server: Daemon) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
     has_terminal = os.isatty(sys.stderr.fileno())
@@ -177,7 +177,7 @@ def central(  # noqa: PLR0913 - one for each option
     _check_address(endpoint, insecure=insecure)
     make_room()
     run: RunFolder | None = None
-    server: Server | None = None
+    server: Daemon | None = None
     try:
         if not no_journal:
             is_fresh = fresh or no_inputs
@@ -186,7 +186,7 @@ def central(  # noqa: PLR0913 - one for each option
             run = RunFolder(folder, is_fresh=is_fresh, accept=accept)
         gate = gate_for(endpoint, keys_folder(), permissions, insecure=insecure)
         known = Central(token_hex(8)) if run is None else run.central
-        server = Server(known, endpoint, lost_after=lost_after, gate=gate, memory=memory)
+        server = Daemon(known, endpoint, lost_after=lost_after, gate=gate, memory=memory)
         server.goes_on_unrecorded = if_fails == "go-on"
         if run is not None:
             run.open(server, Sync(sync), keeps_inputs=not no_inputs, hold="hold" in resume)

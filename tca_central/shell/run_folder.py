@@ -13,7 +13,7 @@ from tca_central.shell.journal_writer import JournalWriter
 from tca_central.shell.log_writer import Sync, lock_folder, numbers
 from tca_central.shell.recovery import UnfinishedRun, recover, unfinished
 from tca_central.shell.run_log import RunLog
-from tca_central.shell.server import Server
+from tca_central.shell.server import Daemon
 from tca_wire.journal.records import SEGMENT_SUFFIX
 
 log = logging.getLogger("tca.central")
@@ -49,7 +49,7 @@ class RunFolder:
         log.warning("begins anew: the run that ended without a goodbye, and its tasks, are left as they are")
         return None
 
-    def open(self, server: Server, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
+    def open(self, server: Daemon, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False) -> None:
         """Let a server write there; a run that goes on does so now. Raises CentralError."""
         run, central = self.run, self.central
         epoch, release = central.epoch, version("tca-central")
@@ -75,7 +75,7 @@ class RunFolder:
         self._go_on(server, run, inputs, hold=hold)
 
     @staticmethod
-    def _go_on(server: Server, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:
+    def _go_on(server: Daemon, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool) -> None:
         restarted = run.restarted(hold=hold)
         server.take(restarted)
         if restarted.skipped and inputs is not None:

@@ -84,7 +84,7 @@ SECONDS_PER_TURN = 0.02
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
 
 
-class Server:
+class Daemon:
     """Central as a daemon: the core, its journal and its socket."""
 
     def __init__(

@@ -17,7 +17,7 @@ from module.real_central import RealCentral
 
 from tca_central.__main__ import central as central_command
 from tca_central.shell.log_lines import LineFormatter
-from tca_central.shell.server import Server
+from tca_central.shell.server import Daemon
 from tca_module import (
     CentralLost,
     Client,
@@ -139,7 +139,7 @@ Refused = Callable[..., str]
 @pytest.fixture
 def refused(monkeypatch: pytest.MonkeyPatch) -> Refused:
     """Tries to start a central with these options; why that is refused."""
-    monkeypatch.setattr(Server, "serve", lambda _: pytest.fail("it has started"))
+    monkeypatch.setattr(Daemon, "serve", lambda _: pytest.fail("it has started"))
 
     def start(*options: str) -> str:
         result = CliRunner().invoke(central_command, options)

@@ -25,8 +25,8 @@ os.kill(os.getpid(), signal.SIGKILL)
 CENTRAL = """
 import subprocess, sys, time
 from tca_central.core import Central
-from tca_central.shell.server import Server
-server = Server(Central("run"), sys.argv[1])
+from tca_central.shell.server import Daemon
+server = Daemon(Central("run"), sys.argv[1])
 flood = subprocess.run([sys.executable, "-c", sys.argv[2], server.endpoint])
 time.sleep(1.2)  # a slow disk, say: ZeroMQ's heartbeats came every second
 server.stop("all is read")

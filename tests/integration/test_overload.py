@@ -13,7 +13,7 @@ from integration.programs import Central, central, program
 from tca_central.core import Central as Core
 from tca_central.shell import server as shell
 from tca_central.shell.gate import OpenGate
-from tca_central.shell.server import Server
+from tca_central.shell.server import Daemon
 from tca_module import Inform, Query, Refused, Variable, connect
 from tca_wire.packets.codec import pack, pack_item, unpack_to_module
 from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Bye, GetVariable, Hello, Register, Send
@@ -113,16 +113,16 @@ def test_ten_thousand_names_that_nobody_handles_do_not_keep_others_out(tmp_path:
 
 
 @pytest.fixture
-def turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+def turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
     """A central whose turns the test takes itself, and to which lines within the process lead."""
     monkeypatch.setattr(shell, "BYTES_PER_TURN", 1000)
-    server = Server(Core("epoch"), f"ipc://{tmp_path}/c.sock", gate=OpenGate())
+    server = Daemon(Core("epoch"), f"ipc://{tmp_path}/c.sock", gate=OpenGate())
     server.socket.bind("inproc://turns")
     yield server
     server.close()
 
 
-def line_to(server: Server, name: str) -> "zmq.Socket[bytes]":
+def line_to(server: Daemon, name: str) -> "zmq.Socket[bytes]":
     line = server._context.socket(zmq.DEALER)
     line.setsockopt(zmq.LINGER, 0)
     line.setsockopt(zmq.SNDHWM, 0)
@@ -131,7 +131,7 @@ def line_to(server: Server, name: str) -> "zmq.Socket[bytes]":
     return line
 
 
-def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Server) -> None:
+def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Daemon) -> None:
     """ZeroMQ looks for lines on which something new has come only each hundred frames, unless it is asked."""
     with line_to(turns, "flood") as flood, line_to(turns, "user") as user:
         for _ in range(100):
@@ -150,7 +150,7 @@ def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Server)
         assert turns._has_arrived(), "the flood had ended"
 
 
-def test_nobody_waits_while_central_hears_the_last_words_of_those_who_go(turns: Server) -> None:
+def test_nobody_waits_while_central_hears_the_last_words_of_those_who_go(turns: Daemon) -> None:
     with line_to(turns, "user") as user:
         turns._hear_last_words()
         assert user.poll(0)

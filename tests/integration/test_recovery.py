@@ -26,7 +26,7 @@ from tca_central.shell import images
 from tca_central.shell.log_writer import Sync
 from tca_central.shell.recovery import recover, unfinished
 from tca_central.shell.run_folder import RunFolder
-from tca_central.shell.server import Server
+from tca_central.shell.server import Daemon
 from tca_module import Client, Command, Query, TaskFailed, Timeout, Variable, connect
 from tca_tools.run.journals import open_log
 from tca_wire.journal import facts
@@ -274,7 +274,7 @@ def test_numbers_that_are_passed_over_after_a_power_cut_are_on_the_disk_before_a
 
     monkeypatch.setattr(os, "fdatasync", note)
     folder = RunFolder(broken_run)
-    server = Server(folder.central, f"ipc://{broken_run}/c.sock")
+    server = Daemon(folder.central, f"ipc://{broken_run}/c.sock")
     try:
         folder.open(server, Sync.BATCH)
         assert ".tcai" in on_disk
@@ -320,7 +320,7 @@ def test_the_journal_has_what_an_image_includes(broken_run: Path, monkeypatch: p
     """A central that is killed as soon as it has taken one, in coming back, has written what it did until then."""
     monkeypatch.setattr(images, "EVENTS_BETWEEN", 2)
     run = RunFolder(broken_run)
-    server = Server(run.central, f"ipc://{broken_run.parent}/again.sock")
+    server = Daemon(run.central, f"ipc://{broken_run.parent}/again.sock")
     run.open(server, Sync.NONE)
     assert server.log
     assert server.log.images
@@ -338,7 +338,7 @@ def test_the_journal_has_what_an_image_includes(broken_run: Path, monkeypatch: p
 
 def test_whoever_came_while_central_came_back_is_greeted_at_once(tmp_path: Path) -> None:
     """Also where the first turn finds that much is due. Else slots that wait for work would come back after 45 s."""
-    server = Server(core.Central("epoch"), f"ipc://{tmp_path}/c.sock")
+    server = Daemon(core.Central("epoch"), f"ipc://{tmp_path}/c.sock")
     server._next_beat = 0.0
     serving = Thread(target=server.serve)
     with zmq.Context() as context, context.socket(zmq.DEALER) as line:
@@ -396,7 +396,7 @@ def test_numbers_that_may_have_been_given_are_never_given_again(broken_run: Path
     newest = []
     for _ in range(2):
         folder = RunFolder(broken_run, accept=True)
-        server = Server(folder.central, f"ipc://{broken_run}/c.sock")
+        server = Daemon(folder.central, f"ipc://{broken_run}/c.sock")
         folder.open(server, sync)
         newest.append(folder.central.tree.newest)
         server.log = None  # it is killed
@@ -408,7 +408,7 @@ def test_numbers_that_may_have_been_given_are_never_given_again(broken_run: Path
 def test_nothing_leaves_before_what_led_to_it_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A turn whose write fails lets no packet out."""
     folder = RunFolder(tmp_path / "journal")
-    server = Server(folder.central, f"ipc://{tmp_path}/c.sock")
+    server = Daemon(folder.central, f"ipc://{tmp_path}/c.sock")
     folder.open(server, Sync.BATCH)
     with zmq.Context() as context, context.socket(zmq.DEALER) as line:
         line.linger = 0
@@ -440,7 +440,7 @@ def test_who_removes_the_inputs_is_told_that_nothing_goes_on(
     for path in broken_run.glob("*.tcai"):
         path.unlink()
     folder = RunFolder(broken_run)
-    server = Server(folder.central, f"ipc://{broken_run}/c.sock")
+    server = Daemon(folder.central, f"ipc://{broken_run}/c.sock")
     try:
         folder.open(server, Sync.BATCH)
     finally:

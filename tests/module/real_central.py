@@ -11,7 +11,7 @@ from typing import Any, Self
 from tca_central.core import Central
 from tca_central.events import Effect, Record
 from tca_central.shell.gate import Gate as EntranceGate
-from tca_central.shell.server import Server
+from tca_central.shell.server import Daemon
 
 SOON = 10.0
 
@@ -31,7 +31,7 @@ class Gate:
         return self.result
 
 
-class _Recorded(Server):
+class _Recorded(Daemon):
     def __init__(self, epoch: str, address: str, gate: EntranceGate | None) -> None:
         super().__init__(Central(epoch), address, gate=gate)
         self.recorded: list[Any] = []
