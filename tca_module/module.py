@@ -22,6 +22,7 @@ from tca_module.serving.handler_options import BUSY, HandlerOptions, WhenBusy, c
 from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.server import Server, ServerHandler, taken_by
 from tca_module.serving.slot import CALLBACKS, Slot, Slots
+from tca_module.serving.state_observers import O, StateObserver
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_wire.messages.declarations import Command, D, Goal, Message, R, TaskMessage
 from tca_wire.packets.headers import WaitUntilHandled
@@ -168,6 +169,30 @@ class Module(Sender):
 
         def declare(function: F) -> F:
             self._called_by("every()", resource).every(period, function)
+            return function
+
+        return declare
+
+    def observes(
+        self, message: Message[Any, Any] | None = None, *, states: Collection[str] = (), resource: str | None = None
+    ) -> Callable[[O], O]:
+        """Have the decorated function called with a Sender and each change of state of the tasks of *message* (None: of
+        all tasks), or with the change alone: first with how each living one stands (``is_late``). With *states*, only
+        with changes to one of these. Neither their senders nor their handlers need know of it.
+
+        ::
+
+            @head.observes(GRASP, states=["running"])
+            def look(sender: Sender, change: Change) -> None:
+                sender.inform(GAZE, change.goal.place)
+
+        The thread of *resource* calls it between messages; by default the one for callbacks. Errors in it are logged.
+        """
+        self._check_not_running("observes()")
+        check("observes()", checks.NAME_OR_NONE, resource=resource)
+
+        def declare(function: O) -> O:
+            self._called_by("observes()", resource).observe(StateObserver(message, states, function))
             return function
 
         return declare

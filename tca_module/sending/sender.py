@@ -10,6 +10,7 @@ from tca_module.checks import EXECUTED, LateText, check, check_class, check_func
 from tca_module.errors import Refused, Timeout
 from tca_module.link.connection import Connection
 from tca_module.sending.attachments import Recovery
+from tca_module.sending.observing import SentTasks
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.sending.task_ref import SentTask, TaskRef, node_of
@@ -108,6 +109,11 @@ class Sender(WatchingServices):
         """Made when it is first needed: most handlers send no tasks."""
         return SiblingOrder(is_shared=self._is_shared)
 
+    @cached_property
+    def _sent(self) -> SentTasks:
+        """Made when it is first needed."""
+        return SentTasks()
+
     # --- tasks -----------------------------------------------------------------------------------------------------
 
     @overload
@@ -163,6 +169,7 @@ class Sender(WatchingServices):
         elif not (task_id := TaskId(connection.call(header, message.title, body))):
             return None
         self._ordering.add(task_id, sequential=sequential)
+        self._sent.add(connection.transport.time(), message.name, task_id)
         return SentTask(connection, message, task_id, self._origin)
 
     def under(self, task: TaskRef) -> "Sender":

@@ -117,10 +117,6 @@ class Task(Sender, SteerableTask, HandledTask):
 
     # --- time ------------------------------------------------------------------------------------------------------
 
-    def time(self) -> float:
-        """The seconds of the clock by which handlers sleep; it never jumps, and a test may step it."""
-        return self._own_connection().transport.time()
-
     def sleep(self, seconds: float) -> None:
         """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or the module ends."""
         check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)

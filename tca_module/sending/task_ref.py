@@ -423,6 +423,12 @@ class Change:
         return self._message.decode_data(data) if self._message is not None and data else decode_untyped(data)
 
 
+def change_of(connection: Connection, news: News, origin: int = 0) -> Change:
+    """A change of any task's state, as its observers see it."""
+    name = news.change.message
+    return Change(news, TaskRef(connection, name, news.task, origin), connection.declared(name))
+
+
 class SentTask(TaskRef, Generic[R]):
     """A task that was sent. Its points, such as ``sent.achieving.end``, are for constraints.
 

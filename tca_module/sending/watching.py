@@ -7,8 +7,8 @@ from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, check_options
 from tca_module.errors import MisuseError
 from tca_module.sending.attachments import AttachmentRef, Recovery
-from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import A, MonitorRef, check_action
+from tca_module.sending.observing import ObservingServices
 from tca_module.sending.sibling_order import SiblingOrder
 from tca_module.sending.task_ref import SentTask, TaskRef, node_of
 from tca_module.session.epoch_numbers import check_epoch, with_epoch
@@ -64,7 +64,7 @@ _WATCHED = {
 _OPTIONS = _WATCHED | {"sequential": checks.FLAG, "constraints": checks.CONSTRAINTS, "suspended": checks.FLAG}
 
 
-class WatchingServices(CentralServices):
+class WatchingServices(ObservingServices):
     """The part of a Sender that watches tasks."""
 
     _parent: TaskId
@@ -93,10 +93,6 @@ class WatchingServices(CentralServices):
             [number := with_epoch(TaskId(task_id), epoch, numbered(message.name, task_id))], connection.session.epoch
         )
         return SentTask(connection, message, number, self._origin)
-
-    def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskRef]:
-        """The living tasks (of one *message*, or its name), parents first, at most 10,000 (TCA 8.5: ChildByName)."""
-        return TaskRef(self._connection(), "root", ROOT, self._origin).descendants(message)
 
     def on_failure(
         self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *,

@@ -11,6 +11,7 @@ from tca_module.checks import DELAY, PERIOD, check, check_function
 from tca_module.errors import ORDINARY, MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.sender import Sender
+from tca_module.serving.state_observers import StateObserver
 from tca_module.sockets.transport import Transport
 
 T = TypeVar("T")
@@ -117,6 +118,7 @@ class Callbacks:
         self.connection: Connection | None = None  #: of the thread that calls them
         self._lock = threading.RLock()
         self._starts: dict[Callback, Callable[[float], None]] = {}  #: by callback: lets it be due, from now on
+        self._observers: list[StateObserver] = []
         self._files: dict[int, Callback] = {}
         self._timers: Timers[Callback] = Timers()
         self._due: deque[Callback] = deque()
@@ -126,7 +128,7 @@ class Callbacks:
         return callback in self._starts
 
     def __bool__(self) -> bool:
-        return bool(self._starts)
+        return bool(self._starts or self._observers)
 
     def every(self, period: float, function: Callable[..., object]) -> Callback:
         """Call a function periodically."""
@@ -150,6 +152,10 @@ class Callbacks:
             self._files[file] = callback
             return self._add(callback, lambda _: None)
 
+    def observe(self, observer: StateObserver) -> None:
+        """Call a function with changes of tasks' states, from the thread's beginning on."""
+        self._observers.append(observer)
+
     def _add(self, callback: Callback, start: Callable[[float], None]) -> Callback:
         with self._lock:
             self._starts[callback] = start
@@ -171,6 +177,8 @@ class Callbacks:
             self.connection = connection
             for start in self._starts.values():
                 start(connection.transport.time())
+        for observer in self._observers:
+            observer.begin(connection)
 
     def end(self) -> None:
         """Nobody calls them any more."""

@@ -233,9 +233,11 @@ ATTACKED: dict[str, dict[str, Any]] = {
     "handlers": {"message": SAY},
     "declared": {"name": "say"},
     "status": {"topic": "status", "timeout": BRIEFLY},
+    "observe": {"message": WALK, "states": ["running"], "below": None, "timeout": BRIEFLY},
+    "cancel_all": {"message": REST, "before": 9.0, "why": ""},
 }  # fmt: skip
 BY_POSITION = {"constrain", "wait_until_handled", "sequence", "under"}
-WITHOUT = {"modules", "messages", "parallel", "close", "name", "address"}
+WITHOUT = {"time", "modules", "messages", "parallel", "close", "name", "address"}
 OF_TASKS: dict[str, dict[str, Any]] = {
     "wait": {"timeout": BRIEFLY},
     "wait_for": {"point": None, "timeout": BRIEFLY},
@@ -373,6 +375,7 @@ def test_declaring_a_module(central: LocalCentral) -> None:
             "refuses": ["cancel"],
             "when_busy": "queue",
         },
+        "observes": {"message": WALK, "states": ["running"], "resource": ""},
         "at_start": {"function": nothing},
         "after": {"delay": 9.0, "function": nothing, "resource": ""},
         "on_readable": {"source": 0, "function": nothing, "resource": ""},
