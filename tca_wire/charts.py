@@ -5,8 +5,12 @@ whoever comes late, or reads the journal, has both.
 """
 
 from enum import StrEnum
+from typing import Literal
 
 import msgspec
+
+Ending = Literal["completed", "failed", "timeout", "interrupted"]
+"""How a task, or a container of tasks, can end."""
 
 
 class StateKind(StrEnum):
@@ -46,9 +50,9 @@ class ChartState(msgspec.Struct, frozen=True, omit_defaults=True):
     task: str = ""
     parameters: dict[str, str] = {}
     """Of the task, as text."""
-    next: dict[str, int] = {}
+    next: dict[Ending, int] = {}
     """The state that follows each ending, where one does."""
-    ends: list[str] = []
+    ends: list[Ending] = []
     """The endings with which it can end."""
 
 

@@ -9,10 +9,10 @@ from contextlib import suppress
 from typing import Any, NamedTuple, Protocol
 
 from tca_missions.charts.statechart import Statechart
-from tca_missions.charts.states import Ending, MachineState
+from tca_missions.charts.states import MachineState
 from tca_missions.outcomes import Status, TaskEnd
 from tca_module import TcaError
-from tca_wire.charts import ActiveStates, StateKind
+from tca_wire.charts import ActiveStates, Ending, StateKind
 
 _PATIENCE = 5.0
 """So many seconds a machine that is stopped itself waits for its tasks."""

@@ -6,8 +6,8 @@ The search goes from the inside out: how a container can be left follows from ho
 from collections.abc import Iterable
 from graphlib import CycleError, TopologicalSorter
 
-from tca_missions.charts.states import ENDINGS, Ending, MachineState, UnsoundMachine
-from tca_wire.charts import StateKind
+from tca_missions.charts.states import ENDINGS, MachineState, UnsoundMachine
+from tca_wire.charts import Ending, StateKind
 
 Exits = dict[Ending | MachineState, bool]
 """The endings of a state, or the states that follow it; and whether it may be left so before any task has run."""

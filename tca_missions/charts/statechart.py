@@ -9,8 +9,8 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from tca_missions.charts.states import ENDINGS, Ending, MachineState
-from tca_wire.charts import StateKind
+from tca_missions.charts.states import ENDINGS, MachineState
+from tca_wire.charts import Ending, StateKind
 from tca_wire.text.missing import missing_package
 
 try:

@@ -1,13 +1,11 @@
 """A state of a machine, as it is written down: a task, a branching point, or a container of other states."""
 
 from collections.abc import Iterator
-from typing import Any, Literal, Self, get_args
+from typing import Any, Self, get_args
 
 from tca_module import MisuseError
-from tca_wire.charts import StateKind
+from tca_wire.charts import Ending, StateKind
 
-Ending = Literal["completed", "failed", "timeout", "interrupted"]
-"""How a task, or a container of tasks, can end."""
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 
 

@@ -8,11 +8,11 @@ from collections.abc import Collection, Iterator
 from html import escape
 
 from tca_tools.terminal import cut
-from tca_wire.charts import ChartState, MachineChart, StateKind
+from tca_wire.charts import ChartState, Ending, MachineChart, StateKind
 from tca_wire.text.printable import printable
 
 _INK, _FAINT, _ACTIVE, _ACTIVE_FRAME = "#1f2933", "#52606d", "#ffcf70", "#c77700"
-_ENDINGS = {"completed": _INK, "failed": "#b3261e", "timeout": "#8a6d00", "interrupted": "#7b3fa0"}
+_COLOURS: dict[Ending, str] = {"completed": _INK, "failed": "#b3261e", "timeout": "#8a6d00", "interrupted": "#7b3fa0"}
 """The colours of arrows, by the ending that they stand for."""
 _LONGEST_NAME, _LONGEST_PARAMETER, _MOST_PARAMETERS = 36, 36, 6
 _LOOKS = f"""\
@@ -91,39 +91,52 @@ def _arrows(chart: MachineChart) -> Iterator[str]:
         inside = chart.inside(number)
         if state.kind.is_concurrent:  # they stand below its beginning, and above its end
             for inner in inside:
-                yield f"begin_{number} -> {_head(chart, inner)[0]} [style=invis];"
-                yield f"{_tail(chart, inner)[0]} -> end_{number} [style=invis];"
+                yield f"begin_{number} -> {_head(chart, inner)} [style=invis];"
+                yield f"{_tail(chart, inner)} -> end_{number} [style=invis];"
         elif inside:
-            yield _arrow((f"begin_{number}", ""), _head(chart, inside[0]), [])
+            yield _arrow(f"begin_{number}", _head(chart, inside[0]), [], _frames(chart, -1, inside[0]))
             if not _shows_end(chart, number):
-                yield f"{_tail(chart, inside[-1])[0]} -> end_{number} [style=invis];"
+                yield f"{_tail(chart, inside[-1])} -> end_{number} [style=invis];"
         for target in dict.fromkeys(state.next.values()):
             endings = [ending for ending, to in state.next.items() if to == target]
-            yield _arrow(_tail(chart, number), _head(chart, target), endings)
+            yield _arrow(_tail(chart, number), _head(chart, target), endings, _frames(chart, number, target))
         if "completed" in state.ends and "completed" not in state.next and _ends_container(chart, state):
-            yield _arrow(_tail(chart, number), (f"end_{state.parent}", ""), ["completed"])
+            yield _arrow(_tail(chart, number), f"end_{state.parent}", [], _frames(chart, number, -1))
 
 
-def _arrow(tail: tuple[str, str], head: tuple[str, str], endings: list[str]) -> str:
-    colour = _ENDINGS[endings[-1]] if endings else _INK
-    looks = [tail[1], head[1], f'color="{colour}"']
+def _arrow(tail: str, head: str, endings: list[Ending], looks: list[str]) -> str:
+    colour = _COLOURS[endings[-1]] if endings else _INK
+    looks = [*looks, f'color="{colour}"']
     if endings not in ([], ["completed"]):
-        looks.append(
-            f'label="{", ".join(endings)}", fontcolor="{colour}"' + ", style=dashed" * ("completed" not in endings)
-        )
-    return f"{tail[0]} -> {head[0]} [{', '.join(filter(None, looks))}];"
+        looks.append(f'label="{", ".join(endings)}", fontcolor="{colour}"')
+        looks += ["style=dashed"] * ("completed" not in endings)
+    return f"{tail} -> {head} [{', '.join(looks)}];"
 
 
-def _head(chart: MachineChart, number: int) -> tuple[str, str]:
-    """Where an arrow to a state ends: at a node, and at the frame that this stands for."""
-    is_frame = chart.states[number].kind.is_container
-    return (f"begin_{number}", f"lhead=cluster_{number}") if is_frame else (f"s{number}", "")
+def _head(chart: MachineChart, number: int) -> str:
+    """The node where an arrow to a state ends; of a container the one that stands for its frame."""
+    return f"begin_{number}" if chart.states[number].kind.is_container else f"s{number}"
 
 
-def _tail(chart: MachineChart, number: int) -> tuple[str, str]:
-    """Where an arrow out of a state begins."""
-    is_frame = chart.states[number].kind.is_container
-    return (f"end_{number}", f"ltail=cluster_{number}") if is_frame else (f"s{number}", "")
+def _tail(chart: MachineChart, number: int) -> str:
+    """The node where an arrow out of a state begins."""
+    return f"end_{number}" if chart.states[number].kind.is_container else f"s{number}"
+
+
+def _frames(chart: MachineChart, tail: int, head: int) -> list[str]:
+    """The frames at which an arrow is cut; none that holds both its ends."""
+    return [
+        f"{key}=cluster_{number}"
+        for key, number, other in (("ltail", tail, head), ("lhead", head, tail))
+        if number >= 0 and chart.states[number].kind.is_container and number not in _around(chart, other)
+    ]
+
+
+def _around(chart: MachineChart, number: int) -> Iterator[int]:
+    """A state, and the containers that it stands in."""
+    while number >= 0:
+        yield number
+        number = chart.states[number].parent
 
 
 def _ends_container(chart: MachineChart, state: ChartState) -> bool:
@@ -141,4 +154,4 @@ def _id(number: int, is_active: bool) -> str:
 
 
 def _text(words: str, longest: int) -> str:
-    return escape(cut(printable(words), longest))
+    return escape(cut(printable(words), longest)) or "?"

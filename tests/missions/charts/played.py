@@ -5,9 +5,8 @@ from typing import Any, get_args
 
 from tca_missions.charts import StateMachine
 from tca_missions.charts.running import MachineEnd, MachineRun
-from tca_missions.charts.states import Ending
 from tca_missions.outcomes import Status, TaskEnd
-from tca_wire.charts import ActiveStates
+from tca_wire.charts import ActiveStates, Ending
 
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 

@@ -12,8 +12,8 @@ from tca_missions.charts import Sequence, StateMachine, UnsoundMachine
 from tca_missions.charts.running import MachineRun
 from tca_missions.charts.soundness import endings_of
 from tca_missions.charts.statechart import Statechart
-from tca_missions.charts.states import Ending, MachineState
-from tca_wire.charts import ActiveStates, StateKind
+from tca_missions.charts.states import MachineState
+from tca_wire.charts import ActiveStates, Ending, StateKind
 
 MOST_ARE_REFUSED = settings(suppress_health_check=[HealthCheck.filter_too_much])
 LABELS = [f"s{number}" for number in range(9)]
