@@ -44,6 +44,7 @@ QUOTES = {
     "task.monitor(CUP_GONE": "10_cups",
     "monitor = watcher.under": "36_watch_a_running_task",
     'with Sequence("patrol") as patrol:': "45_state_machine",
+    "class Oven(Environment):": "40_task_server",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
     "task.command(STOW, thing, keep=True)": "18_what_was_done_already",
@@ -97,8 +98,21 @@ from tca_missions.charts import Concurrence, Sequence, StateMachine
 patrol: StateMachine = Sequence("any")
 """
 
+SERVERS = """
+from tca_missions import *
+from tca_module import *
+from tca_module.testing import LocalCentral
+PLACE = Inform("place", float)
+class Measure(OnceTask[Environment]):
+    def iterate(self) -> None: ...
+class Heat(Measure): ...
+class Park(Measure): ...
+class Oven(Environment): ...
+task_period = 0.0
+"""
+
 NAMES = {"ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
-         "state-machines": MACHINES}  # fmt: skip
+         "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
 """What the pages take for known."""
 
 

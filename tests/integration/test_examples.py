@@ -44,10 +44,12 @@ PRINTED = {
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
     "31_reply_later": "moved to 0.5\nmotor stalled 2.0\n",
     "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",
+    "40_task_server": "20 degrees\nswitched off\nheated to 26 degrees\nswitched off\n",
     "45_state_machine": "drive to the gate\ndrive to the pond\ndrive to the gate\nan intruder: lights on\n",
     "33_direct": "directly\nhighest: 100.0\nthrough central\nasked for 7.0\ndirectly\n",
 }
 LATER = {
+    "40_task_server": ["Heat {", "timeout: it ran for 0.1 s: heated to "],
     "05_failure": ["terrain collision", "leg 1 met a rock"],
     "07_explore": ["a hasty robot: NOT drive achieved before grasp begun"],
     "19_explore_recovery": ["out of a hole: NOT never lift leg failed with data=20"],
