@@ -1,16 +1,26 @@
 """Task definitions: the classes that a robot's author writes, and what the server makes of each."""
 
 import inspect
-from typing import Any, Generic, TypeVar, get_args, get_origin
+from typing import Any, Generic, Protocol, TypeVar, get_args, get_origin
 
 import msgspec
 
-from tca_missions.outcomes import MISSION_TASK_FAILED, Status, TaskEnd
+from tca_missions.outcomes import MISSION_TASK_FAILED, Status, TaskEnd, TaskStatus
 from tca_missions.serving.environment import Environment
 from tca_missions.serving.parameters import TaskFormat, fields_of, help_of, parameter
 from tca_module import Command, FailureRaised, MisuseError, Task
 
 E = TypeVar("E", bound=Environment)
+
+
+class RunInterface(Protocol):
+    """The run that a task is in."""
+
+    def tell(self) -> None:
+        """The text of the task has changed."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass, and hear meanwhile what is wanted of the run."""
 
 
 class ServedTask(Generic[E]):
@@ -24,6 +34,7 @@ class ServedTask(Generic[E]):
     foreground: bool = parameter(True, "Whether it takes the place of the task in the foreground", fixed=True)
 
     status_text = ""
+    _run: RunInterface
 
     def initialise(self) -> None:
         """Prepare the run; it may take long. An error means that it could not: then nothing else is called."""
@@ -38,6 +49,7 @@ class ServedTask(Generic[E]):
     def report(self, text: str) -> None:
         """Say what is going on, or why something failed: the text of the status."""
         self.status_text = text
+        self._run.tell()
 
     def failed(self, text: str) -> FailureRaised:
         """The failure of this run, to be raised: ``raise self.failed("no pose yet")``."""
@@ -47,7 +59,7 @@ class ServedTask(Generic[E]):
         """Let so many seconds pass. Raises TaskKilled or Stopped when the run is to end, after which comes
         ``terminate``.
         """
-        self.task.sleep(seconds)
+        self._run.sleep(seconds)
 
 
 class PeriodicTask(ServedTask[E]):
@@ -90,7 +102,9 @@ class Definition:
             "parameters": sorted(fields, key=lambda name: name in COMMON),
         }  # fmt: skip
         self.format = TaskFormat(task, fields, marker)
-        self.message: Command[Any, TaskEnd] = Command(f"{server}.{self.name}", self.format, result=TaskEnd)
+        self.message: Command[Any, TaskEnd] = Command(
+            f"{server}.{self.name}", self.format, result=TaskEnd, progress=TaskStatus
+        )
 
     def parameters(self, **given: Any) -> Any:
         """The data of the command: what is not given is left to its default."""
@@ -103,6 +117,16 @@ class Definition:
         for name, value in (self.format.defaults() | self.format.given_in(parameters)).items():
             setattr(made, name, value)
         return made
+
+    def change(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
+        """Give a task that runs new values of the parameters that were given; else says why it can't be."""
+        given = self.format.given_in(parameters)
+        fixed = [name for name, value in given.items() if value != getattr(served, name)]
+        if fixed := [name for name in fixed if self.format.fields[name].is_fixed]:
+            return f"parameter '{fixed[0]}' can't be changed while the task runs"
+        for name, value in given.items():
+            setattr(served, name, value)
+        return ""
 
 
 def check_task(task: object) -> type[ServedTask[Any]]:

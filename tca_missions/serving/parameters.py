@@ -4,7 +4,7 @@ import inspect
 import json
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, TypeVar, Union, get_origin, get_type_hints, overload
+from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin, get_type_hints, overload
 
 import msgspec
 
@@ -63,6 +63,9 @@ class Field:
     def __init__(self, hint: Any, default: Any) -> None:
         self.hint = hint
         self.is_required = default is msgspec.NODEFAULT
+        self.is_fixed = any(
+            (one.extra_json_schema or {}).get(FIXED) for one in get_args(hint) if isinstance(one, msgspec.Meta)
+        )
         self._format = Format[Any](hint)
         self._default = b"" if self.is_required else self._format.encode(default)
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,27 +12,37 @@ from tca_missions.outcomes import (
     MISSION_TASK_TIMEOUT,
     Status,
     TaskEnd,
+    TaskStatus,
 )
-from tca_missions.serving.definition import PeriodicTask, ServedTask
+from tca_missions.serving.definition import Definition, PeriodicTask, ServedTask
 from tca_missions.serving.period import Period
 from tca_module import Callback, FailureRaised, Task
 
 StartTimer = Callable[[float, Callable[[Callback], object]], Callback]
 """Has a function called after so many seconds, in another thread."""
 
+_TOLD_EVERY = 0.2  # seconds between two words to those who follow a run, at least
 _PATIENCE = 5.0  # seconds that a task waits for the environment without a word
 
 
 class TaskRun:
     """A task while it runs."""
 
-    def __init__(self, served: ServedTask[Any], start_timer: StartTimer, log: logging.Logger) -> None:
+    def __init__(
+        self, definition: Definition, served: ServedTask[Any], start_timer: StartTimer, log: logging.Logger
+    ) -> None:
+        self.definition = definition
         self.served = served
+        served._run = self  # noqa: SLF001 - it is the task's own
         self.task: Task = served.task
         self.status = Status.NEWBORN
         self.overruns = 0  #: number of periods that were missed
         self._start_timer = start_timer
         self._log = log
+        self._is_ending = False
+        self._thread = threading.get_ident()
+        self._told = TaskStatus(Status.RUNNING)  #: what followers know
+        self._may_tell = 0.0  #: from then on
 
     def carry_out(self) -> TaskEnd:
         """TaskRun to the end, and terminate whatever happens. Raises the failure, or what woke the task."""
@@ -72,7 +83,7 @@ class TaskRun:
             due = period.next(self.task.time(), served.task_period)
             self._count_overruns(period)
             end = began + served.task_timeout if served.task_timeout else due
-            self.task.sleep_until(min(due, end))
+            self._wait_until(min(due, end))
             if served.task_timeout and self.task.time() >= end:
                 raise self._timeout()
 
@@ -107,16 +118,45 @@ class TaskRun:
             raise self.served.failed(f"iterate() returned {returned!r:.60}: return Status.RUNNING or Status.COMPLETED")
         raise self.served.failed(self._with_text(f"iterate() returned {returned.name}"))
 
+    # --- talking ---------------------------------------------------------------------------------------------------
+
+    def tell(self) -> None:
+        """Tell followers how things stand, if that has changed; not too often: what is left out comes with the next
+        iteration.
+        """
+        if self._is_ending or threading.get_ident() != self._thread:
+            return  # what a thread of the task's own says is told later
+        status = TaskStatus(self.status, self.served.status_text, self.overruns)
+        if status != self._told and self.status is not Status.NEWBORN and self.task.time() >= self._may_tell:
+            self._told, self._may_tell = status, self.task.time() + _TOLD_EVERY
+            self.task.report(status)
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass, and hear meanwhile what is wanted of the run."""
+        self._wait_until(self.task.time() + seconds)
+
+    def _wait_until(self, moment: float) -> None:
+        if self._is_ending:
+            self.task.sleep_until(moment)
+            return
+        self.tell()
+        while (request := self.task.wait_for_request(max(0.0, moment - self.task.time()))) is not None:
+            if why := self.definition.change(self.served, request.goal):
+                request.reject(why)
+            else:
+                request.accept()
+
     # --- the end ---------------------------------------------------------------------------------------------------
 
     def _terminate(self) -> None:
         """Call ``terminate``. Raises its error."""
-        self.status = Status.COMPLETED
+        self._is_ending, self.status = True, Status.COMPLETED
         with self.task.shielded(), self._environment("terminate"):
             self.served.terminate()
 
     def _terminate_after(self, error: BaseException) -> None:
         """Call ``terminate``, and keep an error of its own beside *error*."""
+        self._is_ending = True
         self.status = Status.TIMEOUT if _is(error, MISSION_TASK_TIMEOUT.name) else Status.FAILED
         if self.task.cancelled:
             self.status = Status.INTERRUPTED

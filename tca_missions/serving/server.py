@@ -86,13 +86,13 @@ class TaskServer:
         def run(task: Task, parameters: Any) -> TaskEnd:
             return self._run(definition, task, parameters)
 
-        self.module.handles(definition.message)(run)
+        self.module.handles(definition.message, takes=["update"])(run)
 
     def _run(self, definition: Definition, task: Task, parameters: msgspec.Struct) -> TaskEnd:
         served = definition.create(self.environment, task, parameters)
         if served.foreground and definition is self._idle and not self._foreground.is_empty:
             return TaskEnd(Status.COMPLETED | Status.TERMINATED, "something else has the foreground")
-        run = TaskRun(served, self.module.after, self._log)
+        run = TaskRun(definition, served, self.module.after, self._log)
         self._add(run)
         try:
             with self._foreground.taken(task) if served.foreground else contextlib.nullcontext():

@@ -1,0 +1,127 @@
+"""While a task runs: followers hear its text and its overruns, and clients change its parameters."""
+
+import pytest
+from missions.gripper import Gripper, serving
+
+from tca_missions import OnceTask, PeriodicTask, Status, TaskStatus, parameter
+from tca_module import BadData, Rejected
+from tca_wire.journal.facts import StateChanged
+
+
+class Spin(PeriodicTask[Gripper]):
+    """Turn until it is told to stop."""
+
+    speed: float = parameter(1.0, "In radians per second", minimum=0, maximum=9)
+    arm: str = parameter("left", "Which arm", fixed=True)
+    stops: bool = False
+
+    def iterate(self) -> Status:
+        self.env.note(self, f"{self.arm} at {self.speed:g}")
+        self.report(f"at {self.speed:g}")
+        return Status.COMPLETED if self.stops else Status.RUNNING
+
+
+class Hold(OnceTask[Gripper]):
+    """Hold until it is let go."""
+
+    force: float = 1.0
+    holds: bool = True
+
+    def iterate(self) -> None:
+        while self.holds:
+            self.report(f"with {self.force:g}")
+            self.sleep(1.0)
+
+    def terminate(self) -> None:
+        self.env.note(self, "lets go")
+
+
+def test_a_parameter_is_changed_while_the_task_runs_and_the_others_stay() -> None:
+    with serving(Spin, rate=1) as robot:
+        sent = robot.send("Spin", speed=2.0, arm="right")
+        robot.after(1.5)
+        parameters = robot.server.definitions["Spin"].parameters
+        sent.update(parameters(speed=5.0), timeout=5)
+        assert robot.after(1) == ["2.00 Spin right at 5"]
+        sent.update(parameters(stops=True), timeout=5)
+        robot.after(1)
+        assert sent.result().text == "at 5"
+
+
+def test_a_new_period_counts_at_once() -> None:
+    with serving(Spin, rate=1) as robot:
+        sent = robot.send("Spin")
+        robot.after(0.5)
+        sent.update(robot.server.definitions["Spin"].parameters(task_period=0.25), timeout=5)
+        assert robot.after(1.3) == [
+            "1.00 Spin left at 1",
+            "1.25 Spin left at 1",
+            "1.50 Spin left at 1",
+            "1.75 Spin left at 1",
+        ]
+
+
+def test_what_is_fixed_is_not_changed() -> None:
+    with serving(Spin, rate=1) as robot:
+        parameters = robot.server.definitions["Spin"].parameters
+        sent = robot.send("Spin", arm="right")
+        robot.after(0)
+        with pytest.raises(Rejected, match="parameter 'arm' can't be changed while the task runs"):
+            sent.update(parameters(arm="left", speed=3.0), timeout=5)
+        with pytest.raises(Rejected, match="parameter 'foreground' can't be changed"):
+            sent.update(parameters(foreground=False), timeout=5)
+        sent.update(parameters(arm="right", speed=4.0), timeout=5)
+        assert robot.after(1)[-1] == "1.00 Spin right at 4"
+
+
+def test_what_is_out_of_range_is_not_sent() -> None:
+    with serving(Spin) as robot:
+        sent = robot.send("Spin")
+        with pytest.raises(BadData, match=r"`float` <= 9\.0"):
+            sent.update(robot.server.definitions["Spin"].parameters(speed=10.0), timeout=5)
+
+
+def test_a_task_that_runs_once_hears_it_in_its_sleep() -> None:
+    with serving(Hold) as robot:
+        sent = robot.send("Hold")
+        robot.after(0.5)
+        sent.update(robot.server.definitions["Hold"].parameters(force=3.0), timeout=5)
+        robot.after(1)
+        sent.update(robot.server.definitions["Hold"].parameters(holds=False), timeout=5)
+        assert robot.after(1) == ["2.00 Hold lets go"]
+        assert sent.result().text == "with 3"
+
+
+def test_a_cancelled_task_terminates() -> None:
+    with serving(Hold) as robot:
+        sent = robot.send("Hold")
+        robot.after(0.5)
+        sent.cancel("enough")
+        assert robot.after(0) == ["0.50 Hold lets go"]
+        assert sent.state == "cancelled"
+
+
+def test_followers_hear_the_text_and_overruns_not_too_often() -> None:
+    class Count(PeriodicTask[Gripper]):
+        def initialise(self) -> None:
+            self.number = 0
+
+        def iterate(self) -> Status:
+            self.number += 1
+            self.report(f"step {self.number}")
+            if self.number == 8:
+                self.sleep(0.25)
+            return Status.COMPLETED if self.number == 10 else Status.RUNNING
+
+    with serving(Count) as robot:
+        sent = robot.send("Count")
+        sent.follow()
+        robot.after(3)
+        message = robot.server.definitions["Count"].message
+        told = [fact.body for fact in robot.central.facts if isinstance(fact, StateChanged)]
+        assert [message.progress.decode(body) for body in told] == [
+            TaskStatus(Status.RUNNING, "step 1"), TaskStatus(Status.RUNNING, "step 3"),
+            TaskStatus(Status.RUNNING, "step 5"), TaskStatus(Status.RUNNING, "step 7"),
+            TaskStatus(Status.RUNNING, "step 8", 2),
+        ]  # fmt: skip
+        assert list(sent.progress())[-1] == TaskStatus(Status.RUNNING, "step 8", 2)
