@@ -6,8 +6,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from robots.turtle_sim.sync.team import free_team, save_team
 from robots.turtle_sim.world import CENTRE, Pen, Pose, TurtleWorld
 from tca_missions import ConditionVerified, Mission
 from tca_module import TcaError
+from tca_module.link.opening import CentralAddress
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
 
@@ -45,9 +46,13 @@ class TimeIsUp:
 
 def for_some_time(mission: Mission, endless: Callable[[Mission], object]) -> None:
     """Carry out an endless mission until it is enough."""
-    mission.add_condition(TimeIsUp(ENOUGH))
-    with suppress(ConditionVerified):
+    time_is_up = TimeIsUp(ENOUGH)
+    mission.add_condition(time_is_up)
+    try:
         endless(mission)
+    except ConditionVerified as verified:
+        if time_is_up not in verified.conditions:
+            raise
 
 
 Missions = Mapping[str, Callable[[Mission], object]]
@@ -71,12 +76,32 @@ RATE = 10.0
 """Iterations of a task a second of the turtle's time."""
 
 
-class TalkingMission(Mission):
-    """A mission that says what it does, as it does it."""
+class ShowIsOver:
+    """A condition of all missions of a show: one of them has failed, or somebody has pressed Ctrl-C."""
 
-    def __init__(self, server: str, central: str, began: float) -> None:
+    why = ""
+
+    def __str__(self) -> str:
+        return self.why
+
+    def is_verified(self) -> bool:
+        """Whether it is."""
+        return bool(self.why)
+
+
+class ShownMission(Mission):
+    """A mission that says what it does, as it does it, and ends with the show."""
+
+    def __init__(self, server: str, central: CentralAddress, began: float, is_over: ShowIsOver) -> None:
         super().__init__(server, name=f"show of {server}", central=central, patience=60.0)
         self._began = began
+        self._is_over = is_over
+        self.clear_conditions()
+
+    def clear_conditions(self) -> None:
+        """Only the end of the show interrupts it any more."""
+        super().clear_conditions()
+        self.add_condition(self._is_over)
 
     def run(self, name: str, /, **parameters: Any) -> Any:
         """Say that the task begins, and run it."""
@@ -99,19 +124,26 @@ class Show:
             self._world.set_pen(name, PENS.get(name, Pen()))
         self._simulator = Simulator(self._world, pace)
         self._began = time.monotonic()
+        self._is_over = ShowIsOver()
 
     def run(self) -> None:
-        """Carry out the missions, each in a thread."""
+        """Carry out the missions, each in a thread. Raises what the first that failed has raised."""
         with tempfile.TemporaryDirectory(prefix="turtle") as sockets, ExitStack() as stack:
             centrals = {name: f"ipc://{sockets}/{name}.sock" for name in self._missions}
             servers = self._servers()
             for name, central in centrals.items():
                 processes = stack.enter_context(Processes(self._folder, {"TCA_CENTRAL": central}))
-                processes.start(f"{name} central", "tca_central", "--journal", str(self._folder / f"{name} journal"))
+                journal = "--journal", str(self._folder / f"{name} journal"), "--fresh"
+                processes.start(f"{name} central", "tca_central", *journal)
                 stack.enter_context(self._simulator.module(name, central).running())
                 processes.start(f"{name} task server", *servers[name])
             with ThreadPoolExecutor(len(centrals)) as pool:
-                list(pool.map(self._carry_out, centrals, centrals.values()))
+                try:
+                    for carried_out in as_completed(pool.submit(self._carry_out, *one) for one in centrals.items()):
+                        carried_out.result()
+                except BaseException as error:
+                    self._is_over.why = f"{type(error).__name__} has ended the show"
+                    raise
 
     def _servers(self) -> dict[str, list[str]]:
         """For each turtle its task server: the Python module, and the arguments. Alone it needs no link."""
@@ -124,7 +156,7 @@ class Show:
         return {name: ["robots.turtle_sim.sync.task_server", name, *link, *rate] for name in names}
 
     def _carry_out(self, name: str, central: str) -> None:
-        with TalkingMission(name, central, self._began) as mission:
+        with ShownMission(name, central, self._began, self._is_over) as mission:
             self._missions[name](mission)
 
     def draw(self, title: str) -> list[Path]:
@@ -140,23 +172,43 @@ class Show:
         return made
 
 
+def _pace(text: str) -> float:
+    pace = float(text)
+    if not 0.01 <= pace <= 100.0:
+        raise argparse.ArgumentTypeError(f"the pace is a number from 0.01 to 100, not {text}")
+    return pace
+
+
+def _loss(text: str) -> float:
+    loss = float(text)
+    if not 0.0 <= loss <= 0.99:
+        raise argparse.ArgumentTypeError(f"the loss is a number from 0 to 0.99, not {text}")
+    return loss
+
+
 def main() -> int:
     """Show the mission that the arguments name; the exit code."""
     parser = argparse.ArgumentParser(prog="python -m robots.turtle_sim", description=__doc__)
     parser.add_argument("show", nargs="?", default="letters", choices=SHOWS, help="the mission (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("runs/turtle"), help="folder of its files (%(default)s)")
-    parser.add_argument("--pace", type=float, default=8.0, help="how fast the turtles' time passes (%(default)s)")
-    parser.add_argument("--loss", type=float, default=0.5, help="part of the datagrams between turtles that is lost")
+    parser.add_argument("--pace", type=_pace, default=8.0, help="how fast the turtles' time passes (%(default)s)")
+    parser.add_argument("--loss", type=_loss, default=0.5, help="part of the datagrams between turtles that is lost")
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
-    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        parser.error(f"--out: {error}")
     show = Show(SHOWS[options.show], options.out, options.pace, options.loss)
     code = 0
     try:
         show.run()
     except TcaError as error:
-        print(f"{options.show}: {error}", file=sys.stderr)
+        print(f"{options.show}: {error}; see the logs in {options.out}", file=sys.stderr)
         code = 1
+    except KeyboardInterrupt:
+        print(f"{options.show}: ended by Ctrl-C", file=sys.stderr)
+        code = 130
     for path in show.draw(options.show):
         print("made", path)
     return code

@@ -41,7 +41,7 @@ def code_lines(place: str) -> int:
     comments or docstrings.
     """
     file, _, name = place.partition(": ")
-    text = (TURTLE / file).read_text()
+    text = next(path for path in (TURTLE / file, ROOT / file) if path.exists()).read_text()
     if not file.endswith(".py"):
         return len([line for line in text.splitlines() if line and not line.startswith("#")])
     tree = ast.parse(text)

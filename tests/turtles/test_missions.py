@@ -5,13 +5,14 @@ import math
 import pytest
 from turtles.towns import bounded, carry_out, started, town
 
+from robots.turtle_sim.__main__ import ShowIsOver, ShownMission
 from robots.turtle_sim.missions.background import background
 from robots.turtle_sim.missions.interrupted import interrupted
 from robots.turtle_sim.missions.letters import A, C, T, letters
 from robots.turtle_sim.missions.patrol import patrol
 from robots.turtle_sim.missions.too_far import too_far
 from robots.turtle_sim.world import Pose
-from tca_missions import Mission
+from tca_missions import ConditionVerified, Mission
 from tca_missions.console.names import ConsoleNames
 
 
@@ -77,6 +78,22 @@ def test_the_console() -> None:
         "dist_threshold" in text and "Distance at which the target is considered reached" in text for text in shown
     )
     assert any(text.startswith("GoTo {") and "completed" in text for text in shown)
+
+
+def test_the_end_of_a_show_ends_a_mission_whatever_it_does_about_conditions() -> None:
+    is_over = ShowIsOver()
+
+    def never_ends(mission: Mission) -> None:
+        mission.clear_conditions()
+        mission.Wait(foreground=False, duration=1.0)
+        is_over.why = "another has failed"
+        mission.Wait(duration=1e6)
+
+    with town() as there:
+        shown = ShownMission("turtle", there.central, 0.0, is_over)
+        with pytest.raises(ConditionVerified):
+            carry_out(there, never_ends, opened=shown)
+        assert not there.server.runs
 
 
 @pytest.mark.soak

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from turtles.lossy import LossyNetwork
 
 from robots.turtle_sim.errors import NoSuchPartner
-from robots.turtle_sim.sync.statuses import Statuses
+from robots.turtle_sim.sync.statuses import Datagram, Statuses, VersionedStatus
 
 NAMES = ["a", "b", "c"]
 
@@ -111,6 +111,21 @@ def test_damaged_datagrams_change_nothing(raw: bytes) -> None:
     except msgspec.DecodeError:
         assert a.known.keys() == {"a"}
         assert a.waiting_for() == ["b"]
+
+
+NAMED = st.sampled_from([*NAMES, "d"])
+ENTRIES = st.dictionaries(NAMED, st.builds(VersionedStatus, st.integers(1, 2**53), st.integers(-9, 9)))
+
+
+@given(st.lists(st.builds(Datagram, NAMED, ENTRIES, st.booleans()), max_size=5))
+def test_whatever_partners_say_a_robot_keeps_its_own_status_and_can_change_it(datagrams: list[Datagram]) -> None:
+    a = Statuses("a", ["b", "c"], status=7)
+    for datagram in datagrams:
+        a.receive("b", msgspec.msgpack.encode(datagram))
+        assert a.known["a"].status == 7
+        assert a.known["a"] >= datagram.known.get("a", a.known["a"])  # so it is believed
+    a.set(8)
+    assert a.known["a"].status == 8
 
 
 @given(st.integers(0, 10**6))

@@ -54,11 +54,13 @@ class Town:
             self.central.advance(0.25)
 
 
-def carry_out(there: Town, mission: Callable[[Mission], Any], at_most: float = 10_000.0) -> Any:
+def carry_out(
+    there: Town, mission: Callable[[Mission], Any], at_most: float = 10_000.0, opened: Mission | None = None
+) -> Any:
     """Carry out a mission, in a thread of its own, and let time pass meanwhile. Returns what it returns."""
 
     def run() -> Any:
-        with Mission("turtle", name="test", central=there.central) as made:
+        with opened or Mission("turtle", name="test", central=there.central) as made:
             return mission(made)
 
     with ThreadPoolExecutor(1) as pool:
