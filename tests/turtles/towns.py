@@ -102,7 +102,7 @@ class Enough:
 
 
 def bounded(there: Town, tasks: int, endless: Callable[[Mission], object]) -> Callable[[Mission], None]:
-    """The first tasks of an endless mission."""
+    """The first tasks of an endless mission; some more may begin before it is ended."""
 
     def carry_out(mission: Mission) -> None:
         mission.add_condition(Enough(there, tasks))
