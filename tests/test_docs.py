@@ -43,7 +43,7 @@ QUOTES = {
     "user.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)": "09_monitors_and_taps",
     "task.monitor(CUP_GONE": "10_cups",
     "monitor = watcher.under": "36_watch_a_running_task",
-    'with Sequence("patrol") as patrol:': "45_state_machine",
+    'from tca_missions.charts import Sequence\n\nwith Sequence("patrol")': "45_state_machine",
     "class Oven(Environment):": "40_task_server",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
