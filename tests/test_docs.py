@@ -45,6 +45,8 @@ QUOTES = {
     "monitor = watcher.under": "36_watch_a_running_task",
     'from tca_missions.charts import Sequence\n\nwith Sequence("patrol")': "45_state_machine",
     "class Oven(Environment):": "40_task_server",
+    "@camera.handles(WATCH, takes": "37_follow_and_update",
+    "watching = user.command(WATCH, 10.0)": "37_follow_and_update",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
     "task.command(STOW, thing, keep=True)": "18_what_was_done_already",
@@ -111,7 +113,15 @@ class Oven(Environment): ...
 task_period = 0.0
 """
 
-NAMES = {"ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
+LIFE_CYCLES = """
+from tca_module import *
+WATCH = Command("watch", float, progress=float)
+camera = lamp = Module("any")
+user = connect()
+watching = user.command(WATCH, 0.0)
+"""
+
+NAMES = {"life-cycles": LIFE_CYCLES, "ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
          "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
 """What the pages take for known."""
 

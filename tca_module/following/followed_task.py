@@ -146,7 +146,11 @@ class FollowedTask(Generic[C]):
             first=mirror.progress,
         )  # fmt: skip
 
-    def on_change(self, function: Callable[[Any, C], object] | Callable[[C], object]) -> ChangeCallback[C]:
+    @overload
+    def on_change(self, function: Callable[[C], object]) -> ChangeCallback[C]: ...
+    @overload
+    def on_change(self, function: Callable[[Any, C], object]) -> ChangeCallback[C]: ...
+    def on_change(self, function: Callable[..., object]) -> ChangeCallback[C]:
         """Have a function called with a Sender under the root and each change from now on, or with the change alone:
         in this thread, one call at a time, while it waits for central or its next message. Errors in it are logged.
         """

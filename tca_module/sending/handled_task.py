@@ -1,6 +1,6 @@
 """What a task's handler does with its state: accept or reject it, report results, hear what clients ask for."""
 
-from typing import Any
+from typing import Any, overload
 
 from tca_module.checks import NAME, TEXT, TIMEOUT, check
 from tca_module.errors import BadData, MisuseError, TaskKilled
@@ -63,6 +63,10 @@ class ReportingTask:
 class HandledTask(ReportingTask):
     """A task, as its handler has it."""
 
+    @overload
+    def wait_for_request(self, timeout: None = None) -> TaskRequest: ...
+    @overload
+    def wait_for_request(self, timeout: float | None) -> TaskRequest | None: ...
     def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
         """The next request of a client, each once; None after *timeout* seconds. Raises TaskKilled if the task is
         killed, Stopped if the module ends. In async handlers use ``requests()``.

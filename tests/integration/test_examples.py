@@ -41,6 +41,8 @@ PRINTED = {
     "34_locks": "scan\nscanned\nmove 1\n",
     "35_deadlock": "eyes: where {1} in map waits for the reply to look {2};\n",
     "36_watch_a_running_task": "walking\nthe battery is low\nstopped\nthe walk was killed, and its monitor killed\n",
+    "37_follow_and_update": "looks at 10.0\nlooks at 30.0\nrejected: it turns by 90 degrees at most\nthe shutter is closed\n"
+    "killed cancelled seen enough (by user)\n",
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
     "31_reply_later": "moved to 0.5\nmotor stalled 2.0\n",
     "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",

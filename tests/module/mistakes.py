@@ -3,7 +3,21 @@
 from dataclasses import dataclass
 from typing import Any, assert_type
 
-from tca_module import Broadcast, Command, DemonMonitor, Failure, Goal, LaterReply, Module, MultiQuery, Query, Task
+from tca_module import (
+    Broadcast,
+    Change,
+    Command,
+    DemonMonitor,
+    Failure,
+    Goal,
+    LaterReply,
+    Module,
+    MultiQuery,
+    Query,
+    Server,
+    Task,
+    TaskRequest,
+)
 
 
 @dataclass
@@ -112,3 +126,46 @@ def sent_with_what_is_wanted(task: Task, later: LaterReply[None], any_message: C
 
 async def wrong_await(task: Task) -> int:
     return await task.query_send(STANCE, 1.0)  # type: ignore[arg-type]
+
+
+# --- Following, requests, servers ----------------------------------------------------------------------------------------
+
+
+class Stepping(Server[int, Footfall]):
+    def initiated(self, task: Task, goal: int) -> Footfall:
+        request = task.wait_for_request()
+        assert_type(request.accept(), bool)
+        assert_type(task.wait_for_request(1.0), TaskRequest | None)
+        return Footfall(goal)
+
+    def update(self, task: Task, goal: int) -> bool:
+        return goal > 0
+
+
+class AsyncStepping(Server[int, Footfall]):
+    async def initiated(self, task: Task, goal: int) -> Footfall:
+        async for request in task.requests():
+            assert_type(request, TaskRequest)
+        return Footfall(goal)
+
+
+class WrongStepping(Server[int, Footfall]):
+    def initiated(self, task: Task, goal: int) -> int:  # type: ignore[override]
+        return goal
+
+
+def followed(task: Task, module: Module) -> None:
+    move = task.command(MOVE_LEG, 1)
+    assert_type(move.state, str)
+    assert_type(next(move.progress(float)), float)
+    assert_type(move.next_change(), Change | None)
+    assert_type(move.update_send(2).wait(), None)
+    for change in move.changes():
+        assert_type(change.task.state, str)
+    assert_type(task.observe(MOVE_LEG).arrived(), list[Change])
+    module.serve(MOVE_LEG, Stepping(), when_busy="preempt")
+    module.serve(MOVE_LEG, AsyncStepping())
+    module.serve(WALK, Stepping())  # type: ignore[misc]
+    module.handles(MOVE_LEG, when_busy="later")  # type: ignore[call-overload]
+    module.observes(WALK)(wrong_handlers)  # type: ignore[type-var]
+    move.on_change(lambda change: change.stat)  # type: ignore[attr-defined]

@@ -206,7 +206,7 @@ def test_an_error_in_such_a_function_is_logged(
     assert grasp.wait() is Outcome.DONE
     assert "ValueError: seen" in caplog.text
     with pytest.raises(MisuseError, match=r"on_change\(\): .* declare it with \(sender, change\) or \(change\)"):
-        grasp.on_change(lambda: None)  # type: ignore[arg-type]
+        grasp.on_change(lambda: None)  # type: ignore[arg-type, misc]
 
 
 # --- Updates and cancels -------------------------------------------------------------------------------------------------
