@@ -39,12 +39,14 @@ class TaskEnd(msgspec.Struct, frozen=True):
     """Number of periods that were missed, because an iteration took too long."""
 
 
-class TaskStatus(msgspec.Struct, frozen=True):
+class TaskStatus(msgspec.Struct, frozen=True, omit_defaults=True):
     """The progress of a run."""
 
-    status: int
     text: str = ""
+    """What it says of itself."""
     overruns: int = 0
+    """Number of periods that were missed so far."""
+    status: int = Status.RUNNING
 
 
 MISSION_TASK_FAILED = Failure("mission task failed")

@@ -41,11 +41,11 @@ class TaskRun:
         self._log = log
         self._is_ending = False
         self._thread = threading.get_ident()
-        self._told = TaskStatus(Status.RUNNING)  #: what followers know
+        self._told = TaskStatus()  #: what followers know
         self._may_tell = 0.0  #: from then on
 
     def carry_out(self) -> TaskEnd:
-        """TaskRun to the end, and terminate whatever happens. Raises the failure, or what woke the task."""
+        """Run to the end, and terminate whatever happens. Raises the failure, or what woke the task."""
         self._initialise()
         try:
             if isinstance(self.served, PeriodicTask):
@@ -82,9 +82,8 @@ class TaskRun:
                     return
             due = period.next(self.task.time(), served.task_period)
             self._count_overruns(period)
-            end = began + served.task_timeout if served.task_timeout else due
-            self._wait_until(min(due, end))
-            if served.task_timeout and self.task.time() >= end:
+            self._wait_until(min(due, began + served.task_timeout) if served.task_timeout else due)
+            if served.task_timeout and self.task.time() >= began + served.task_timeout:  # it may have changed
                 raise self._timeout()
 
     def _count_overruns(self, period: Period) -> None:
@@ -126,7 +125,7 @@ class TaskRun:
         """
         if self._is_ending or threading.get_ident() != self._thread:
             return  # what a thread of the task's own says is told later
-        status = TaskStatus(self.status, self.served.status_text, self.overruns)
+        status = TaskStatus(self.served.status_text, self.overruns, self.status)
         if status != self._told and self.status is not Status.NEWBORN and self.task.time() >= self._may_tell:
             self._told, self._may_tell = status, self.task.time() + _TOLD_EVERY
             self.task.report(status)

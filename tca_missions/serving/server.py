@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,7 @@ class TaskServer:
         finding.add_installed()
         self.definitions = finding.definitions
         self.runs: set[TaskRun] = set()  #: those that run now
+        self._lock = threading.Lock()
         self._most_beside = capacity - _KEPT_FREE
         self._idle = self.definitions[idle.__name__] if idle is not None else None
         self._idle_timer: Callback | None = None
@@ -98,17 +100,18 @@ class TaskServer:
             with self._foreground.taken(task) if served.foreground else contextlib.nullcontext():
                 return run.carry_out()
         finally:
-            self.runs.discard(run)
+            with self._lock:
+                self.runs.discard(run)
             self._foreground.forget(task)
 
     def _add(self, run: TaskRun) -> None:
         """Let it run, unless so many run beside the foreground that none could take its place."""
-        if not run.served.foreground:
-            beside = [one for one in list(self.runs) if not one.served.foreground]
-            if len(beside) >= self._most_beside:
-                text = f"{len(beside)} tasks run in the background already: give the server a larger capacity="
+        with self._lock:
+            beside = sum(not one.served.foreground for one in self.runs)
+            if not run.served.foreground and beside >= self._most_beside:
+                text = f"{beside} tasks run in the background already: give the server a larger capacity="
                 raise MISSION_TASK_FAILED(text=text)
-        self.runs.add(run)
+            self.runs.add(run)
 
     # --- idle ------------------------------------------------------------------------------------------------------
 

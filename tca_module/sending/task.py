@@ -117,6 +117,10 @@ class Task(Sender, SteerableTask, HandledTask):
 
     # --- time ------------------------------------------------------------------------------------------------------
 
+    def time(self) -> float:
+        """The seconds of the clock by which handlers sleep, also if a restarted central has forgotten the task."""
+        return self._own_connection().transport.time()
+
     def sleep(self, seconds: float) -> None:
         """Let so many seconds pass. Raises TaskKilled or Stopped as soon as the task is killed or the module ends."""
         check(f"sleep() of {self}", checks.SECONDS, seconds=seconds)

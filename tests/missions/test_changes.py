@@ -4,7 +4,7 @@ import pytest
 from missions.gripper import Gripper, serving
 
 from tca_missions import OnceTask, PeriodicTask, Status, TaskStatus, parameter
-from tca_module import BadData, Rejected
+from tca_module import BadData, Rejected, TaskFailed
 from tca_wire.journal.facts import StateChanged
 
 
@@ -59,6 +59,19 @@ def test_a_new_period_counts_at_once() -> None:
             "1.50 Spin left at 1",
             "1.75 Spin left at 1",
         ]
+
+
+def test_a_timeout_may_be_set_and_prolonged() -> None:
+    with serving(Spin, rate=1) as robot:
+        parameters = robot.server.definitions["Spin"].parameters
+        sent = robot.send("Spin")
+        robot.after(0.5)
+        sent.update(parameters(task_timeout=2.5), timeout=5)
+        robot.after(1)
+        sent.update(parameters(task_timeout=3.25), timeout=5)
+        robot.after(5)
+        with pytest.raises(TaskFailed, match=r"it ran for 3\.25 s: at 1"):
+            sent.result()
 
 
 def test_what_is_fixed_is_not_changed() -> None:
@@ -120,8 +133,8 @@ def test_followers_hear_the_text_and_overruns_not_too_often() -> None:
         message = robot.server.definitions["Count"].message
         told = [fact.body for fact in robot.central.facts if isinstance(fact, StateChanged)]
         assert [message.progress.decode(body) for body in told] == [
-            TaskStatus(Status.RUNNING, "step 1"), TaskStatus(Status.RUNNING, "step 3"),
-            TaskStatus(Status.RUNNING, "step 5"), TaskStatus(Status.RUNNING, "step 7"),
-            TaskStatus(Status.RUNNING, "step 8", 2),
+            TaskStatus("step 1"), TaskStatus("step 3"),
+            TaskStatus("step 5"), TaskStatus("step 7"),
+            TaskStatus("step 8", 2),
         ]  # fmt: skip
-        assert list(sent.progress())[-1] == TaskStatus(Status.RUNNING, "step 8", 2)
+        assert list(sent.progress())[-1] == TaskStatus("step 8", 2)
