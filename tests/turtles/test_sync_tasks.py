@@ -10,7 +10,7 @@ from robots.turtle_sim.sync.environment import SyncEnvironment
 from robots.turtle_sim.sync.link import StatusLink
 from robots.turtle_sim.sync.tasks import TASKS_OF_TEAMS
 from robots.turtle_sim.sync.team import free_team
-from tca_missions import MISSION_TASK_INITIALISATION_FAILED, MISSION_TASK_TIMEOUT
+from tca_missions import MISSION_TASK_INITIALISATION_FAILED, MISSION_TASK_TIMEOUT, TaskStatus
 from tca_module import Outcome, TaskFailed
 
 
@@ -37,6 +37,7 @@ def test_a_status_that_is_set_comes_to_the_partner() -> None:
 def test_wait_for_status_ends_when_the_partner_has_it() -> None:
     with team() as (there, partner):
         waiting = there.start("WaitForStatusSync", partner="b", status=2)
+        waiting.follow()
         partner.set_status(1)
         assert link_of(there).wait_for("b", 1, timeout=30)
         there.central.advance(1.0)
@@ -45,6 +46,8 @@ def test_wait_for_status_ends_when_the_partner_has_it() -> None:
         assert link_of(there).wait_for("b", 2, timeout=30)
         there.central.advance(0.2)
         assert waiting.wait(timeout=5) is Outcome.DONE
+        said = [status.text for status in waiting.progress(TaskStatus) if status.text]
+        assert said[-1] == "waits for status 2: the status of 'b' is 1"
 
 
 def test_an_unknown_partner_fails_at_once() -> None:

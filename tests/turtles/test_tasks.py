@@ -67,6 +67,17 @@ def test_a_go_to_that_takes_too_long_fails_and_stands_still() -> None:
         assert there.pose.linear_velocity == 0.0
 
 
+def test_goal_and_speed_may_change_while_a_go_to_runs() -> None:
+    with town() as there:
+        going = there.start("GoTo", goal_x=9.0, goal_y=5.5)
+        there.central.advance(1.0)
+        going.update_send(there.server.definitions["GoTo"].parameters(goal_x=6.5, goal_y=8.5, max_velocity=0.5))
+        there.central.advance(4.0)  # it turns on the spot first
+        assert there.pose.linear_velocity == 0.5
+        there.until_over(going)
+        assert math.dist(there.place, (6.5, 8.5)) < 0.11
+
+
 def test_a_newer_go_to_takes_the_place_of_an_older() -> None:
     with town() as there:
         first = there.start("GoTo", goal_x=9.0, goal_y=5.5)

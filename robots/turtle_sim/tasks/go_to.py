@@ -22,6 +22,7 @@ class GoTo(PeriodicTask[TurtleEnvironment]):
         distance = hypot(self.goal_y - pose.y, self.goal_x - pose.x)
         if distance < self.dist_threshold:
             return Status.COMPLETED
+        self.report(f"{distance:.0f} to go")
         alpha = remainder(atan2(self.goal_y - pose.y, self.goal_x - pose.x) - pose.theta, tau)
         if abs(alpha) > pi / 6:
             self.env.publish_velocity(self.task, 0.0, copysign(pi / 6, alpha))
