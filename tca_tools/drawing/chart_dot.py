@@ -99,7 +99,11 @@ def _arrows(chart: MachineChart) -> Iterator[str]:
                 yield f"{_tail(chart, inside[-1])} -> end_{number} [style=invis];"
         for target in dict.fromkeys(state.next.values()):
             endings = [ending for ending, to in state.next.items() if to == target]
-            yield _arrow(_tail(chart, number), _head(chart, target), endings, _frames(chart, number, target))
+            tail, head = _tail(chart, number), _head(chart, target)
+            if target > number:
+                yield _arrow(tail, head, endings, _frames(chart, number, target))
+            else:  # what is written first stands above
+                yield _arrow(head, tail, endings, ["dir=back", *_frames(chart, target, number)])
         if "completed" in state.ends and "completed" not in state.next and _ends_container(chart, state):
             yield _arrow(_tail(chart, number), f"end_{state.parent}", [], _frames(chart, number, -1))
 
@@ -107,6 +111,8 @@ def _arrows(chart: MachineChart) -> Iterator[str]:
 def _arrow(tail: str, head: str, endings: list[Ending], looks: list[str]) -> str:
     colour = _COLOURS[endings[-1]] if endings else _INK
     looks = [*looks, f'color="{colour}"']
+    if any(look.startswith("lhead") for look in looks):
+        looks.append("minlen=2")  # room for its head before the frame
     if endings not in ([], ["completed"]):
         looks.append(f'label="{", ".join(endings)}", fontcolor="{colour}"')
         looks += ["style=dashed"] * ("completed" not in endings)

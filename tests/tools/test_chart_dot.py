@@ -27,7 +27,7 @@ def machine() -> StateMachine:
 ARROWS = [
     "begin_0 -> s1", "s1 -> s2", "s2 -> begin_3 lhead=cluster_3", "s2 -> s8 failed, timeout dashed",
     "begin_3 -> s4 invis", "s4 -> end_3 invis", "begin_3 -> begin_5 invis", "end_5 -> end_3 invis",
-    "end_3 -> s8 ltail=cluster_3", "begin_5 -> s6", "s6 -> s7", "s7 -> end_5", "s8 -> s1",
+    "end_3 -> s8 ltail=cluster_3", "begin_5 -> s6", "s6 -> s7", "s7 -> end_5", "s1 -> s8 dir=back",
     "s8 -> end_0 invis",
 ]  # fmt: skip
 
@@ -36,7 +36,7 @@ def test_arrows() -> None:
     found = []
     for line in chart_dot(machine().chart).splitlines():
         if arrow := re.match(r" *(\w+ -> \w+) \[(.*)\];", line):
-            looks = re.findall(r'style=(\w+)|label="([^"]*)"|([lh]\w+=cluster_\d)', arrow[2])
+            looks = re.findall(r'style=(\w+)|label="([^"]*)"|([lh]\w+=cluster_\d|dir=back)', arrow[2])
             found.append(" ".join([arrow[1], *sorted(("".join(one) for one in looks), key="dashed".__eq__)]))
     assert sorted(found) == sorted(ARROWS)
 

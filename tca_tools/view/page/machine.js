@@ -13,13 +13,17 @@ export class Machines {
     const key = `${this.store.head.token} ${id}`; // of this run, as it is read now
     let frame = this.pictures.get(key);
     if (!frame) {
-      frame = element("div", { class: "machine", title: "click: its size, or the pane's" });
+      frame = element("div", { class: "machine", title: "click: all of it, or its own size" });
       frame.addEventListener("click", () => frame.classList.toggle("whole"));
       this.pictures.set(key, frame);
       this.#fetch(id, key, frame);
     }
     frame.dataset.active = active.join(" ");
-    mark(frame);
+    const { scrollTop, isConnected } = frame;
+    queueMicrotask(() => {
+      frame.scrollTop = scrollTop; // which is lost when it is put into the pane anew
+      mark(frame, !isConnected);
+    });
     return frame;
   }
 
@@ -29,7 +33,7 @@ export class Machines {
       const picture = new DOMParser().parseFromString(svg, "image/svg+xml").documentElement;
       picture.querySelectorAll("title").forEach((title) => title.remove()); // Graphviz' own names
       frame.replaceChildren(document.importNode(picture, true));
-      mark(frame);
+      mark(frame, true);
     } else {
       frame.replaceChildren(element("p", { class: "faint", text: problem ?? error ?? "the picture could not be fetched: choose the task again" }));
       if (!problem) this.pictures.delete(key);
@@ -37,7 +41,19 @@ export class Machines {
   }
 }
 
-function mark(frame) {
+function mark(frame, isNew) {
   const active = new Set(frame.dataset.active.split(" ").map((number) => `state-${number}`));
-  frame.querySelectorAll("[id^=state-]").forEach((state) => state.classList.toggle("active", active.has(state.id)));
+  for (const state of frame.querySelectorAll("[id^=state-]")) {
+    const is = active.has(state.id);
+    isNew ||= is && !state.classList.contains("active");
+    state.classList.toggle("active", is);
+  }
+  if (isNew) show(frame, frame.querySelector(".node.active"));
+}
+
+// Scroll only the frame, and only if the state is out of sight.
+function show(frame, state) {
+  if (!state) return;
+  const inner = state.getBoundingClientRect(), outer = frame.getBoundingClientRect();
+  if (inner.top < outer.top || inner.bottom > outer.bottom) frame.scrollTop += inner.top - outer.top - (outer.height - inner.height) / 2;
 }
