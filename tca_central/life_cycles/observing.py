@@ -88,7 +88,7 @@ def _why(failure: str, text: str) -> str:
 def _as_it_stands(task: Task) -> StateChange:
     progress = task.rare.progress if task.rare is not None else b""
     return StateChange(
-        TaskId(task.id), task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body, data=progress,
+        TaskId(int(task.id)), task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body, data=progress,
         is_late=True,
     )  # fmt: skip
 
@@ -104,7 +104,7 @@ def tell(
     if not (observers or is_over):
         return
     change = StateChange(
-        TaskId(task.id), task.message.name, task.serial, task.state, transition, by, module, text, task.body, data,
+        TaskId(int(task.id)), task.message.name, task.serial, task.state, transition, by, module, text, task.body, data,
         is_over=is_over,
     )  # fmt: skip
     encoded = msgspec.msgpack.encode(change) if observers else b""

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from tca_explorer.observed import promises
 from tca_explorer.observed.messages import Situation, TrackedMessage
+from tca_explorer.observed.states import States
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS, ROOT, STARTS, Moment, Point, TaskId, start_of
@@ -23,6 +24,7 @@ class Fold(Situation):
 
     def __init__(self) -> None:
         super().__init__()
+        self.states = States()
         self._tasks: dict[int, int] = {}  #: of deliveries of tasks that are retried
         self._copies: dict[int, int] = {}  #: of what goes to many, and its original
         self._conditions: dict[int, Condition] = {}  #: of wiretaps
@@ -45,8 +47,18 @@ class Fold(Situation):
     def take(self, recorded: Iterable[facts.Fact]) -> None:
         """Take in what central recorded, now."""
         for fact in recorded:
+            self.states.take(fact)
             if do := _FOLD.get(type(fact)):
                 do(self, fact)
+
+    def note_states(self) -> None:
+        """An action is over: what is known of tasks' states."""
+        for number, task in self.states.of.items():
+            if number in self.seen and self.seen[number].state != task.state:
+                self._change(number, state=task.state)
+            if number in self.seen and self.seen[number].body != task.goal:
+                self._change(number, body=task.goal)
+        self.broken = self.broken or self.states.breach()
 
     def _change(self, key: int, **changes: Any) -> None:
         if (seen := self.seen.get(key)) is not None:

@@ -25,6 +25,8 @@ class ObservedMessage(MessageView, msgspec.Struct, frozen=True, kw_only=True):
     is_suspended: bool = False
     attempts: int = 1
     is_over: bool = False
+    state: str = ""
+    """Of a task: where it is in its life cycle."""
     is_new: bool = False
     is_retried: bool = False
     has_fired: bool = False

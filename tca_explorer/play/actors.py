@@ -11,7 +11,7 @@ from tca_explorer.play.inbox import SlotInbox
 from tca_explorer.scenario.scenario import ScenarioModule
 from tca_explorer.scenario.script import Program
 from tca_explorer.scenario.script_connection import CANCELLED, SUSPENDED
-from tca_explorer.scenario.steps import OWN, Await, Branch, Given, Got, Step, known, place_of
+from tca_explorer.scenario.steps import OWN, Await, Branch, Given, Got, ReadWish, Step, known, place_of
 from tca_module.session.request import waits_for_others
 from tca_wire.packets.headers import Lock
 from tca_wire.points import TaskId
@@ -48,6 +48,7 @@ class Actor:
         self.was_told = False  #: one of these, when it last got something
         self.knows = False  #: that its task was killed: it has read that, or was woken
         self.knows_end = False  #: that its module ends, in the same way
+        self.wishes: deque[Got] = deque()  #: of clients, that it has not read
         self.suspended: tuple[bool, ...] = (False,)  #: the news of that since it last got something
 
     @property
@@ -81,6 +82,19 @@ class Actor:
     def _is_woken_by_kill(self) -> bool:
         return self.is_told and not self.knows
 
+    def wish(self, got: Got) -> None:
+        """A client wants something of its task."""
+        self.wishes.append(got)
+        if isinstance(self.step, ReadWish):
+            self.get(self.wishes.popleft())
+
+    def wake_from_look(self) -> None:
+        """It waits no longer for what clients want: its task was killed, or its module ends; once for each."""
+        by_kill, by_end = self.is_told and not self.knows, self.is_ending and not self.knows_end
+        if isinstance(self.step, ReadWish) and (by_kill or by_end):
+            self.learn()
+            self.get(Got(self.step.kind, is_woken=True, module_ends=not by_kill))
+
     def learn(self) -> None:
         """It knows all by now."""
         self.knows, self.knows_end = self.is_told, self.is_ending
@@ -90,6 +104,7 @@ class Actor:
         self.is_told, self.is_ending = self.is_told or not module_ends, self.is_ending or module_ends
         if self.suspended[-1]:  # it is to end, not to hold
             self.suspended = (*self.suspended, False)
+        self.wake_from_look()
 
     def ask(self, request: OpenRequest) -> None:
         """It has made a request."""

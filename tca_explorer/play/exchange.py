@@ -15,16 +15,19 @@ from tca_explorer.play.identifiers import MessageId, RequestNumber, numbers_show
 from tca_explorer.play.inbox import SlotInbox
 from tca_explorer.scenario.requests import call_of
 from tca_explorer.scenario.scenario import Scenario
-from tca_explorer.scenario.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, Return
+from tca_explorer.scenario.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, ReadWish, Return
 from tca_module.errors import NIL
 from tca_wire.journal.facts import Fact, Ignored, RequestRefused
 from tca_wire.journal.facts import Received as Birth
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState, Requested
 from tca_wire.points import TaskId
 
-_AWAITED = Await(0).kind
+OBSERVER = ConnectionId(b"observer")
+"""The connection of the module that is told of all states."""
+_AWAITED, _LOOK = Await(0).kind, ReadWish().kind
 
 
 class Exchange:
@@ -73,6 +76,8 @@ class Exchange:
             if isinstance(effect, Record):
                 self._record(effect.entry.facts)
             else:
+                if effect.connection == OBSERVER:
+                    self.fold.states.hear(effect.header, effect.body)
                 line = self.lines.get(effect.connection.decode())
                 if line is not None and line.run.is_alive:
                     self._send(line, effect.header, effect.body)
@@ -202,6 +207,20 @@ class Exchange:
     def _await(self, _line: ModuleLine, actor: Actor, step: Await) -> None:
         actor.late_at = None if step.seconds is None else self.now + step.seconds
 
+    def _look(self, _line: ModuleLine, actor: Actor, step: ReadWish) -> None:
+        """A script reads what a client wants of its task."""
+        if actor.wishes:
+            actor.get(actor.wishes.popleft())
+        elif not step.waits:
+            actor.get(Got(step.kind))
+        else:
+            actor.late_at = None if step.seconds is None else self.now + step.seconds
+            actor.wake_from_look()
+
+    def _get_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
+        for actor in _handlers(line, header.delivery):
+            actor.wish(Got(_LOOK, text=header.text, body=body, choice=header.serial, words=header.transition))
+
     def _give_up(self, line: ModuleLine, actor: Actor, step: GiveUp) -> None:
         request = actor.requests.pop(step.request)
         actor.get(Got(step.kind, text=request.taken))
@@ -243,8 +262,10 @@ class Exchange:
 
     def _get_delivery(self, line: ModuleLine, header: headers.Deliver, body: bytes) -> None:
         program = line.run.module.handlers[header.message]
-        actor = Actor(program, Given(body, bool(header.task)), header.delivery, header.task)
-        actor.life = program.beginning(Given(body, bool(header.task), renamed(header.context, actor.name)))
+        accepts = any(one.accepts for one in line.run.module.formats if one.message == header.message)
+        actor = Actor(program, Given(body, bool(header.task), accepts), header.delivery, header.task)
+        context = renamed(header.context, actor.name)
+        actor.life = program.beginning(Given(body, bool(header.task), accepts, context))
         actor.suspended = (header.suspended,)
         if line.run.is_leaving:
             actor.be_told(module_ends=True)
@@ -253,7 +274,9 @@ class Exchange:
     def _get_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
         for actor in line.actors:
             if header.number and actor.number == header.number and isinstance(actor.step, Ask):
-                actor.get(Got(actor.step.kind, id=actor.name(header.id)))
+                is_change = isinstance(actor.step.header, ChangeState)  # its answer is a number of changes
+                made = TaskId(bool(header.id)) if is_change else actor.name(header.id)
+                actor.get(Got(actor.step.kind, id=made))
         self._answer(line, header.number, Got(_AWAITED, id=TaskId(0)))
 
     def _get_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
@@ -321,6 +344,7 @@ def _declines(effect: Effect) -> bool:
 _TAKE: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
     Ask: Exchange._ask,
     Await: Exchange._await,
+    ReadWish: Exchange._look,
     GiveUp: Exchange._give_up,
     Return: Exchange._return,
     Fail: Exchange._fail,
@@ -328,6 +352,7 @@ _TAKE: dict[type, Callable[[Exchange, ModuleLine, Actor, Any], None]] = {
 }
 _GET: dict[type, Callable[[Exchange, ModuleLine, Any, bytes], None]] = {
     headers.Deliver: Exchange._get_delivery,
+    Requested: Exchange._get_requested,
     headers.Accepted: Exchange._get_accepted,
     headers.Refused: Exchange._get_refused,
     headers.Answer: Exchange._get_answer,

@@ -14,11 +14,12 @@ from tca_central.events import ConnectionLost, Tick
 from tca_explorer.errors import ScenarioError
 from tca_explorer.observed.messages import TrackedMessage
 from tca_explorer.play.actors import Actor, ModuleLine, ModuleRun
-from tca_explorer.play.exchange import Exchange, connection_of
+from tca_explorer.play.exchange import OBSERVER, Exchange, connection_of
 from tca_explorer.play.inbox import SlotInbox
 from tca_explorer.scenario.scenario import Scenario
-from tca_explorer.scenario.steps import Await, Given, Got, ScriptRun
+from tca_explorer.scenario.steps import Given, Got, ScriptRun
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
 
@@ -68,6 +69,11 @@ class Play(Exchange):
         self.suspended: dict[str, list[TaskId]] = {name: [] for name in self.suspensions}  #: by somebody, by message
         self.rivals = scenario.rivals()  #: by message: which may wait for the same resource
         self._started = dict.fromkeys(scenario.modules, 0)  #: how often
+        if scenario.is_observed:
+            self.fold.states.told = {}
+            name = OBSERVER.decode()
+            self.receive(name, headers.Hello(self.next_number(), PROTOCOL_VERSION, name, name))
+            self.receive(name, Observe(self.next_number()))
         for module in scenario.modules.values():
             self._start(module.name)
         self._start_all()
@@ -151,6 +157,7 @@ class Play(Exchange):
         self.fold.forget_what_is_over()
         _PERFORM[action.kind](self, action)
         self._go_on()
+        self.fold.note_states()
         for line in self.lines.values():
             if line.inbox is not None:
                 self.fold.broken = self.fold.broken or self.unlike(line, line.inbox)
@@ -198,7 +205,9 @@ class Play(Exchange):
         self.handle(Tick(self.now))
 
     def _be_late(self, action: Action) -> None:
-        self.lines[action.name].stack[-1].get(Got(Await(0).kind, is_late=True))
+        actor = self.lines[action.name].stack[-1]
+        assert actor.step is not None
+        actor.get(Got(actor.step.kind, is_late=True))
 
     # --- modules come and go -----------------------------------------------------------------------------------------
 

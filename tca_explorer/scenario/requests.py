@@ -11,6 +11,7 @@ from tca_properties.predicates import NamedPredicate
 from tca_properties.world import Predicate
 from tca_wire.constraints import Constraint
 from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, THIS, Point, describe_moments
 from tca_wire.text.measures import counted
@@ -113,6 +114,7 @@ _CALLS: dict[type, str | tuple[str, str]] = {
     headers.Lock: ("lock", "reserve"),
     headers.Unlock: "unlock",
     headers.WaitUntilHandled: "wait_until_handled",
+    ChangeState: "take",
 }
 _SECOND: dict[type, str] = {
     headers.Send: "when_killed",
@@ -146,6 +148,7 @@ _SAY: dict[type, Callable[[Any, Name], str]] = {
     headers.Lock: lambda header, _: f"wants to {'reserve' if header.reserve else 'lock'} {header.resource}",
     headers.Unlock: lambda header, _: f"frees {header.resource}",
     headers.WaitUntilHandled: lambda header, _: f"waits until {', '.join(header.messages)} are handled",
+    ChangeState: lambda header, name: f"takes '{header.transition}' of {name(header.task)}",
 }
 
 

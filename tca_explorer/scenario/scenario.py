@@ -2,12 +2,16 @@
 
 from collections.abc import Callable, Iterable
 from itertools import combinations
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
+
+from msgspec.structs import replace
 
 from tca_explorer.errors import ScenarioError
 from tca_explorer.scenario.argument_checks import MOST, checked_flag, checked_name, checked_number, name_or_none
 from tca_explorer.scenario.script import Program
+from tca_module.errors import MisuseError
 from tca_module.sending.sender import Sender
+from tca_module.serving.handler_options import HandlerOptions, checked_format
 from tca_properties import Property
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.declarations import Message
@@ -56,10 +60,11 @@ class ScenarioModule:
 
     def handles(
         self, message: Message[Any, Any], *, resource: str | None = None, pool: str | None = None,
-        pending: int | None = None, direct: bool = False,
+        pending: int | None = None, direct: bool = False, **wishes: Any,
     ) -> Callable[[Function], Function]:  # fmt: skip
         """Declare the decorated function as this module's handler of *message*, as the module library's ``handles``
-        does. Messages that come *direct* are not explored.
+        does; *wishes* are accepts=, takes=, refuses= and when_busy=. Messages that come *direct* are
+        not explored.
         """
         if not isinstance(message, Message):
             raise ScenarioError(f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none")
@@ -70,6 +75,7 @@ class ScenarioModule:
         if direct:
             raise ScenarioError(f"direct=True of '{message.name}' in module '{self.name}' is not explored: leave it "
                                 "out, and each goes through central, which happens on the robot, too")  # fmt: skip
+        said = _checked_wishes(message, wishes, self.name)
         whose = f"'{message.name}' in module '{self.name}'"
         if pending is not None:
             checked_number(pending, f"pending= of {whose}", least=1)
@@ -79,7 +85,7 @@ class ScenarioModule:
 
         def declare(function: Function) -> Function:
             self.handlers[message.name] = Program(f"'{message.name}' in {self.name}", function, message)
-            self.formats.append(HandlerFormat(message.name, where or self.name, shared, pending or 0))
+            self.formats.append(replace(said, resource=where or self.name, pool=shared, pending=pending or 0))
             return function
 
         return declare
@@ -121,6 +127,7 @@ class Scenario:
         self.title = checked_name(title, "a scenario")
         self.properties = checked_properties(properties)
         self.modules: dict[str, ScenarioModule] = {}
+        self.is_observed = False
         self.may_be_killed: dict[str, int] = {}  #: by message: how many such tasks
         self.may_be_suspended: dict[str, int] = {}  #: by message: how many such tasks
 
@@ -141,6 +148,10 @@ class Scenario:
                                 arrives_late=arrives_late, prefetch=prefetch, requires=requires)  # fmt: skip
         self.modules[name] = module
         return module
+
+    def observe(self) -> None:
+        """Somebody observes the states of all tasks: that no change is missed is checked then, too."""
+        self.is_observed = True
 
     @property
     def has_messages_ahead(self) -> bool:
@@ -191,6 +202,14 @@ def checked_properties(properties: Iterable[Any]) -> tuple[Property, ...]:
         if not isinstance(one, Property):
             raise ScenarioError(f"{one!r:.60} is no property: give never(...), before(...), never_stuck(), ...")
     return found
+
+
+def _checked_wishes(message: Message[Any, Any], wishes: dict[str, Any], module: str) -> HandlerFormat:
+    """A handler with what it says of the states of tasks."""
+    try:
+        return checked_format(message, cast("HandlerOptions", wishes), module, {})
+    except MisuseError as error:
+        raise ScenarioError(f"module '{module}': {error}") from None
 
 
 def _checked_capacity(resource: str, capacity: int) -> int:

@@ -23,6 +23,7 @@ from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued, failed
 from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task as ModuleTask
+from tca_module.sending.task_requests import TaskRequest
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import FailureRaised, Message
 from tca_wire.messages.failures import BAD_DATA, HANDLER_ERROR
@@ -74,7 +75,15 @@ class Task(_Choices, ModuleTask):
     def __init__(self, link: ScriptConnection, given: Given, message: Message[Any, Any]) -> None:
         delivery = Deliver(HERE, message.name, OWN if given.is_task else ROOT, given.context)
         ModuleTask.__init__(self, cast("Connection", link), delivery, message)
+        self._accepts = given.accepts
         self._explored = link
+
+    def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
+        """The next request of a client, each once; None after *timeout* seconds."""
+        served = self._served()
+        if not served.has_new:
+            self._explored.wait_for_wish(timeout, f"a request to {self}")
+        return served.take_new()
 
 
 class Program:

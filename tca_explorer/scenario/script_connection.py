@@ -9,19 +9,21 @@ the connection under it is another one.
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from types import SimpleNamespace
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
 from tca_explorer.errors import ScenarioError
-from tca_explorer.scenario.steps import HERE, Ask, Await, GiveUp, Got, Hang, History, Know, Step
+from tca_explorer.scenario.steps import HERE, Ask, Await, GiveUp, Got, Hang, History, Know, ReadWish, Step
 from tca_module.checks import check_message
 from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN
 from tca_module.sending.replies import QUERY_TIMEOUT
 from tca_module.session.epoch_numbers import numbers_in
+from tca_module.session.open_deliveries import OpenDelivery
 from tca_module.session.request import Request
 from tca_module.session.sent_tasks import SentId, TaskSends
 from tca_wire.messages.declarations import Message
 from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState, Observe, Requested
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 
@@ -36,11 +38,12 @@ MOST_DECISIONS = 100
 
 _NOT_EXPLORED = {
     headers.Ask: "modules(), handlers() and status()",
+    Observe: "observing",
+    "listen": "to follow a task (state, changes(), progress(), update(); take() and cancel() are)",
     "transport": "reply_later()",
     "is_taken": "held",
     "until_over": "await",
     "callbacks": "query_notify()",
-    "listen": "query_notify()",
 }
 
 
@@ -81,6 +84,44 @@ class ScriptRequest:
         self._link.refuse("query_notify()")
 
 
+class WishesOfClients:
+    """What clients want of the task that a script handles: each is read with a step of its own."""
+
+    def __init__(self, link: "ScriptConnection") -> None:
+        self._link = link
+        self._read: deque[tuple[Requested, bytes]] = deque()
+
+    def __bool__(self) -> bool:
+        if not self._read:
+            self.look(ReadWish())
+        return bool(self._read)
+
+    def popleft(self) -> tuple[Requested, bytes]:
+        """The next one."""
+        return self._read.popleft()
+
+    def look(self, step: ReadWish) -> Got:
+        """Read the next one that is there, or comes."""
+        got = self._link.do(step)
+        if got.words:
+            self._read.append((Requested(HERE, got.words, got.choice, got.text), got.body))
+        return got
+
+
+class ScriptDelivery:
+    """The delivery that a script handles, as the library knows it."""
+
+    def __init__(self, link: "ScriptConnection") -> None:
+        self.requested = WishesOfClients(link)
+        self.on_request: list[Callable[[], None]] = []
+        self._state: Any = None
+
+    def state_of(self, _: int, make: Callable[[OpenDelivery], Any]) -> Any:
+        """The state of its task, made when it is first needed."""
+        self._state = self._state or make(cast("OpenDelivery", self))
+        return self._state
+
+
 class ScriptConnection:
     """One run of a script up to the end of what it has got."""
 
@@ -88,7 +129,12 @@ class ScriptConnection:
         attachments = SimpleNamespace(
             of=lambda _: None
         )  # central is never restarted here: nothing is kept for that, no number marked
-        self.session = SimpleNamespace(epoch="", module="explored", attachments=attachments)
+        self.delivery = ScriptDelivery(self)
+        self.session = SimpleNamespace(
+            epoch="", module="explored", attachments=attachments, open_deliveries=self.delivery
+        )
+        self.is_mine = True  #: a script has one thread
+        self._all_declared: dict[str, Message[Any, Any]] = {}
         self.silence = ""  #: of central, which is never silent
         self.stopped: StepReached | DecisionReached | None = None  #: where the run ended, or shall end
         self.error: ScenarioError | None = None  #: the call that can't be played
@@ -174,6 +220,26 @@ class ScriptConnection:
         """Central must know these."""
         del within
         self._declared.update({message.name: message for message in messages})
+        self._all_declared.update(self._declared)
+
+    def declared(self, name: str) -> Message[Any, Any] | None:
+        """The message of that name, if the script has declared it."""
+        return self._all_declared.get(name)
+
+    def catch_up(self) -> None:
+        """What has come is read by steps."""
+
+    def send_change(self, header: ChangeState, body: bytes, what: str) -> None:
+        """Change the state of a task; central's word is there at once."""
+        _checked(self.do(self._ask(header, body)), what)
+
+    def wait_for_wish(self, seconds: float | None, what: str) -> None:
+        """Wait for what a client wants of the task."""
+        got = self.delivery.requested.look(ReadWish(waits=True, seconds=seconds))
+        if got.is_woken:
+            self._is_told = True
+            why = f"{what} is not waited for any more"
+            raise Stopped(f"its module ends: {why}") if got.module_ends else TaskKilled("its task", why)
 
     def call(self, header: Any, what: object, body: bytes = b"", within: float = 0) -> int:
         """Have central do something."""

@@ -63,6 +63,15 @@ class Await(_Step, frozen=True):
     seconds: float | None = None
 
 
+class ReadWish(_Step, frozen=True):
+    """Read the next thing that a client wants of the script's task, if there is one; or wait for it, so many seconds
+    if not for ever.
+    """
+
+    waits: bool = False
+    seconds: float | None = None
+
+
 class GiveUp(_Step, frozen=True):
     """Want no answer to that request any more."""
 
@@ -95,7 +104,7 @@ class Hang(_Step, frozen=True):
     """The script never goes on."""
 
 
-Step = Ask | Await | GiveUp | Know | Return | Fail | Hang
+Step = Ask | Await | ReadWish | GiveUp | Know | Return | Fail | Hang
 
 
 class Got(msgspec.Struct, frozen=True):
@@ -116,7 +125,7 @@ class Got(msgspec.Struct, frozen=True):
     """The latter."""
     choice: int = 0
     words: str = ""
-    """Of a choice: what was chosen."""
+    """Of a choice: what was chosen; of a look: the transition of a client (its number is *choice*)."""
 
     @property
     def is_over(self) -> bool:
@@ -142,6 +151,8 @@ class Given(msgspec.Struct, frozen=True):
 
     body: bytes
     is_task: bool = False
+    accepts: bool = False
+    """Its handler says itself when it accepts a task."""
     context: Trouble | Tapped | Watching | None = None
 
 
