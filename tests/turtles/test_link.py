@@ -9,7 +9,8 @@ import pytest
 
 from robots.turtle_sim.errors import BadTeam, NoSuchPartner
 from robots.turtle_sim.sync.link import StatusLink
-from robots.turtle_sim.sync.team import free_team, load_team
+from robots.turtle_sim.sync.task_server import main
+from robots.turtle_sim.sync.team import free_team, load_team, save_team
 
 NAMES = ("a", "b", "c")
 
@@ -84,3 +85,28 @@ def test_the_file_of_a_team(tmp_path: Path) -> None:
     assert load_team(file) == {"a": ("127.0.0.1", 7501), "b 2": ("10.0.0.7", 7502)}
     with pytest.raises(BadTeam, match="can't be read"):
         load_team(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "team", "error"),
+    [
+        ("a", "none.toml", "the team's file none.toml can't be read"),
+        ("c", "team.toml", "'c' is not in the team: it is one of a, b"),
+        ("b", "team.toml", "'b' can't listen at 127.0.0.1:"),
+    ],
+)
+def test_a_task_server_that_can_not_be_linked_says_why(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    team: str,
+    error: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["task_server", name, team])
+    addresses = free_team("a", "b")
+    save_team(addresses, Path("team.toml"))
+    with StatusLink("b", addresses), pytest.raises(SystemExit, match="2"):
+        main()
+    assert error in capsys.readouterr().err
