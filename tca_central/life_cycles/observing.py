@@ -88,8 +88,8 @@ def _why(failure: str, text: str) -> str:
 def _as_it_stands(task: Task) -> StateChange:
     progress = task.rare.progress if task.rare is not None else b""
     return StateChange(
-        TaskId(int(task.id)), task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body, data=progress,
-        is_late=True,
+        TaskId(int(task.id)), task.message.name, task.serial, task.state, "", Party.CENTRAL, goal=task.body,
+        data=progress, is_late=True,
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ Function = Callable[..., Any]
 
 
 _NOT_EXPLORED = frozenset((
-    "after", "central", "every", "on_readable", "run", "running", "stop", "stopping",
+    "after", "central", "every", "observes", "on_readable", "run", "running", "serve", "stop", "stopping",
     *(name for name in dir(Sender) if not name.startswith("_")),
 ))  # fmt: skip
 """Methods that a module of the library has and a scenario's has not."""

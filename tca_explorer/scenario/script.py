@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from itertools import count
-from typing import Any, NoReturn, TypeVar, cast
+from typing import Any, NoReturn, TypeVar, cast, overload
 
 from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.scenario.script_connection import (
@@ -78,6 +78,10 @@ class Task(_Choices, ModuleTask):
         self._accepts = given.accepts
         self._explored = link
 
+    @overload
+    def wait_for_request(self, timeout: None = None) -> TaskRequest: ...
+    @overload
+    def wait_for_request(self, timeout: float | None) -> TaskRequest | None: ...
     def wait_for_request(self, timeout: float | None = None) -> TaskRequest | None:
         """The next request of a client, each once; None after *timeout* seconds."""
         served = self._served()

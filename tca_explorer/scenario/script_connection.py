@@ -40,7 +40,6 @@ _NOT_EXPLORED = {
     headers.Ask: "modules(), handlers() and status()",
     Observe: "observing",
     "listen": "to follow a task (state, changes(), progress(), update(); take() and cancel() are)",
-    "transport": "reply_later()",
     "is_taken": "held",
     "until_over": "await",
     "callbacks": "query_notify()",
@@ -82,6 +81,21 @@ class ScriptRequest:
     @notify.setter
     def notify(self, _: object) -> None:
         self._link.refuse("query_notify()")
+
+
+class ScriptTransport:
+    """The sockets of a script, which has none."""
+
+    def __init__(self, link: "ScriptConnection") -> None:
+        self._link = link
+
+    def time(self) -> float:
+        """Time does not pass for a script."""
+        return 0.0
+
+    def waker(self) -> NoReturn:
+        """Another thread will reply."""
+        self._link.refuse("reply_later()")
 
 
 class WishesOfClients:
@@ -129,6 +143,7 @@ class ScriptConnection:
         attachments = SimpleNamespace(
             of=lambda _: None
         )  # central is never restarted here: nothing is kept for that, no number marked
+        self.transport = ScriptTransport(self)
         self.delivery = ScriptDelivery(self)
         self.session = SimpleNamespace(
             epoch="", module="explored", attachments=attachments, open_deliveries=self.delivery
