@@ -8,7 +8,7 @@ import msgspec
 from tca_module.checks import NAME, TEXT, LateText, check, check_message
 from tca_module.errors import MisuseError, Refused
 from tca_module.following.mirror import C, ChangeCallback, Mirror
-from tca_module.following.observation import News, Observation, is_progress
+from tca_module.following.observation import News, Observation
 from tca_module.following.stream import Stream
 from tca_module.following.update import PendingUpdate
 from tca_module.link.connection import Connection
@@ -107,8 +107,10 @@ class FollowedTask(Generic[C]):
         mirror = self._followed()
         mirror.observation.catch_up()
         first = mirror.newest
-        if first is not None:
+        if first is not None and _is_change(first):
             first = first._replace(change=msgspec.structs.replace(first.change, is_late=True), missed=0)
+        else:
+            first = None
         return self._stream(timeout, first)
 
     def _stream(self, timeout: float | None = None, first: News | None = None) -> Stream[C]:
@@ -142,8 +144,8 @@ class FollowedTask(Generic[C]):
         what = f"an intermediate result of {self._in_words}"
         mirror.observation.catch_up()
         return Stream(
-            mirror.observation, lambda news: decode_progress(message, news.change.data), is_progress, what, timeout,
-            first=mirror.progress,
+            mirror.observation, lambda news: decode_progress(message, news.change.data),
+            lambda _: mirror.has_progressed, what, timeout, first=mirror.progress,
         )  # fmt: skip
 
     @overload

@@ -22,6 +22,7 @@ class Mirror:
         self.is_over = False
         self.newest: News | None = None  #: the newest change, or how it stands
         self.progress: News | None = None  #: the newest intermediate result
+        self.has_progressed = False  #: with the newest change
         self._what = what  # for errors
         observation.on_news = self._on_news
         self._functions: list[Callable[[News], None]] = []
@@ -29,10 +30,16 @@ class Mirror:
     def _on_news(self, news: News) -> None:
         self.newest, self.is_over = news, news.change.is_over
         self.serial = max(self.serial, news.change.serial)  # of one that had ended central does not know it
-        if is_progress(news):
-            self.progress = news
+        self._hear_progress(news)
         for function in list(self._functions):
             function(news)
+
+    def _hear_progress(self, news: News) -> None:
+        """After a break central tells how the task stands, with the intermediate result that may be known already."""
+        change, known = news.change, self.progress.change.data if self.progress is not None else b""
+        self.has_progressed = is_progress(news) and not (change.is_late and change.data == known)
+        if self.has_progressed:
+            self.progress = news
 
     @property
     def state(self) -> str:

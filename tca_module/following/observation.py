@@ -7,6 +7,7 @@ it has noticed, it does so again: tasks of which it does not tell then have ende
 import weakref
 from collections import deque
 from collections.abc import Callable, Generator
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import msgspec
@@ -67,6 +68,10 @@ class Unread:
         if len(self._unread) > MOST_UNREAD:
             oldest = self._unread.popleft()
             self._dropped[oldest.task] = self._dropped.get(oldest.task, 0) + oldest.missed + 1
+
+    def begin_with(self, news: News) -> None:
+        """The first one, which came before this was made."""
+        self._unread.append(news)
 
     def take(self) -> News:
         """The oldest of them."""
@@ -149,8 +154,13 @@ class Observation:
         return is_there()
 
     def _on_error(self, error: BaseException) -> None:
-        """A wait has ended with an error: it has given the request up, and the next one begins anew."""
+        """A wait has ended with an error: it has given the request up. So it begins anew: now, if functions are called,
+        else when somebody looks.
+        """
         self._is_given_up = not self._request.is_over
+        if self._is_given_up and self._is_held:
+            with suppress(CentralLost):
+                self._is_given_up, self._request = False, self._ask()
         if isinstance(error, CentralLost) and isinstance(self._header.task, SentId):
             self.connection.session.sends.discard(self._header.task.request)
 

@@ -31,7 +31,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         self._is_owner = is_owner
         self._unread = observation.unread(wants)
         if first is not None:
-            self._unread.put(first)
+            self._unread.begin_with(first)
 
     def __iter__(self) -> Self:
         return self

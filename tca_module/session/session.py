@@ -355,6 +355,7 @@ class Session:
             self._declare(messages, handlers, is_ready=is_over and self._is_ready)
         if is_back and not is_new:
             self._declare_what_may_be_forgotten()
+            self._observe_anew()
         for request in self._requests.values():
             request.repeated = request.was_sent
             if request.what and isinstance(request.header, headers.Send):  # it is answered by itself
@@ -369,6 +370,16 @@ class Session:
         for header in [request.header for request in self._requests.values() if request.was_sent]:
             if isinstance(header, headers.Register) and (header.handlers or header.is_ready):
                 self.outgoing.append((msgspec.structs.replace(header, number=0), b""))
+
+    def _observe_anew(self) -> None:
+        """Observe under new numbers: what central has told meanwhile is lost, and now it tells how things stand."""
+        observing = [one for one in self._requests.values() if isinstance(one.header, Observe) and one.was_sent]
+        for request in observing:
+            number = request.header.number
+            del self._requests[number]
+            self.outgoing.append((headers.GiveUp(number), b""))
+            request.was_sent = False
+            self._number(request)
 
     def _renew(self) -> None:
         """Redeclare to a new central before all else, under the lowest numbers."""

@@ -1,0 +1,79 @@
+"""Central is killed under those who follow, observe, update and cancel a task, and goes on: they notice nothing."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from integration.programs import Central, program
+
+from tca_module import Command, Outcome, Rejected, connect
+
+pytestmark = pytest.mark.slow
+
+WATCH = Command("watch", float, progress=float)
+
+CAMERA = """
+    import sys
+    from tca_module import Command, Module
+
+    camera = Module("camera")
+
+    @camera.handles(Command("watch", float, progress=float), takes=["update", "cancel"])
+    def watch(task, angle):
+        task.report(angle)
+        for request in task.requests():
+            if request.transition == "cancel":
+                raise task.aborted()
+            if request.goal > 90:
+                request.reject("too far")
+            else:
+                request.accept()
+                task.report(request.goal)
+
+    with camera.running():
+        print("runs", flush=True)
+        sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def central(tmp_path: Path) -> Iterator[list[Central]]:
+    running = [Central(tmp_path)]
+    with program(CAMERA, running[0].address) as camera:
+        assert camera.stdout
+        assert camera.stdout.readline() == "runs\n"
+        yield running
+    running[-1].stop()
+
+
+def kill(central: list[Central]) -> None:
+    central[-1].signal(signal.SIGKILL)
+    central[-1].process.communicate()
+
+
+def test_a_task_is_followed_updated_and_cancelled_through_kills_of_central(
+    central: list[Central], tmp_path: Path
+) -> None:
+    with connect("user", central[0].address, patience=20) as user, connect("visitor", central[0].address) as visitor:
+        observed = visitor.observe(WATCH, timeout=20)
+        watch = user.command(WATCH, 1.0)
+        changes, progress = watch.changes(timeout=20), watch.progress(float, timeout=20)
+        assert next(progress) == 1.0
+        assert next(observed).state == "initiated"
+        for angle in (2.0, 3.0):
+            kill(central)
+            pending = watch.update_send(angle)
+            central.append(Central(tmp_path))
+            pending.wait(20)
+            assert next(progress) == angle
+            with pytest.raises(Rejected, match="too far"):
+                watch.update(91.0, timeout=20)
+        kill(central)
+        watch.cancel("enough")
+        central.append(Central(tmp_path))
+        assert watch.wait(20) is Outcome.KILLED
+        first, *seen = changes
+        assert sum(one.missed + 1 for one in seen) == seen[-1].serial - first.serial, "each was seen, or counted"
+        assert seen[-1].state == "cancelled"
+        assert next(change for change in observed if change.is_over).task.id == watch.id
