@@ -1,14 +1,23 @@
-"""What people ask of a running task, which its handler decides: ``tca update`` and ``cancel``."""
+"""What people ask of a running task, and hear of its state: ``tca update``, ``cancel`` and ``watch``."""
+
+import json
+from collections.abc import Iterable, Iterator
+from datetime import datetime
+from typing import Any
 
 import click
 
 from tca_live import steering
 from tca_live.messages import HOW, data_argument, read_data, timeout_option
-from tca_live.shared import central_option, talking
+from tca_live.shared import as_text, central_option, json_option, plain, talking
 from tca_live.steering import find_task
 from tca_live.tasks import task_argument
+from tca_module.client import Client
+from tca_module.sending.task_ref import Change
 from tca_wire.life_cycles import Effect
 from tca_wire.messages.declarations import TaskMessage
+from tca_wire.text.facts_in_words import state_change
+from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
 
 
@@ -53,3 +62,57 @@ def update(task: str, data: tuple[str, ...], timeout: float | None, central: str
         elif not found.take(name, goal, message=message):
             raise steering.too_late(found, "given a new goal")
         click.echo(printable(f"{found}: " + ("the new goal is asked for" if no_wait else "has the new goal")))
+
+
+@click.command()
+@click.argument("what", metavar="[MESSAGE|TASK]", required=False)
+@click.option("--state", "states", metavar="STATE", multiple=True, help="Only changes to this state; may be repeated.")
+@click.option("--under", metavar="TASK", help="Only of what is under this task.")
+@central_option
+@json_option
+def watch(
+    what: str | None, states: tuple[str, ...], under: str | None, central: str | None, *, in_json: bool
+) -> None:  # fmt: skip
+    """Print each change of a task's state as it comes.
+
+    MESSAGE or TASK, a number, says of which tasks; without it, of all. First it prints how those stand that live. It
+    ends with Ctrl-C, or with the task. With --json there is an object a line.
+    """
+    with talking("watch", central) as client:
+        try:
+            for change in _changes(client, what, states, under):
+                click.echo(json.dumps(plain(_row(change))) if in_json else _line(change))
+        except KeyboardInterrupt:
+            return
+
+
+def _changes(client: Client, what: str | None, states: tuple[str, ...], under: str | None) -> Iterable[Change]:
+    if what is not None and what.isdecimal() and what.isascii():
+        if under is not None:
+            raise click.UsageError(f"task {what} is one task: leave --under out")
+        return _of_one(find_task(client, what).changes(), states)
+    if what is not None and what not in {one.name for one in client.messages()}:
+        client.declared(what)  # raises an error that names the nearest
+    below = find_task(client, under) if under is not None else None
+    return client.observe(what, states=states, below=below)
+
+
+def _of_one(changes: Iterable[Change], states: tuple[str, ...]) -> Iterator[Change]:
+    yield from (one for one in changes if not states or one.state in states)
+
+
+def _row(change: Change) -> dict[str, Any]:
+    names = ("message", "serial", "state", "transition", "by", "module", "text", "data", "is_late", "is_over", "missed")
+    fields = {name: getattr(change, name) for name in names}
+    return {"time": datetime.now().astimezone().isoformat(), "task": int(change.task.id), **fields}
+
+
+def _line(change: Change) -> str:
+    """``12:05:01.250  grasp {7}  running  result available by arm: {"force": 1}``."""
+    said = state_change(change.transition, "", change.module, change.text) if change.transition else ""
+    if change.is_late:
+        said = "so far" + (f": {change.text}" if change.text else "")
+    data = "" if change.data is None else as_text(change.data)
+    missed = f"({counted(change.missed, 'change')} missed)" if change.missed else ""
+    told = "  ".join(filter(None, (str(change.task), change.state or "ended", missed, said)))
+    return printable(f"{datetime.now().astimezone():%H:%M:%S.%f}"[:-3] + f"  {told}" + (f": {data}" if data else ""))

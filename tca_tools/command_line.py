@@ -21,8 +21,8 @@ COMMANDS = "tca.commands"
 _GROUPS = {
     "Run": ("central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached", "bench"),
     "Send and steer": (
-        "send", "query", "get", "set", "update", "cancel", "kill", "suspend", "resume", "retry", "raise", "unlock",
-        "detach", "console",
+        "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume", "retry", "raise",
+        "unlock", "detach", "console",
     ),
     "See a run, live or afterwards": ("view", "tree", "gantt", "report", "replay", "log", "stats", "check", "export"),
     "Try a robot before it moves": ("explore", "lifecycle"),

@@ -1,13 +1,15 @@
-"""``tca cancel`` and ``update``: what people ask of a running task."""
+"""``tca cancel``, ``update`` and ``watch``: what people ask of a running task, and what they hear of its state."""
 
+import json
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
 from integration.commanded import SOON, tca
 
-from tca_live import shared
-from tca_live.states import cancel, update
+from tca_live import shared, states
+from tca_live.states import cancel, update, watch
 from tca_module import (
     BASIC,
     GENERAL,
@@ -23,6 +25,7 @@ from tca_module import (
     connect,
     ending,
 )
+from tca_module.sending.task_ref import Change
 from tca_module.testing import LocalCentral
 
 PAUSABLE = LifeCycle(
@@ -135,3 +138,82 @@ def test_a_task_gets_a_new_goal_and_is_cancelled(sent: SentTask[float]) -> None:
 @pytest.mark.usefixtures("sent")
 def test_a_goal_that_cannot_be_is_told(words: list[str], code: int, error: str) -> None:
     assert tca(update, *words) == (code, "", f"{error}\n")
+
+
+def test_a_task_is_watched_until_its_end(central: LocalCentral, sent: SentTask[float]) -> None:
+    observers, number = central.core.observers.count, sent.id
+
+    def steer() -> None:
+        with connect("planner", central) as planner:
+            while central.core.observers.count == observers:
+                planner.modules()
+            task = planner.task(number)
+            assert task is not None
+            task.update(Grasp(0.05), message=GRASP, timeout=SOON)
+            task.cancel("it slips")
+
+    steering = threading.Thread(target=steer)
+    steering.start()
+    code, text, error = tca(watch, str(number))
+    steering.join(SOON)
+    assert (code, error) == (0, "")
+    assert [line.split("  ", 1)[1] for line in text.splitlines()] == [
+        'grasp {1}  running  so far: {"width": 0.1}',
+        'grasp {1}  update requested  update by planner: {"width": 0.05}',
+        "grasp {1}  running  accept by arm",
+        'grasp {1}  running  result available by arm: {"width": 0.05}',
+        "grasp {1}  cancel requested  cancel by planner: it slips",
+        "grasp {1}  cancelled  aborted: it slips (by planner)",
+    ]
+
+
+def test_what_is_under_a_task_is_watched_until_that_ends(central: LocalCentral, user: Client) -> None:
+    legs, feet, number = Module("legs", central), Module("feet", central), user.execute(DRIFT).id
+    legs.handles(DRIFT)(lambda task: task.sleep(SOON))
+    feet.handles(WALK)(lambda task: task.report())
+
+    def walk() -> None:
+        with connect("planner", central) as planner:
+            while not central.core.observers.count:
+                planner.modules()
+            task = planner.task(number)
+            assert task is not None
+            try:
+                planner.under(task).execute(WALK).wait(SOON)
+            finally:
+                task.kill()
+
+    with legs.running(), feet.running():
+        walking = threading.Thread(target=walk)
+        walking.start()
+        code, text, _ = tca(watch, "walk", "--under", "drift", "--state", "done", "--json")
+        walking.join(SOON)
+    (row,) = map(json.loads, text.splitlines())
+    assert code == 0
+    assert (row["task"], row["message"], row["state"], row["serial"]) == (number + 1, "walk", "done", 3)
+    assert (row["transition"], row["by"], row["is_over"]) == ("completed", "server", True)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "error"),
+    [
+        (["grip"], 1, "nobody has declared a message 'grip': did you mean 'grasp'?"),
+        (["1", "--under", "1"], 2, "task 1 is one task: leave --under out"),
+        (["--under", "walk"], 1, "no living task is called 'walk': living tasks are grasp {1}"),
+        (["7"], 1, "there is no task 7: living tasks are grasp {1}"),
+    ],
+)
+@pytest.mark.usefixtures("sent")
+def test_what_cannot_be_watched(words: list[str], code: int, error: str) -> None:
+    assert tca(watch, *words) == (code, "", f"{error}\n")
+
+
+@pytest.mark.usefixtures("sent")
+def test_whoever_watches_ends_that_with_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(client: Client, *_: object) -> Iterator[Change]:
+        yield next(iter(client.observe("grasp", timeout=SOON)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(states, "_changes", interrupted)
+    code, text, error = tca(watch)
+    assert (code, text.split("  ", 1)[1], error) == (0, 'grasp {1}  running  so far: {"width": 0.1}\n', "")
