@@ -9,8 +9,12 @@ from typing import NamedTuple
 
 import pytest
 
+import tca_missions
+from tca_missions import Environment, charts
+
 ROOT = Path(__file__).parents[2]
 TURTLE = ROOT / "robots" / "turtle_sim"
+PAGE = (ROOT / "docs" / "turtle.md").read_text()
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING, tokenize.ENDMARKER,
 }  # fmt: skip
@@ -26,7 +30,7 @@ class Row(NamedTuple):
 
 def rows() -> list[Row]:
     found = []
-    for line in (ROOT / "docs" / "turtle.md").read_text().splitlines():
+    for line in PAGE.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == 5 and cells[1].isdecimal():
             found.append(Row(cells[0], int(cells[1]), int(cells[2]), re.findall(r"`([^`]+)`", cells[3]), cells[4]))
@@ -101,3 +105,19 @@ def test_a_counterpart_has_a_test(row: Row) -> None:
     for file, test in re.findall(r"`([\w/]+\.py): (\w+)`", row.test):
         assert f"def {test}(" in (ROOT / "tests" / file).read_text(), row
     assert "`" in row.test or row.here == 0
+
+
+NAMES = re.findall(r"^\|[^|]*\| (.*) \|$", PAGE.partition("## The paper's names")[2], re.MULTILINE)
+OURS = sorted({name for row in NAMES for name in re.findall(r"`([A-Za-z_.]+)`", row)})
+
+
+def test_there_are_names() -> None:
+    assert len(OURS) > 25
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_a_name_on_the_page_exists(name: str) -> None:
+    first, _, attribute = name.partition(".")
+    owner = getattr(tca_missions, first, None) or getattr(charts, first)
+    made = owner() if owner is Environment else owner  # what it has once it is made
+    assert not attribute or hasattr(made, attribute)
