@@ -47,6 +47,8 @@ QUOTES = {
     "class Oven(Environment):": "40_task_server",
     "@camera.handles(WATCH, takes": "37_follow_and_update",
     "watching = user.command(WATCH, 10.0)": "37_follow_and_update",
+    "class Drive(PeriodicTask[Cart]):": "41_mission",
+    'with TaskServer("cart", Cart(), tasks=[Drive, WaitForRain]': "41_mission",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
     "task.command(STOW, thing, keep=True)": "18_what_was_done_already",
@@ -121,8 +123,16 @@ user = connect()
 watching = user.command(WATCH, 0.0)
 """
 
+MISSIONS = """
+from typing import Any
+from tca_missions import *
+from tca_module import Timeout
+cart: Any = None
+mission: Mission = Mission("cart")
+"""
+
 NAMES = {"life-cycles": LIFE_CYCLES, "ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
-         "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
+         "missions": MISSIONS, "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
 """What the pages take for known."""
 
 

@@ -27,6 +27,7 @@ D = TypeVar("D")
 _PATIENCE = 10.0  # seconds that a mission waits for its server
 _LOOK_AGAIN = 0.1  # seconds between two looks whether the server has come
 _ENDED = 10  # tasks that have ended, and are remembered
+_UPDATED_WITHIN = 10.0  # seconds that a server may take to change parameters
 _STOPS_WITHIN = 10.0  # seconds that a stopped task may take to leave things safe
 
 
@@ -163,7 +164,9 @@ class BaseMission:
         return self._start(self._task(name), parameters)
 
     def _start(self, task: OfferedTask, parameters: dict[str, Any]) -> TaskHandle:
-        return self.start_command(self._message(task), task.fitted(parameters), task.name)
+        handle = self.start_command(self._message(task), task.fitted(parameters), task.name)
+        handle.parameters = parameters
+        return handle
 
     def start_command(self, command: Command[D, TaskEnd], data: D, name: str) -> TaskHandle:
         """Start a command as a task of the mission called *name*, also one that is no task of its server."""
@@ -285,6 +288,17 @@ class BaseMission:
         self._looked_at = self._goal.changes
         info = task.sent.info()
         return info is not None and not (info.module or info.failure)
+
+    # --- changing --------------------------------------------------------------------------------------------------
+
+    def update_task(self, task: TaskHandle, **parameters: Any) -> None:
+        """Change parameters of a task that runs; those that are not named stay as they are. Raises BadParameter before
+        anything is sent, and Rejected, with the reason, if the task goes on as it was or has ended.
+        """
+        offered = self._task(task.name)
+        values = offered.fitted({**offered.required(task.parameters), **parameters})
+        task.sent.update(values, timeout=_UPDATED_WITHIN)
+        task.parameters = {**task.parameters, **parameters}
 
     # --- stopping --------------------------------------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ from tca_module import (
     TaskKilled,
     TaskRef,
     TcaError,
+    wait_for_any,
 )
 from tca_module.link.opening import CentralAddress
 
@@ -39,7 +40,10 @@ class MissionInfo(msgspec.Struct, frozen=True):
     """The data of a mission's goal."""
 
     server: str
-    process: int
+
+
+class _NameTakenError(Exception):
+    """Another mission of that name runs."""
 
 
 class MissionGoal:
@@ -53,16 +57,13 @@ class MissionGoal:
         """*under*: the tasks belong to that task, and need no goal of their own. *stays*: nor do those that are to go
         on when the mission has ended.
         """
-        number = next(_numbers)
-        self._name = f"mission {name} {os.getpid()}" + (f".{number}" if number > 1 else "")
-        self._message = Goal(self._name, MissionInfo)
-        self._deal = ExceptionHandler(f"{self._name}: failure")
-        self._module = Module(self._name, central)
+        self._title = f"mission {name}"
+        self._central = central
         self._server = server
         self._under, self._stays = under, stays
-        self._begun = queue.SimpleQueue[LaterReply[None]]()
+        self._begun = queue.SimpleQueue[tuple[int, LaterReply[None]]]()
         self._owed: LaterReply[None] | None = None
-        self._top: TaskRef | None = under.ref if under is not None else None
+        self._top: TaskRef | None = None
         self._texts: dict[int, str] = {}
         self._stack = contextlib.ExitStack()
         self.lost = set[str]()  #: messages that were handled, and are not any more
@@ -70,20 +71,46 @@ class MissionGoal:
 
     def open(self) -> None:
         """Join central, and begin the goal. Raises CentralLost."""
-        module = self._module
-        module.handles(self._message)(self._begin)
-        module.handles(self._deal, resource="failures")(self._deal_with)
+        try:
+            self._open(self._title)
+        except _NameTakenError:
+            self._open(f"{self._title} {os.getpid()}.{next(_numbers)}")
+
+    def _open(self, name: str) -> None:
+        """Join as a mission of that name. Raises _NameTakenError if another mission has it, or takes it as well."""
+        self._module = module = Module(name, self._central)
+        goal, deal = Goal(name, MissionInfo), ExceptionHandler(f"{name}: failure")
+
+        def check_name(_: Module) -> None:
+            if module.handlers(deal):
+                raise _NameTakenError
+
+        module.at_start(check_name)
+        module.handles(goal)(self._begin)
+        module.handles(deal, resource="failures")(self._deal_with)
         module.handles(HANDLERS_CHANGED, resource="failures")(self._note_handlers)
-        self._stack.enter_context(module.running())
-        if self._under is not None:
-            self._stack.callback(self._under.ref.on_failure(None, self._deal).remove)
-        elif self._stays:
-            self._stack.enter_context(module.parallel())  # no task of it waits for the one before
-        else:
-            recovery = Recovery(None, self._deal)
-            info = MissionInfo(self._server, os.getpid())
-            self._top = module.goal(self._message, info, sequential=False, on_failure=[recovery])
-            self._owed = self._begun.get()
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(module.running())
+            if self._under is not None:
+                self._top = self._under.ref
+                stack.callback(self._top.on_failure(None, deal).remove)
+            elif self._stays:
+                stack.enter_context(module.parallel())  # no task of it waits for the one before
+            else:
+                info = MissionInfo(self._server)
+                self._top = top = module.goal(goal, info, sequential=False, on_failure=[Recovery(None, deal)])
+                self._owed = self._wait_for_begin(top)
+            self._stack = stack.pop_all()
+
+    def _wait_for_begin(self, goal: TaskRef) -> LaterReply[None]:
+        """The reply that the own handler owes."""
+        if wait_for_any([goal], until=lambda: not self._begun.empty()) or self._begun.empty():
+            raise _NameTakenError  # another mission of the same name got the goal, and refused it
+        task, owed = self._begun.get()
+        if task != goal.id:
+            owed.fail(MISSION_FAILED(text="two missions of one name have begun at the same moment"))
+            raise _NameTakenError
+        return owed
 
     @property
     def sender(self) -> Sender:
@@ -128,7 +155,7 @@ class MissionGoal:
 
     def _begin(self, task: Task, _: MissionInfo) -> LaterReply[None]:
         later = task.reply_later()
-        self._begun.put(later)
+        self._begun.put((task.id, later))
         return later
 
     def _deal_with(self, task: Task) -> None:

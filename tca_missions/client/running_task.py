@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from tca_module import Sender, TaskInfo
+from tca_module import Sender, TaskRef
 from tca_wire.messages.formats import decode_untyped
 
 
@@ -17,24 +17,35 @@ class RunningTask(msgspec.Struct, frozen=True):
     """"waits", "runs", "suspended" or "is being stopped"."""
     parameters: dict[str, Any]
     """Those that were given."""
+    text: str = ""
+    """What it says of itself."""
 
     def __str__(self) -> str:
         given = ", ".join(f"{name}={value!r}" for name, value in self.parameters.items())
-        return f"{self.name}({given}) {{{self.id}}} {self.state}"
+        return f"{self.name}({given}) {{{self.id}}} {self.state}" + (f": {self.text}" if self.text else "")
 
 
 def running_tasks(sender: Sender, server: str) -> list[RunningTask]:
     """The tasks of a server that have not ended, oldest first."""
-    prefix = f"{server}."
-    infos = [ref.info() for ref in sender.tasks() if ref.message.startswith(prefix)]
-    found = [_running(info, info.message.removeprefix(prefix)) for info in infos if info is not None]
-    return sorted(found, key=lambda task: task.id)
+    found = [_running(ref, server) for ref in sender.tasks() if ref.message.startswith(f"{server}.")]
+    return sorted((task for task in found if task is not None), key=lambda task: task.id)
 
 
-def _running(info: TaskInfo, name: str) -> RunningTask:
-    state = "runs" if info.module else "waits"
-    state = "suspended" if info.suspended else state
+def _running(ref: TaskRef, server: str) -> RunningTask | None:
+    info = ref.info()
+    if info is None:
+        return None
+    state = "suspended" if info.suspended else "runs" if info.module else "waits"
     data = decode_untyped(info.data)
     return RunningTask(
-        info.id, name, "is being stopped" if info.killed else state, data if isinstance(data, dict) else {}
-    )
+        info.id, ref.message.removeprefix(f"{server}."), "is being stopped" if info.killed else state,
+        data if isinstance(data, dict) else {}, _newest_text(ref),
+    )  # fmt: skip
+
+
+def _newest_text(ref: TaskRef) -> str:
+    """The text that a task has reported last."""
+    said = ref.progress()
+    ref.state  # noqa: B018 - when that is known, so is what was reported
+    reports = said.arrived()
+    return str(reports[-1].get("text", "")) if reports and isinstance(reports[-1], dict) else ""

@@ -19,6 +19,7 @@ class TaskHandle:
         """*text_of*: the text with which a task failed, by its number."""
         self.name = name
         self.sent = sent  #: as the library knows it: for constraints, wiretaps, ``info()``
+        self.parameters: dict[str, Any] = {}  #: those that it was given
         self.failure = ""  #: the name of the failure that it ended with
         self._text_of = text_of
         self._on_end = on_end

@@ -47,6 +47,7 @@ PRINTED = {
     "31_reply_later": "moved to 0.5\nmotor stalled 2.0\n",
     "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",
     "40_task_server": "20 degrees\nswitched off\nheated to 26 degrees\nswitched off\n",
+    "41_mission": "at 2 m\nat 6 m\nat 1 m\nit rains\n",
     "45_state_machine": "drive to the gate\ndrive to the pond\ndrive to the gate\nan intruder: lights on\n",
     "33_direct": "directly\nhighest: 100.0\nthrough central\nasked for 7.0\ndirectly\n",
 }
