@@ -3,7 +3,8 @@
     python -m benchmarks.core_lives
 
 Of each kind many lives, one after the other; the best and the median of several runs. A sequence has ten commands under
-way, each behind the one before.
+way, each behind the one before. The handler of "asked" takes what clients ask of its tasks; those "observed" have an
+observer, who is told of three changes of each.
 """
 
 import gc
@@ -16,23 +17,29 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, RequestReceived
 from tca_central.loading import is_compiled
 from tca_wire.packets import headers
+from tca_wire.packets.changes import Observe
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.vocabulary import MessageClass
 
 MODULE, SLOT, USER = ConnectionId(b"module"), ConnectionId(b"slot"), ConnectionId(b"user")
 LIVES, RUNS = 300, 15
-KINDS = {"command": ("command", 1), "sequence": ("command", 10), "query": ("query", 1), "inform": ("inform", 1)}
+KINDS = {
+    "command": ("command", 1), "asked": ("asked", 1), "observed": ("observed", 1), "sequence": ("command", 10),
+    "query": ("query", 1), "inform": ("inform", 1),
+}  # fmt: skip
 """By name: the class of message, and how many are under way."""
 
 
 def central() -> Central:
     made = Central()
     messages = [MessageFormat(name, MessageClass(name), "{}", "") for name in ("command", "query", "inform")]
-    handlers = [HandlerFormat(message.name, "r") for message in messages]
+    messages += [MessageFormat(name, MessageClass.COMMAND, "{}", "") for name in ("asked", "observed")]
+    handlers = [HandlerFormat(one.name, "r", takes=["update"] * (one.name == "asked")) for one in messages]
     for connection, module, place, resource in ((MODULE, "m", 0, ""), (SLOT, "m", 1, "r"), (USER, "u", 0, "")):
         hello = headers.Hello(1, headers.PROTOCOL_VERSION, module, module, place, resource)
         made.handle(RequestReceived(0.0, connection, hello))
     made.handle(RequestReceived(0.0, MODULE, headers.Register(2, messages, handlers)))
+    made.handle(RequestReceived(0.0, MODULE, Observe(3, message="observed")))
     return made
 
 
