@@ -91,8 +91,6 @@ class Central(State):
             (agenda.tap_events, lambda event: taps.fire_after(self, *event)),
             (agenda.resumed, partial(monitors.go_on, self)),
             (agenda.only_watched, partial(monitors.end_watchers, self)),
-            (self.observers.born, partial(observing.tell_birth, self)),
-            (self.observers.begun, partial(changes.begin, self)),
             (agenda.withdrawn, lambda task: self.dispatcher.withdraw(task, keep_place=task.suspended or task.retrying)),
             (agenda.ended, self._on_ended),
             (agenda.unanswered, partial(changes.decide_instead, self)),
@@ -264,6 +262,14 @@ class Central(State):
                 header = Refused(number, Refusal.TOO_LATE, text)
         self.messages.append(Transmit(connection.id, header, body))
 
+    def begin(self, task: Task) -> None:
+        """A handler has got a task: it accepts it, unless it says so itself."""
+        changes.begin(self, task)
+
+    def tell_birth(self, task: Task) -> None:
+        """Tell those who observe a task that it is new."""
+        observing.tell_birth(self, task)
+
     # --- shared by the rules ---------------------------------------------------------------------------------------
 
     def _settle(self) -> None:
@@ -328,7 +334,7 @@ class Central(State):
         claims.end_claims_of(self, task, "it is retried")
 
     def _on_ended(self, task: Task) -> None:
-        if self.observers.count:
+        if self.observers.concern(task):
             observing.tell_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")

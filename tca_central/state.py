@@ -277,13 +277,26 @@ class State:
             self.agenda.tap_events.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.mark_started(delivery)
-            if delivery.message.wishes or self.observers.count:
-                self.observers.begun.append(delivery)
+            if delivery.message.wishes or self.observers.concern(delivery):
+                self.begin(delivery)
             else:
                 delivery.state = delivery.message.running
                 delivery.serial += 1
         if not is_there:
             self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
+
+    def begin(self, task: Task) -> None:
+        """A handler has got a task that somebody observes, or may say itself when it accepts it: see the core."""
+        raise NotImplementedError
+
+    def note_birth(self, task: Task) -> None:
+        """A task is new: who observes it is told."""
+        if self.observers.concern(task):
+            self.tell_birth(task)
+
+    def tell_birth(self, task: Task) -> None:
+        """A task that somebody observes is new: see the core."""
+        raise NotImplementedError
 
     def send_ahead(self, delivery: Delivery, slot: Connection) -> None:
         """Send a slot a message that it is to handle when it has handled those before."""

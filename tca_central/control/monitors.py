@@ -68,7 +68,7 @@ def start(central: State, task: Task) -> None:
         enlist_monitor(central, task)
     watch.began = watch.since = central.clock.now
     central.agenda.mark_started(task)
-    central.observers.begun.append(task)
+    central.begin(task)
     central.agenda.tap_events.append((task, DELIVERED))
     options, message_class = watch.options, task.message.message_class
     if options.duration:

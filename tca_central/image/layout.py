@@ -120,7 +120,7 @@ OBJECTS: dict[type, str] = {
     ModuleResource: f"{_RESOURCE} busy delivered limits quick_runs replaced",
     PendingLimit: "most waiting",
     Observation: "below connection message number states task_id",
-    Observers: "begun born count of_message of_task others",
+    Observers: "count of_message of_task others",
     Queue: "_heap waiting",
     Permissions: "barred licences newest_licence outcome_owners rules",
     Rights: "known patterns",

@@ -98,7 +98,7 @@ def tell(
     *, is_over: bool = False,
 ) -> None:  # fmt: skip
     """Tell all who observe a task of a change."""
-    if not central.observers.count:
+    if not central.observers.concern(task):
         return
     observers = list(central.observers.of(task))
     if not (observers or is_over):
@@ -131,8 +131,6 @@ def tell_birth(central: State, task: Task) -> None:
 
 def tell_end(central: State, task: Task) -> None:
     """A task has ended: its last state is that of its outcome."""
-    if not central.observers.count:
-        return
     cycle = task.message.life_cycle
     outcome, failure, text, body = central.outcome(task)
     end_state = cycle.done if outcome is Outcome.DONE else cycle.cancelled

@@ -1,6 +1,5 @@
 """Who observes the states of which tasks. Knows nothing of how they change."""
 
-from collections import deque
 from collections.abc import Iterator
 
 from tca_central.model.deliveries import Connection
@@ -35,13 +34,12 @@ class Observers(Stored):
         self.of_task: dict[int, dict[Observation, None]] = {}
         self.of_message: dict[str, dict[Observation, None]] = {}
         self.others: dict[Observation, None] = {}  #: of what is under a task, or of all
-        self.born: deque[Task] = deque()  #: tasks that are new, if anybody observes
-        self.begun: deque[Task] = deque()  #: tasks that a handler has got, and may have to accept
 
-    def note_birth(self, task: Task) -> None:
-        """A task is new."""
-        if self.count:
-            self.born.append(task)
+    def concern(self, task: Task) -> bool:
+        """Whether somebody may observe a task: quickly said of most that nobody does."""
+        if not self.count:
+            return False
+        return bool(self.others) or task.message.name in self.of_message or task.id in self.of_task
 
     def add(self, one: Observation) -> None:
         """Somebody observes from now on."""

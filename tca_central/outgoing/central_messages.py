@@ -85,7 +85,7 @@ def make_task(
         about.message_id,
     )  # fmt: skip
     central.facts[mark:mark] = [birth, *at_birth(task)]
-    central.observers.note_birth(task)
+    central.note_birth(task)
     return task
 
 
