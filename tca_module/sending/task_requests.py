@@ -77,7 +77,7 @@ class ServerState:
         self._lock = threading.RLock()
         self._awaited = Request(Observe(0), b"", wants_answer=True)  # stands for what clients may ask of it
         self._awaited.path = self
-        one.on_request.append(self._wake)
+        one.on_request += (self._wake,)
 
     def __repr__(self) -> str:
         return self._what

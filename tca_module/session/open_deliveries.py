@@ -39,8 +39,8 @@ class OpenDelivery:
         self.is_suspended = is_suspended  #: its task
         self.is_told_of_kill = False  #: the handler knows it
         self.is_told_of_end = False  #: the handler knows that the module ends
-        self.requested: deque[tuple[Requested, bytes]] = deque()  #: by clients, of the handler, which has yet to look
-        self.on_request: list[Callable[[], None]] = []  #: become news with each of those
+        self.requested: deque[tuple[Requested, bytes]] | None = None  #: what clients have asked for, if anything
+        self.on_request: tuple[Callable[[], None], ...] = ()  #: become news with each of those
         self.state: Any = None  #: its task's, as the handler knows it; made when it is first needed
 
 
@@ -85,10 +85,12 @@ class OpenDeliveries:
         if (one := self._known.get(delivery)) is not None:
             one.is_suspended = is_suspended
 
-    def request(self, header: Requested, body: bytes) -> list[Callable[[], None]]:
+    def request(self, header: Requested, body: bytes) -> tuple[Callable[[], None], ...]:
         """A client wants something of a delivery's handler; what is to be called because of it."""
         if (one := self._known.get(header.delivery)) is None:
-            return []
+            return ()
+        if one.requested is None:
+            one.requested = deque()
         one.requested.append((header, body))
         return one.on_request
 
