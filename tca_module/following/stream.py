@@ -14,7 +14,7 @@ T = TypeVar("T")
 class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
     """Changes, or intermediate results, as they come. ``for`` waits for each, in async handlers ``async for``.
 
-    It ends with the task that it is about; that of ``observe()`` never does. At most 10,000 wait to be read: the oldest
+    It ends with the task that it is about, or below which it observes. At most 10,000 wait to be read: the oldest
     beyond that are dropped, and counted in ``missed`` of the next.
     """
 

@@ -87,7 +87,8 @@ class ObservingServices(CentralServices):
     ) -> Stream[Change]:  # fmt: skip
         """The changes of state of tasks, whoever sends and handles them: those of a *message*, or of what is *below* a
         task, or of all. First comes how each living one stands (``is_late``), then each change as it happens; and so
-        again after a restart of central. With *states*, only changes to one of these, and none is counted as missed.
+        again after a restart of central. It ends with the task *below* which it observes. With *states*, only changes
+        to one of these come, and none is counted as missed.
 
         ::
 
