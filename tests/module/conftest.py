@@ -12,8 +12,9 @@ from tca_module.testing import LocalCentral
 
 
 @pytest.fixture
-def central() -> Iterator[LocalCentral]:
-    with LocalCentral(check=True) as central:
+def central(request: pytest.FixtureRequest) -> Iterator[LocalCentral]:
+    """Its clock is stepped by the tests of a module that says STEPPED."""
+    with LocalCentral(check=True, stepped=getattr(request.module, "STEPPED", False)) as central:
         yield central
 
 

@@ -11,17 +11,7 @@ from tca_module.testing import LocalCentral
 
 WATCH, WAVE, PLAN = Command("watch", float, result=str, progress=float), Command("wave"), Goal("plan")
 
-
-@pytest.fixture
-def central() -> Iterator[LocalCentral]:
-    with LocalCentral(check=True, stepped=True) as central:
-        yield central
-
-
-@pytest.fixture
-def user(central: LocalCentral) -> Iterator[Client]:
-    with connect("user", central) as client:
-        yield client
+STEPPED = True  # the clock of central
 
 
 @pytest.fixture

@@ -59,17 +59,7 @@ PAUSABLE = LifeCycle(
 )
 CARRY = Command("carry", int, life_cycle=PAUSABLE)
 
-
-@pytest.fixture
-def central() -> Iterator[LocalCentral]:
-    with LocalCentral(check=True, stepped=True) as central:
-        yield central
-
-
-@pytest.fixture
-def user(central: LocalCentral) -> Iterator[Client]:
-    with connect("user", central) as client:
-        yield client
+STEPPED = True  # the clock of central
 
 
 @pytest.fixture

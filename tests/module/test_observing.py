@@ -28,17 +28,7 @@ from tca_module.testing import LocalCentral
 GRASP, WAVE, WALK = Command("grasp", str, progress=float), Command("wave", life_cycle=BASIC), Goal("walk", int)
 GAZE = Inform("gaze", str)
 
-
-@pytest.fixture
-def central() -> Iterator[LocalCentral]:
-    with LocalCentral(check=True, stepped=True) as central:
-        yield central
-
-
-@pytest.fixture
-def user(central: LocalCentral) -> Iterator[Client]:
-    with connect("user", central) as client:
-        yield client
+STEPPED = True  # the clock of central
 
 
 @pytest.fixture

@@ -26,7 +26,6 @@ from tca_module import (
     TaskFailed,
     TaskKilled,
     Transition,
-    connect,
     ending,
 )
 from tca_module.testing import LocalCentral
@@ -52,17 +51,7 @@ LOUDER = LifeCycle(
 SING = Command("sing", life_cycle=LOUDER)
 FREE = Query("free", reply=bool)
 
-
-@pytest.fixture
-def central() -> Iterator[LocalCentral]:
-    with LocalCentral(check=True, stepped=True) as central:
-        yield central
-
-
-@pytest.fixture
-def user(central: LocalCentral) -> Iterator[Client]:
-    with connect("user", central) as client:
-        yield client
+STEPPED = True  # the clock of central
 
 
 class Arm:

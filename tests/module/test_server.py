@@ -24,7 +24,6 @@ from tca_module import (
     Task,
     TaskRequest,
     Transition,
-    connect,
     ending,
 )
 from tca_module.testing import LocalCentral
@@ -107,16 +106,7 @@ class Singing(Server[None, None]):
         return True
 
 
-@pytest.fixture
-def central() -> Iterator[LocalCentral]:
-    with LocalCentral(check=True, stepped=True) as central:
-        yield central
-
-
-@pytest.fixture
-def user(central: LocalCentral) -> Iterator[Client]:
-    with connect("user", central) as client:
-        yield client
+STEPPED = True  # the clock of central
 
 
 @pytest.fixture
