@@ -3,9 +3,6 @@ as progress. So it stands in the tree with its tasks under it, can be watched, c
 process dies.
 """
 
-import itertools
-import os
-
 from tca_missions.charts.running import MachineEnd, MachineRun
 from tca_missions.charts.states import MachineState
 from tca_missions.client.mission import BaseMission, Mission
@@ -13,20 +10,17 @@ from tca_missions.outcomes import MISSION_TASK_FAILED, MISSION_TASK_TIMEOUT, Sta
 from tca_module import Command, Module, Task, TcaError
 from tca_wire.charts import ActiveStates, MachineChart, StateKind
 
-_numbers = itertools.count(1)
-
 
 def run_as_task(root: MachineState, chart: MachineChart, mission: BaseMission) -> TaskEnd:
     """Run a machine as a task of *mission*, until it has ended."""
     _check_tasks(root, mission)
-    number = next(_numbers)
-    name = f"machine {chart.name} {os.getpid()}" + (f".{number}" if number > 1 else "")
-    command = Command(name, MachineChart, result=TaskEnd, progress=ActiveStates)
-    module = Module(name, mission.central)
+    name = f"{chart.name} of {mission.name}"  # nobody else's: the newest handler of a name gets all
+    command = Command(f"machine {name}", MachineChart, result=TaskEnd, progress=ActiveStates)
+    module = Module(command.name, mission.central)
 
     @module.handles(command)
     def run(task: Task, _: MachineChart) -> TaskEnd:
-        with Mission(mission.server, name=chart.name, central=mission.central, under=task) as inner:
+        with Mission(mission.server, name=name, central=mission.central, under=task) as inner:
             end = MachineRun(root, inner, task.report).until_end()
         return _told(task, end)
 

@@ -104,6 +104,12 @@ class BaseMission:
     # --- what there is ---------------------------------------------------------------------------------------------
 
     @property
+    def name(self) -> str:
+        """Its name, as central knows it: with a number, if another mission of that name runs."""
+        self._check_open()
+        return self._goal.name
+
+    @property
     def server(self) -> str:
         """The name of the server."""
         return self._server

@@ -113,6 +113,11 @@ class MissionGoal:
         return owed
 
     @property
+    def name(self) -> str:
+        """The name by which central knows the mission, without "mission": no other mission has it now."""
+        return self._module.name.removeprefix("mission ")
+
+    @property
     def sender(self) -> Sender:
         """The sender of the mission's thread."""
         return self._under or self._module
