@@ -19,3 +19,7 @@ class NoSuchPartner(TurtleError):
 
 class BadTeam(TurtleError):
     """The file of a team can't be used, or a robot is not in it."""
+
+
+class DamagedDatagram(TurtleError):
+    """What came from a partner is no datagram of a robot."""

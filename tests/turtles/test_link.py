@@ -45,7 +45,8 @@ def test_strangers_and_noise_are_ignored() -> None:
     with links(loss=0.0) as made, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         for noise in (b"", b"noise", bytes(20_000)):
             stranger.sendto(noise, made["a"]._own)
-        made["b"]._send("a", b"noise of a partner")
+        for noise in (b"noise of a partner", b"\x93\xa4\x00\x00\x00\x80"):
+            made["b"]._send("a", noise)
         made["b"].set_status(4)
         assert made["b"].wait_until_told(30)
         assert made["a"].status("b") == 4

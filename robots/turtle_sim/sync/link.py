@@ -6,9 +6,7 @@ import threading
 import time
 from typing import Self
 
-import msgspec
-
-from robots.turtle_sim.errors import BadTeam
+from robots.turtle_sim.errors import BadTeam, DamagedDatagram
 from robots.turtle_sim.sync.statuses import LARGEST, Statuses
 from robots.turtle_sim.sync.team import Team
 
@@ -112,8 +110,8 @@ class StatusLink:
         with self._changed:
             try:
                 answer = self._statuses.receive(partner, raw)
-            except msgspec.DecodeError:
-                return  # damaged: as if it had been lost
+            except DamagedDatagram:
+                return  # as if it had been lost
             if answer is not None:
                 self._send(partner, answer)
             self._changed.notify_all()

@@ -13,7 +13,7 @@ from typing import Annotated
 
 import msgspec
 
-from robots.turtle_sim.errors import NoSuchPartner
+from robots.turtle_sim.errors import DamagedDatagram, NoSuchPartner
 
 LARGEST = 8_192
 """Bytes of a datagram; a longer one is not of ours."""
@@ -78,10 +78,11 @@ class Statuses:
         return [(partner, self._datagram(partner)) for partner in self.waiting_for()]
 
     def receive(self, partner: str, raw: bytes) -> bytes | None:
-        """Take a datagram of a partner; the answer that must be sent at once, if any. Raises msgspec.DecodeError of a
-        damaged one.
-        """
-        datagram = _DECODER.decode(raw)
+        """Take a datagram of a partner; the answer that must be sent at once, if any. Raises DamagedDatagram."""
+        try:
+            datagram = _DECODER.decode(raw)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            raise DamagedDatagram(f"a datagram of '{partner}' is damaged: {error}") from None
         self._told[partner] = datagram.known
         for robot, heard in datagram.known.items():
             self._merge(robot, heard)
