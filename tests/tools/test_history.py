@@ -13,13 +13,16 @@ from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
+from tca_tools.run.lives import life_of
 from tca_tools.run.records import HandlerWait, Offer, TaskState
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.why import wait_words
+from tca_tools.why.story import story
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
+from tca_wire.life_cycles import BASIC, GENERAL
 from tca_wire.points import Moment, TaskId
 from tca_wire.text.facts_in_words import Wording
 from tca_wire.vocabulary import MessageClass, Outcome
@@ -125,6 +128,8 @@ def everything_about(history: History) -> None:
     """Ask a history all that the tools ask; nothing may fail."""
     for task in history.tasks.values():
         reasons(history, task.id)
+        list(life_of(history, task))
+        assert story(history, task.id)
     for rows in (whole_outline(RunAt(history)), outline(RunAt(history), shown_at_most=2)):
         list(tree_lines(RunAt(history), rows, width=60, with_data=True))
         dot_source(RunAt(history), rows, "title", with_data=True)
@@ -150,6 +155,8 @@ def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
     fields |= dict.fromkeys(("message", "module", "resource"), NAMES)
     fields |= {"moments": st.integers(0, 63), "moment": st.sampled_from(list(map(int, Moment)))}
     fields["body"] = st.binary(max_size=4)
+    fields["transition"] = st.sampled_from([one.name for one in GENERAL.transitions])
+    fields["life_cycle"] = st.sampled_from(["", "[]", BASIC.text])
     return st.builds(kind, **{name: some for name, some in fields.items() if name in kind.__struct_fields__})
 
 
