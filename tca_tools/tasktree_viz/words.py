@@ -24,7 +24,7 @@ from tca_tools.why.wait_words import (
     told_now,
 )
 from tca_wire.points import Edge, Interval, moment_of
-from tca_wire.text.bodies import data_text
+from tca_wire.text.bodies import data_text, plain_data
 from tca_wire.text.facts_in_words import by_whom
 from tca_wire.text.measures import counted, duration
 from tca_wire.text.printable import printable
@@ -158,12 +158,22 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
 
 
 def _life(task: TaskAt) -> str:
-    """What a client has asked for, while that is open, and the newest progress: ``cancel requested, progress 0.4``."""
+    """What a client has asked for, while that is open, and the newest progress: ``cancel requested, progress: 0.4``."""
     if not task.record.life:  # as most
         return ""
-    life, progress = task.life, data_text(task.life.progress)
-    told = [life.state] * life.is_telling + [f"progress {cut(progress, _LONGEST_PROGRESS)}"] * bool(progress)
+    life = task.life
+    progress = _in_brief(life.progress)
+    told = [life.state] * life.is_telling + [f"progress: {cut(progress, _LONGEST_PROGRESS)}"] * bool(progress)
     return printable(", ".join(told))
+
+
+def _in_brief(progress: bytes) -> str:
+    """An intermediate result; of one with a field *text* that, and its numbers."""
+    data = plain_data(progress)
+    text = data.get("text") if isinstance(data, dict) else None
+    if not text or not isinstance(text, str):
+        return data_text(progress)
+    return ", ".join([text, *(f"{name} {value}" for name, value in data.items() if isinstance(value, int | float))])
 
 
 _OF_TASKS = (WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.LISTENER)

@@ -108,8 +108,15 @@ def test_its_story_tells_who_asked_for_what_and_how_it_went() -> None:
 def test_the_tree_shows_what_is_asked_for_and_the_newest_progress() -> None:
     run = grasping().fold()
     notes = [note(RunAt(run, time), RunAt(run, time).tasks[GRASP]) for time in (1.0, 2.0, 3.0, 7.0)]
-    assert notes == ["", 'progress {"force": 1}', 'update requested, progress {"force": 1}',
-                     'cancel requested, progress {"force": 3}']  # fmt: skip
+    assert notes == ["", 'progress: {"force": 1}', 'update requested, progress: {"force": 1}',
+                     'cancel requested, progress: {"force": 3}']  # fmt: skip
+
+
+def test_of_progress_that_says_something_the_tree_shows_that() -> None:
+    tale = Story().module("arm", "grasp").module("planner")
+    tale.command("grasp", "planner", to="arm")
+    changed(tale, 2, "result available", "running", data={"text": "closing", "overruns": 3, "active": [0, 1]})
+    assert note(RunAt(run := tale.fold()), RunAt(run).tasks[GRASP]) == "progress: closing, overruns 3"
 
 
 def test_requests_and_their_answers_are_marks_on_the_bar() -> None:

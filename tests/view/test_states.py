@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 def test_the_page_shows_what_is_asked_for_and_the_newest_progress(look: Look, tmp_path: Path) -> None:
     page = look(grasping().write(tmp_path / "grasp"), "#t=3.5&task=1")
     why = page.locator(".row[data-task='1'] .why")
-    expect(why).to_have_text('update requested, progress {"force": 1}')
+    expect(why).to_have_text('update requested, progress: {"force": 1}')
     pane = page.locator("#task")
     expect(pane.locator("td", has_text="update requested, 3 changes")).to_be_visible()
     assert pane.locator("pre").all_inner_texts() == ['{"force": 1}', '{"width": 0.05}', '{"width": 0.1}']
