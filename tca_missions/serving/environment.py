@@ -9,7 +9,8 @@ class Environment:
     """The base of environments: what a robot's tasks share, such as sensors, actuators and dimensions.
 
     *lock* is held in ``initialise``, ``iterate`` and ``terminate`` of periodic tasks. Tasks that run once hold it in
-    ``initialise`` and ``terminate``; their ``iterate`` takes it where it needs it: ``with self.env.lock:``.
+    ``initialise`` and ``terminate``; their ``iterate`` takes it where it needs it: ``with self.env.lock:``. While a
+    task is in ``self.sleep()``, others may have it.
     """
 
     def __init__(self) -> None:

@@ -40,6 +40,7 @@ class TaskRun:
         self._start_timer = start_timer
         self._log = log
         self._is_ending = False
+        self._doing = ""  #: the method that has the environment
         self._thread = threading.get_ident()
         self._told = TaskStatus()  #: what followers know
         self._may_tell = 0.0  #: from then on
@@ -131,8 +132,16 @@ class TaskRun:
             self.task.report(status)
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass, and hear meanwhile what is wanted of the run."""
-        self._wait_until(self.task.time() + seconds)
+        """Let time pass, and hear meanwhile what is wanted of the run. Others may have the environment until then."""
+        doing, moment = self._doing, self.task.time() + seconds
+        if not doing:
+            self._wait_until(moment)
+            return
+        self.served.env.lock.release()
+        try:
+            self._wait_until(moment)
+        finally:
+            self._lock(doing)
 
     def _wait_until(self, moment: float) -> None:
         if self._is_ending:
@@ -169,13 +178,17 @@ class TaskRun:
     @contextlib.contextmanager
     def _environment(self, what: str) -> Iterator[None]:
         """A block in which no other task uses the environment. A long wait for it is logged."""
-        lock = self.served.env.lock
-        while not lock.acquire(timeout=_PATIENCE):
-            self._log.warning("%s() of %s waits for env.lock, which another task holds", what, self.task)
+        self._lock(what)
+        self._doing = what
         try:
             yield
         finally:
-            lock.release()
+            self._doing = ""
+            self.served.env.lock.release()
+
+    def _lock(self, what: str) -> None:
+        while not self.served.env.lock.acquire(timeout=_PATIENCE):
+            self._log.warning("%s() of %s waits for env.lock, which another task holds", what, self.task)
 
     # --- words -----------------------------------------------------------------------------------------------------
 
