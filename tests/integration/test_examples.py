@@ -48,6 +48,13 @@ PRINTED = {
     "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",
     "40_task_server": "20 degrees\nswitched off\nheated to 26 degrees\nswitched off\n",
     "41_mission": "at 2 m\nat 6 m\nat 1 m\nit rains\n",
+    "46_curious_robot_asks": (
+        "the first question: accepted\nthe second question: rejected, dialog is busy\nthe thing is a banana\n"
+    ),
+    "47_curious_robot_grasps": "moving to 10\nmoving to 7\n99 is out of reach\ngrasped at 7\n",
+    "48_curious_robot_looks": (
+        "rejected: nobody is there\nlooks at a face at 0, 1.7\nit is a banana\nlooks at a thing at 0.4, 0.1\n"
+    ),
     "45_state_machine": "drive to the gate\ndrive to the pond\ndrive to the gate\nan intruder: lights on\n",
     "33_direct": "directly\nhighest: 100.0\nthrough central\nasked for 7.0\ndirectly\n",
 }

@@ -2,7 +2,7 @@
 
 The first case study of Lütkebohle et al., "The Task-State Pattern" (figure 13)::
 
-    $ python examples/40_curious_robot_asks.py
+    $ python examples/46_curious_robot_asks.py
     the first question: accepted
     the second question: rejected, dialog is busy
     the thing is a banana

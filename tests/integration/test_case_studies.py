@@ -1,0 +1,111 @@
+"""The three case studies of Lütkebohle et al., section 6.2: the messages of figures 13 to 15, as somebody sees them who
+observes all tasks, and as their text tells them.
+"""
+
+import runpy
+from collections import defaultdict
+from collections.abc import Callable
+from contextlib import nullcontext
+from itertools import takewhile
+from pathlib import Path
+
+import pytest
+
+from tca_module import Change, Command, connect, testing
+from tca_module.testing import LocalCentral
+
+LAST = Command("last")
+EXAMPLES = Path(__file__).parents[2] / "examples"
+Told = tuple[str, int, str, str]
+"""A message, which of its tasks it is, the transition, and the module that took it."""
+
+
+Play = Callable[[str], list[Told]]
+
+
+@pytest.fixture
+def story_of(monkeypatch: pytest.MonkeyPatch) -> Play:
+    """Runs an example; all changes of states meanwhile, in central's order."""
+
+    def play(name: str) -> list[Told]:
+        with LocalCentral() as central, connect("active memory", central) as memory:
+            monkeypatch.setattr(testing, "LocalCentral", lambda: nullcontext(central))
+            with memory.observe() as changes:
+                runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+                memory.command(LAST).kill()  # central's order: what came before it has been told by then
+                seen = list(takewhile(lambda change: change.message != LAST.name, changes))
+        return numbered(seen)
+
+    return play
+
+
+def numbered(changes: list[Change]) -> list[Told]:
+    """The changes, with the tasks of each message numbered from 1."""
+    known: dict[str, list[int]] = defaultdict(list)
+    told = []
+    for change in changes:
+        assert not change.missed
+        if change.task.id not in known[change.message]:
+            known[change.message].append(change.task.id)
+        told.append((change.message, 1 + known[change.message].index(change.task.id), change.transition, change.module))
+    return told
+
+
+def of(story: list[Told], message: str, number: int = 1) -> list[str]:
+    """What happened to one task: "transition by module"."""
+    return [f"{name} by {module}".removesuffix(" by ") for one, nth, name, module in story
+            if (one, nth) == (message, number)]  # fmt: skip
+
+
+def at(story: list[Told], message: str, number: int, transition: str) -> int:
+    return next(place for place, one in enumerate(story) if one[:3] == (message, number, transition))
+
+
+def test_three_task_types_one_pattern(story_of: Play) -> None:
+    """Figure 13: the question is asked and accepted (1-5); the arm points and the voice asks, side by side (7-11); another
+    question comes and is rejected (12-16); the arm goes back and the voice says thanks, side by side (18-21).
+    """
+    story = story_of("46_curious_robot_asks")
+    assert of(story, "label query") == ["initiated by initiative", "accepted by dialog", "completed"]
+    assert of(story, "label query", 2) == ["initiated by initiative", "rejected"]
+    for number in (1, 2):
+        assert of(story, "point", number) == ["initiated by dialog", "accepted by arm", "completed"]
+        assert of(story, "say", number) == ["initiated by dialog", "accepted by voice", "completed"]
+    assert len(story) == 17
+    begun, done = (
+        [at(story, message, 1, transition) for message in ("point", "say")] for transition in ("initiated", "completed")
+    )
+    again = [at(story, message, 2, "initiated") for message in ("point", "say")]
+    assert at(story, "label query", 1, "accepted") < min(begun)
+    assert max(begun) < min(done)  # side by side
+    assert max(done) < min(again)
+    assert at(story, "label query", 2, "rejected") < min(again)
+    assert at(story, "label query", 1, "completed") == len(story) - 1
+
+
+def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
+    """Figure 14: feedback goes up from arm to coordinator to dialog; the update goes down, and its acceptance up."""
+    story = story_of("47_curious_robot_grasps")
+    assert of(story, "grasp") == [
+        "initiated by dialog", "accepted by coordinator", "result available by coordinator", "update by dialog",
+        "accept by coordinator", "result available by coordinator", "update by dialog", "reject by coordinator", "completed",
+    ]  # fmt: skip
+    assert of(story, "reach") == [
+        "initiated by coordinator", "accepted by arm", "result available by arm", "update by coordinator", "accept by arm",
+        "result available by arm", "update by coordinator", "reject by arm", "completed",
+    ]  # fmt: skip
+    for transition in ("accept", "reject", "completed", "result available"):
+        assert at(story, "reach", 1, transition) < at(story, "grasp", 1, transition)
+    for transition in ("initiated", "update"):
+        assert at(story, "grasp", 1, transition) < at(story, "reach", 1, transition)
+
+
+def test_gaze_is_added_by_observation_alone(story_of: Play) -> None:
+    """Figure 15: a question comes (1, 2), dialog accepts it (3), and gaze hears of that (4); of what is rejected it does
+    not. No message is there for gaze's sake.
+    """
+    story = story_of("48_curious_robot_looks")
+    assert of(story, "label query", 1) == ["initiated by initiative", "rejected"]
+    assert of(story, "label query", 2) == ["initiated by initiative", "accepted by dialog", "completed"]
+    assert of(story, "grasp") == ["initiated by initiative", "accepted by arm", "completed"]
+    assert {message for message, *_ in story} == {"label query", "grasp"}
