@@ -382,3 +382,12 @@ def test_nothing_runs_what_it_reads() -> None:
                 called = node.func if isinstance(node, ast.Call) else None
                 assert not isinstance(called, ast.Name) or called.id not in ("eval", "exec", "__import__"), path
                 assert not isinstance(called, ast.Attribute) or called.attr not in ("recv_pyobj", "send_pyobj"), path
+
+
+def test_files_of_tests_have_names_of_their_own() -> None:
+    """pytest takes two of one name for the same, unless their folders are packages: then nothing at all is tested."""
+    found: dict[str, list[Path]] = defaultdict(list)
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        if not (path.parent / "__init__.py").exists():
+            found[path.name].append(path)
+    assert [paths for paths in found.values() if len(paths) > 1] == []

@@ -1,0 +1,25 @@
+"""Each test that docs/task-state-pattern.md names for a requirement is there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+PAGE = (TESTS.parent / "docs" / "task-state-pattern.md").read_text()
+ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and "| test |" not in line]
+NAMED = re.findall(r"`(\w+/\w+(?:::\w+)?)`", "\n".join(ROWS))
+
+
+def test_every_requirement_names_a_test() -> None:
+    assert len(ROWS) > 40
+    assert [row for row in ROWS if not re.search(r"`\w+/\w+(::\w+)?`[^|]*\|$", row)] == []
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMED)))
+def test_it_is_there(name: str) -> None:
+    place, _, test = name.partition("::")
+    if test:
+        assert f"def {test}(" in (TESTS / f"{place}.py").read_text()
+    else:
+        assert (TESTS / "central" / f"{place}.txt").exists()
