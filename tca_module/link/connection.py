@@ -347,6 +347,14 @@ class Connection:
         with self._lock:
             self.line.catch_up()
 
+    def attend(self) -> None:
+        """Take in what has arrived, and call what is due because of it. Never waits."""
+        self.check_thread()
+        with self._lock:
+            self.line.catch_up()
+            while self.waiting.has_news:
+                self.waiting.take_news()
+
     def flush(self) -> None:
         """Send what is to be said."""
         with self._lock:

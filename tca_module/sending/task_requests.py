@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from functools import partial
 from typing import Any, Self
 
-from tca_module.errors import CentralLost, MisuseError
+from tca_module.errors import BadData, CentralLost, MisuseError
 from tca_module.following.followed_task import life_cycle_of
 from tca_module.following.stream import awaited
 from tca_module.link.connection import Connection
@@ -65,6 +65,7 @@ class ServerState:
     ) -> None:  # fmt: skip
         self.life_cycle = cycle = life_cycle_of(message)
         self._state = cycle.initial if accepts else cycle.accepted.target
+        self.is_conversing = False  #: a Server has methods for requests: no wait gives them
         self._serial = 0  # the newest that a client's transition had
         self._open: list[TaskRequest] = []  # oldest first
         self._connection = connection
@@ -124,6 +125,8 @@ class ServerState:
     @property
     def has_new(self) -> bool:
         """Whether there is one that no wait has given yet."""
+        if self.is_conversing:
+            return False
         with self._lock:
             self._look()
             return any(not one.is_given for one in self._open)
@@ -149,8 +152,17 @@ class ServerState:
             row = cycle.step(self._state, header.transition, Party.CLIENT) or next(rows)
             self._state = row.target
             self._open = [one for one in self._open if not self._wants_answer(one)]  # it overtakes those
+            self._hear(row, header, body)
+
+    def _hear(self, row: Transition, header: Requested, body: bytes) -> None:
+        try:
             goal = self._message.decode_data(body) if body else None
-            self._open.append(TaskRequest(self, row, header, goal))
+        except BadData as error:  # of a program that does not use this library
+            self._connection.log.warning("%s is rejected: %s", f"'{row.name}' of {self}", error)
+            if (refusal := self.life_cycle.refusal(row.target)) is not None:
+                self._take(refusal, str(error))
+            return
+        self._open.append(TaskRequest(self, row, header, goal))
 
     def _wants_answer(self, request: TaskRequest) -> bool:
         """Whether the client waits for the handler's word in a state of its own."""
@@ -255,9 +267,10 @@ class ServerState:
     def wait(self, timeout: float | None) -> TaskRequest | None:
         """The next request that no wait has given yet; None after so many seconds."""
         connection = self._connection
+        connection.attend()  # also if there is no time to wait
         moment = None if timeout is None else connection.transport.time() + timeout
         connection.wait_until(lambda: self.has_new, f"a request to {self}", moment)
-        return self.take_new()
+        return None if self.is_conversing else self.take_new()
 
     async def come(self) -> TaskRequest:
         """The same in a coroutine, without end."""

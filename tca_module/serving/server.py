@@ -107,6 +107,7 @@ class Conversation:
         self._connection = connection
         self._log = logging.getLogger(f"tca.{connection.session.module}")
         self._one, self._served = task.handled()
+        self._served.is_conversing = True
         self._one.on_request += (self._hear_soon,)
         if self._one.requested:
             self._hear_soon()

@@ -29,6 +29,7 @@ from tca_module import (
     ending,
 )
 from tca_module.testing import LocalCentral
+from tca_wire.packets.changes import ChangeState
 
 
 @dataclass
@@ -381,6 +382,22 @@ def test_whoever_owes_the_reply_reports_and_hears_requests(user: Client, central
         assert grasping.result() == "held"
         with pytest.raises(MisuseError, match=r"grasp \{1\} has been answered"):
             later.report(0.8)
+
+
+def test_a_goal_that_is_none_is_rejected_by_the_library(
+    user: Client, arm: Arm, central: LocalCentral, caplog: pytest.LogCaptureFixture
+) -> None:
+    grasp = user.command(GRASP, Grip("pen"))
+    central.until_quiet()
+    changes = grasp.changes()
+    link = user._connection()
+    link.send_change(ChangeState(0, grasp.id, "update"), b"\x05", "the update")
+    central.advance(10)
+    assert grasp.result() == "holds pen"
+    (rejected,) = (one.text for one in changes if one.transition == "reject")
+    assert rejected == "command 'grasp' came with data that is no Grip: Expected `object`, got `int`"
+    assert not arm.heard
+    assert "'update' of grasp {1} is rejected" in caplog.text
 
 
 # --- Busy handlers -------------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """A server is a handler with a method for each thing that clients may want; what it lacks gets a default."""
 
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -135,6 +136,33 @@ def test_a_blocking_server_hears_requests_while_it_waits(
     central.advance(10)
     assert grasp.result() == "holds cup"
     assert grasping.seen == [f"grasp {{1}}: {what}" for what in ("cup", "air", "wall", "fire", "never")]
+
+
+class Counting(Server[int, None]):
+    """Never waits, but for what has come."""
+
+    def __init__(self) -> None:
+        self.begun, self.until = threading.Event(), 0
+
+    def initiated(self, task: Task, goal: int) -> None:
+        self.until = goal
+        self.begun.set()
+        while self.until:
+            assert task.wait_for_request(0) is None
+
+    def update(self, task: Task, goal: int) -> bool:
+        self.until = goal
+        return True
+
+
+def test_one_that_never_waits_hears_them_when_it_asks(user: Client, central: LocalCentral) -> None:
+    feet, server = Module("feet", central), Counting()
+    feet.serve(WALK, server)
+    with feet.running():
+        walk = user.goal(WALK, 1)
+        assert server.begun.wait(SOON)
+        walk.update(0, timeout=SOON)
+        assert walk.wait(SOON) is Outcome.DONE
 
 
 def test_its_task_is_cancelled(user: Client, grasping: Grasping, central: LocalCentral) -> None:
