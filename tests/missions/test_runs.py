@@ -175,3 +175,48 @@ def test_a_run_is_a_task_that_sends() -> None:
             sent = robot.send("Ask")
             robot.after(0)
             assert sent.result().text == "under gripper.Ask"
+
+
+class Careless(PeriodicTask[Gripper]):
+    says: str = ""
+
+    def initialise(self) -> None:
+        if self.says == "too late":
+            self.sleep(1.0)
+
+    def iterate(self) -> Status:
+        return {"nothing": None, "a word": "done"}[self.says]  # type: ignore[return-value]
+
+    def terminate(self) -> None:
+        self.env.note(self, "terminates")
+
+
+class CarelessOnce(OnceTask[Gripper]):
+    def iterate(self) -> Status:
+        return Status.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("task", "says", "text"),
+    [
+        ("Careless", "nothing", "iterate() returned None: return Status.RUNNING or Status.COMPLETED"),
+        ("Careless", "a word", "iterate() returned 'done': return Status.RUNNING or Status.COMPLETED"),
+        ("CarelessOnce", "", "iterate() returned RUNNING, but the task runs once: return COMPLETED"),
+    ],
+)
+def test_what_iterate_must_not_return(task: str, says: str, text: str) -> None:
+    with serving(Careless, CarelessOnce) as robot:
+        sent = robot.send(task, **({"says": says} if says else {}))
+        robot.after(1)
+        with pytest.raises(TaskFailed) as failed:
+            sent.result()
+        assert failed.value.text == text
+
+
+def test_what_is_killed_while_it_initialises_is_not_terminated() -> None:
+    with serving(Careless) as robot:
+        sent = robot.send("Careless", says="too late")
+        robot.after(0.5)
+        sent.kill()
+        assert robot.after(2) == []
+        assert robot.user.tasks() == []
