@@ -12,7 +12,7 @@ from tca_missions.client.conditions import ConditionVerified, MissionCondition
 from tca_missions.client.errors import BadParameter, NotOffered, UnknownTask
 from tca_missions.client.mission_goal import MissionGoal
 from tca_missions.client.offered_task import OfferedTask, nearest, offered_tasks
-from tca_missions.client.running_task import RunningTask, running_tasks
+from tca_missions.client.running_task import RunningTask, given_parameters, running_tasks
 from tca_missions.client.step_file import TaskBegun
 from tca_missions.client.steps import Steps
 from tca_missions.client.task_handle import TaskHandle
@@ -301,10 +301,11 @@ class BaseMission:
         """Change parameters of a task that runs; those that are not named stay as they are. Raises BadParameter before
         anything is sent, and Rejected, with the reason, if the task goes on as it was or has ended.
         """
-        offered = self._task(task.name)
-        values = offered.fitted({**offered.required(task.parameters), **parameters})
-        task.sent.update(values, timeout=_UPDATED_WITHIN)
-        task.parameters = {**task.parameters, **parameters}
+        info = task.sent.info()  # its data are all that a retry would begin with: so all that is known is sent
+        present = given_parameters(info) if info is not None else {}
+        changed = {**task.parameters, **present, **parameters}
+        task.sent.update(self._task(task.name).fitted(changed), timeout=_UPDATED_WITHIN)
+        task.parameters = changed
 
     # --- stopping --------------------------------------------------------------------------------------------------
 

@@ -91,11 +91,6 @@ class OfferedTask:
             [self.help or f"Task {self.name} of {self.server}.", "", *(p.in_words for p in self.parameters)]
         )
 
-    def required(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Those of the parameters that have no default."""
-        names = {one.name for one in self.parameters if one.default is inspect.Parameter.empty}
-        return {name: value for name, value in parameters.items() if name in names}
-
     def fitted(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """The parameters as they are sent: only those given. Raises BadParameter."""
         known = [one.name for one in self.parameters]

@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from tca_module import Sender, TaskRef
+from tca_module import Sender, TaskInfo, TaskRef
 from tca_wire.messages.formats import decode_untyped
 
 
@@ -36,11 +36,16 @@ def _running(ref: TaskRef, server: str) -> RunningTask | None:
     if info is None:
         return None
     state = "suspended" if info.suspended else "runs" if info.module else "waits"
-    data = decode_untyped(info.data)
     return RunningTask(
         info.id, ref.message.removeprefix(f"{server}."), "is being stopped" if info.killed else state,
-        data if isinstance(data, dict) else {}, _newest_text(ref),
+        given_parameters(info), _newest_text(ref),
     )  # fmt: skip
+
+
+def given_parameters(info: TaskInfo) -> dict[str, Any]:
+    """The parameters that a task was given."""
+    data = decode_untyped(info.data)
+    return data if isinstance(data, dict) else {}
 
 
 def _newest_text(ref: TaskRef) -> str:

@@ -42,6 +42,7 @@ class Drive(PeriodicTask[Rover]):
             raise ROCK("big", "hit a rock")
         if self.fails == "python":
             raise ValueError("a slip")
+        self.report(f"on its way to {self.x:g}")
         return Status.RUNNING if self.fails == "never" else Status.COMPLETED
 
     def terminate(self) -> None:
