@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, Self, TypeVar
 
+from tca_missions.client.catalogue import Catalogue
 from tca_missions.client.conditions import ConditionVerified, MissionCondition
-from tca_missions.client.errors import BadParameter, NotOffered, UnknownTask
+from tca_missions.client.errors import BadParameter, NotOffered
 from tca_missions.client.mission_goal import MissionGoal
-from tca_missions.client.offered_task import OfferedTask, nearest, offered_tasks
+from tca_missions.client.offered_task import OfferedTask
 from tca_missions.client.running_task import RunningTask, given_parameters, running_tasks
 from tca_missions.client.step_file import TaskBegun
 from tca_missions.client.steps import Steps
@@ -25,7 +26,6 @@ T = TypeVar("T")
 D = TypeVar("D")
 
 _PATIENCE = 10.0  # seconds that a mission waits for its server
-_LOOK_AGAIN = 0.1  # seconds between two looks whether the server has come
 _ENDED = 10  # tasks that have ended, and are remembered
 _UPDATED_WITHIN = 10.0  # seconds that a server may take to change parameters
 _STOPS_WITHIN = 10.0  # seconds that a stopped task may take to leave things safe
@@ -45,19 +45,16 @@ class BaseMission:
         which the mission's tasks belong. *leave_running*: the end of the mission, also a crash, ends none of its tasks.
         *checkpoint*: the file in which ``step`` notes what was done.
         """
-        self._server = server = server or self.SERVER
         self.central = central  #: its address, as it was given
         self._patience = patience
         self._name = name or _name_of_program()
-        self._goal = MissionGoal(self._name, server, central, under, stays=leave_running)
+        self._goal = MissionGoal(self._name, server or self.SERVER, central, under, stays=leave_running)
+        self._catalogue = Catalogue(server or self.SERVER, self._goal)
         self._checkpoint = Path(checkpoint) if checkpoint is not None else None
         self._steps: Steps | None = None
         self._leave_running = leave_running
         self._is_open = False
-        self._known: dict[str, OfferedTask] = {}
-        self._known_at = -1  # the changes of which was heard before they were read
         self._looked_at = -1  # the changes after which the tasks under way were looked at
-        self._messages: dict[str, Command[Any, Any]] = {}
         self._running: dict[int, TaskHandle] = {}
         self.ended = deque[TaskHandle](maxlen=_ENDED)  #: the last of its tasks to end, oldest first
         self._conditions: list[MissionCondition] = []
@@ -79,7 +76,7 @@ class BaseMission:
         self._is_open = True
         try:
             self._goal.open()
-            self._find_server()
+            self._catalogue.find_server(self._patience)
         except BaseException as error:
             self.close(error)
             raise
@@ -112,48 +109,21 @@ class BaseMission:
     @property
     def server(self) -> str:
         """The name of the server."""
-        return self._server
+        return self._catalogue.server
 
     def offered(self) -> dict[str, OfferedTask]:
         """The tasks that the server offers now, by name."""
-        if self._known_at != self._goal.changes:
-            self._known_at = self._goal.changes
-            self._known = {
-                task.name: task
-                for task in offered_tasks(self._goal.sender.messages())
-                if task.server == self._server and task.is_handled
-            }
-        return self._known
+        self._check_open()
+        return self._catalogue.tasks
 
     def running_tasks(self) -> list[RunningTask]:
         """The tasks of the server that have not ended, whoever has started them, oldest first."""
         self._check_open()
-        return running_tasks(self._goal.sender, self._server)
-
-    def _find_server(self) -> None:
-        until = time.monotonic() + self._patience
-        while not (self._server and self.offered()):
-            servers = sorted({task.server for task in offered_tasks(self._goal.sender.messages()) if task.is_handled})
-            if not self._server and len(servers) == 1:
-                self._server = servers[0]
-            elif not self._server and servers:
-                raise MisuseError(f"there are several servers of tasks: say which, Mission('{servers[0]}'): {servers}")
-            elif time.monotonic() > until:
-                what = f"server '{self._server}' offers no tasks" if self._server else "no server offers tasks"
-                raise NotOffered(f"{what} after {self._patience:g} s: {nearest(self._server, servers, 'there are')}")
-            else:
-                self._known_at = -1
-                time.sleep(_LOOK_AGAIN)
+        return running_tasks(self._goal.sender, self.server)
 
     def _task(self, name: str) -> OfferedTask:
         self._check_open()
-        task = self.offered().get(name)
-        if task is None:
-            raise UnknownTask(
-                f"server '{self._server}' offers no task '{name}': {nearest(name, self._known, 'it offers')}",
-                name=name, obj=None,
-            )  # fmt: skip
-        return task
+        return self._catalogue.task(name)
 
     def _check_open(self) -> None:
         if not self._is_open:
@@ -170,7 +140,7 @@ class BaseMission:
         return self._start(self._task(name), parameters)
 
     def _start(self, task: OfferedTask, parameters: dict[str, Any]) -> TaskHandle:
-        handle = self.start_command(self._message(task), task.fitted(parameters), task.name)
+        handle = self.start_command(self._catalogue.message(task), task.fitted(parameters), task.name)
         handle.parameters = parameters
         return handle
 
@@ -207,11 +177,6 @@ class BaseMission:
         """
         self._finish(task)
         return task.result()
-
-    def _message(self, task: OfferedTask) -> Command[Any, Any]:
-        if task.message not in self._messages:
-            self._messages[task.message] = self._goal.sender.declared(task.message)
-        return self._messages[task.message]
 
     def _finish(self, task: TaskHandle) -> None:
         """Wait for the end of a task in the foreground; one that is not waited for any more must not go on."""
@@ -370,7 +335,7 @@ class BaseMission:
         if offered is None:
             return None
         try:
-            sent = self._goal.sender.sent_task(self._message(offered), task.id, task.epoch)
+            sent = self._goal.sender.sent_task(self._catalogue.message(offered), task.id, task.epoch)
             handle = TaskHandle(task.name, sent, self._goal.take_text, self._forget)
             handle.end  # noqa: B018 - is it known?
         except (CentralLost, Refused):
@@ -421,7 +386,7 @@ class Mission(BaseMission):
         return self._function(self._task(name))
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *(self.offered() if self._is_open else ())]
+        return [*super().__dir__(), *(self._catalogue.names if self._is_open else ())]
 
     def _function(self, task: OfferedTask) -> Callable[..., Any]:
         """The function that runs a task; it knows its name, help and parameters."""
@@ -436,7 +401,7 @@ class Mission(BaseMission):
         function.__annotations__ = {"return": TaskEnd}
         function.task_of_mission = task.name  # type: ignore[attr-defined]  # steps look for it
         function.__doc__ = task.in_words
-        function.__module__ = self._server
+        function.__module__ = self.server
         function.__signature__ = task.signature  # type: ignore[attr-defined]  # inspect reads it
         return function
 
