@@ -32,6 +32,11 @@ class StepLine(msgspec.Struct, frozen=True, omit_defaults=True):
     task: TaskBegun | None = None
     value: Any = None
 
+    def __post_init__(self) -> None:
+        if (self.is_ == "task") != (self.task is not None):
+            msg = "a line of a task names it"
+            raise ValueError(msg)
+
 
 class _Head(msgspec.Struct, frozen=True):
     steps_of: str

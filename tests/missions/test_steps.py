@@ -1,0 +1,172 @@
+"""Steps of missions: done once, whatever becomes of the program; and the file that says so."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from missions.rover import Rover, rover
+
+from tca_missions import Mission, MissionTaskFailed, Status, StepUncertain
+from tca_module import MisuseError
+from tca_module.testing import LocalCentral
+
+
+class Trip:
+    """Runs of one program, one after the other."""
+
+    def __init__(self, central: LocalCentral, robot: Rover, file: Path) -> None:
+        self.central, self.robot, self.file = central, robot, file
+
+    def mission(self, **options: Any) -> Mission:
+        return Mission("rover", name="trip", central=self.central, checkpoint=self.file, **options)
+
+
+class Crash(Exception):
+    """Ends a run of the program."""
+
+
+@pytest.fixture
+def trip(tmp_path: Path) -> Iterator[Trip]:
+    with rover() as (central, robot):
+        yield Trip(central, robot, tmp_path / "trip.steps")
+
+
+@contextmanager
+def crashes() -> Iterator[None]:
+    with pytest.raises(Crash):
+        yield
+
+
+def test_a_completed_step_is_not_done_again_and_keeps_its_value(trip: Trip) -> None:
+    def look(number: int) -> tuple[int, str]:
+        trip.robot.note(f"look {number}")
+        return number, "seen"
+
+    for _ in range(2):
+        with crashes(), trip.mission() as mission:
+            assert Status.of(mission.step("out", mission.Drive, x=1.0).status) is Status.COMPLETED
+            assert mission.step("look", look, 3) == (3, "seen")
+            raise Crash
+    assert trip.robot.done == ["to 1", "stands at 1", "look 3"]
+
+
+def test_a_mission_that_comes_to_its_end_begins_anew(trip: Trip) -> None:
+    for _ in range(2):
+        with trip.mission() as mission:
+            mission.step("out", mission.Drive, x=1.0)
+    assert trip.robot.done == ["to 1", "stands at 1"] * 2
+    assert not trip.file.exists()
+
+
+def test_a_step_that_failed_is_done_again(trip: Trip) -> None:
+    for fails in ("rock", ""):
+        with crashes(), trip.mission() as mission:
+            try:
+                mission.step("out", mission.Drive, x=1.0, fails=fails)
+            except MissionTaskFailed:
+                assert fails
+            raise Crash
+    assert trip.robot.done == ["to 1", "stands at 1"] * 2
+
+
+def die_in_a_step(trip: Trip, **parameters: Any) -> None:
+    """A run whose file is as it was when the step had begun: the process had died then."""
+    with crashes(), trip.mission() as mission:
+        mission.step("before", mission.Drive, x=1.0)
+
+        def drive() -> None:
+            mission.Drive(**parameters)
+            die_in_a_step.file = trip.file.read_bytes()  # type: ignore[attr-defined]
+            raise Crash
+
+        mission.step("out", drive)
+    trip.file.write_bytes(die_in_a_step.file)  # type: ignore[attr-defined]
+    trip.robot.done.clear()
+
+
+def test_a_step_that_was_under_way_is_uncertain(trip: Trip) -> None:
+    die_in_a_step(trip, x=2.0)
+    with crashes(), trip.mission() as mission:
+        mission.step("before", mission.Drive, x=1.0)
+        with pytest.raises(
+            StepUncertain, match=r"under way .* \(Drive \{\d+\} completed: .*\): do it again with"
+        ) as caught:
+            mission.step("out", list)
+        assert [fate for _, fate in caught.value.outcomes] == ["completed: on its way to 2"]
+        mission.skip_step("out")
+        assert mission.step("out", list) is None  # it was skipped
+        raise Crash
+    assert trip.robot.done == []
+
+
+def test_a_step_that_was_one_task_and_completed_is_done(trip: Trip) -> None:
+    die_in_a_step(trip, x=2.0)
+    with trip.mission() as mission:
+        assert Status.of(mission.step("out", mission.Drive, x=2.0).status) is Status.COMPLETED
+    assert trip.robot.done == []
+
+
+def test_a_repeatable_step_is_done_again(trip: Trip) -> None:
+    die_in_a_step(trip, x=2.0)
+    with trip.mission() as mission:
+        assert mission.repeatable_step("out", list) == []
+
+
+def test_of_another_central_nothing_is_known(trip: Trip) -> None:
+    die_in_a_step(trip, x=2.0)
+    trip.file.write_text(trip.file.read_text().replace('"epoch":"local"', '"epoch":"another"'))
+    with trip.mission() as mission, pytest.raises(StepUncertain, match="is unknown to central"):
+        mission.step("out", mission.Drive, x=2.0)
+
+
+def test_steps_of_one_run_have_names_of_their_own(trip: Trip) -> None:
+    with trip.mission() as mission:
+        mission.step("round", list)
+        with pytest.raises(MisuseError, match=r"step 'round' was done by this run .* f'round \{number\}'"):
+            mission.step("round", list)
+        with pytest.raises(MisuseError, match="step 'outer' was begun by this run"):
+            mission.step("outer", lambda: mission.step("outer", list))
+
+
+def test_a_value_that_cannot_be_kept_is_an_error(trip: Trip) -> None:
+    with (
+        trip.mission() as mission,
+        pytest.raises(MisuseError, match="step 'watch' is done, but its value can't be kept"),
+    ):
+        mission.step("watch", mission.Watch)
+
+
+def test_a_torn_line_counts_as_never_written(trip: Trip) -> None:
+    die_in_a_step(trip, x=2.0)
+    whole = trip.file.read_bytes()
+    for torn in (b'{"step":"out","is":"do', b"\0\0\0\0\n", b'{"step":"out","is":"don\n'):
+        trip.file.write_bytes(whole + torn)
+        with crashes(), trip.mission() as mission:
+            mission.step("before", mission.Drive, x=1.0)
+            raise Crash
+        assert trip.file.read_bytes() == whole
+    assert trip.robot.done == []
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ('{"steps_of":"trip","version":1}\n?\n{"step":"a","is":"begun"}\n', "line 2 of .* is damaged"),
+        ('{"steps_of":"other","version":1}\n', "holds the steps of mission 'other', not of 'trip'"),
+        ('{"steps_of":"trip","version":9}\n', "in format 9"),
+        ("precious\n", "holds no steps of a mission: give another file"),
+        ('{"steps_of":"trip","version":1}\n{"step":"a","is":"task"}\n{"step":"a","is":"left"}\n', "line 2 of .* is damaged"),
+    ],
+)  # fmt: skip
+def test_a_file_that_cannot_be_used_is_left_alone(trip: Trip, content: str, problem: str) -> None:
+    trip.file.write_text(content)
+    with pytest.raises(MisuseError, match=problem):
+        trip.mission().open()
+    assert trip.file.read_text() == content
+
+
+def test_a_file_serves_one_mission_at_a_time(trip: Trip) -> None:
+    with trip.mission(), pytest.raises(MisuseError, match="is in use by another mission that runs"):
+        trip.mission().open()
