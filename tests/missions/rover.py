@@ -31,6 +31,7 @@ class Drive(PeriodicTask[Rover]):
     x: float = parameter(0.0, "East, in metres", minimum=0, maximum=10)
     gear: Literal["slow", "fast"] = parameter("slow", "How fast")
     fails: str = parameter("", "What goes wrong")
+    says: str = parameter("", "The text of its status")
 
     def initialise(self) -> None:
         self.env.note(f"to {self.x:g}")
@@ -42,7 +43,7 @@ class Drive(PeriodicTask[Rover]):
             raise ROCK("big", "hit a rock")
         if self.fails == "python":
             raise ValueError("a slip")
-        self.report(f"on its way to {self.x:g}")
+        self.report(self.says)
         return Status.RUNNING if self.fails == "never" else Status.COMPLETED
 
     def terminate(self) -> None:

@@ -38,7 +38,7 @@ def test_a_task_in_the_background_is_waited_for() -> None:
     with mission_of_rover() as (mission, robot):
         watch = mission.Watch()  # in the background unless told otherwise
         assert watch.end is None
-        assert mission.Drive(foreground=True).text == "on its way to 0"
+        assert mission.Drive(foreground=True).text == ""
         assert mission.first_ended([watch], timeout=0.01) == []
         with pytest.raises(Timeout, match=r"Watch \{\d+\} did not end within 0.01 s"):
             mission.wait_for_task(watch, timeout=0.01)
@@ -91,15 +91,15 @@ def test_a_newer_task_in_the_foreground_takes_the_place_of_an_older_one() -> Non
 def test_parameters_are_changed_while_a_task_runs() -> None:
     with mission_of_rover() as (mission, robot):
         drive = mission.start("Drive", x=1.0, fails="never")
-        mission.update_task(drive, x=3.0)
-        until(lambda: mission.running_tasks()[0].text == "on its way to 3", "the task has its new parameter")
-        assert mission.running_tasks()[0].parameters == {"x": 3.0, "fails": "never"}
+        mission.update_task(drive, x=3.0, says="to the east")
+        until(lambda: mission.running_tasks()[0].text == "to the east", "the task has its new parameter")
+        assert mission.running_tasks()[0].parameters == {"x": 3.0, "fails": "never", "says": "to the east"}
         with pytest.raises(BadParameter, match="parameter 'x' must be at most 10"):
             mission.update_task(drive, x=30.0)
         with pytest.raises(Rejected, match="parameter 'foreground' can't be changed while the task runs"):
             mission.update_task(drive, foreground=False)
         mission.update_task(drive, fails="")
-        assert mission.wait_for_task(drive).text == "on its way to 3"
+        assert mission.wait_for_task(drive).text == "to the east"
         with pytest.raises(Rejected, match="it came too late"):
             mission.update_task(drive, x=4.0)
         assert robot.done == ["to 1", "stands at 3"]
