@@ -182,7 +182,7 @@ class FollowedTask(Generic[C]):
         row = next((row for row in rows if row.source == mirror.known), rows[0])
         self._check_possible(what, row.name, mirror.known)
         unread = mirror.observation.unread()
-        request = self._send_change(row.name, body, "", what)
+        request = self._connection().send_change(self._change(row.name, ""), body, what)
         return PendingUpdate(what, mirror, unread, request, cycle, row)
 
     def cancel(self, why: str = "") -> None:
@@ -194,7 +194,8 @@ class FollowedTask(Generic[C]):
         names = [row.name for row in cycle.transitions if row.by is Party.CLIENT and cycle.ends_on_request(row.target)]
         if not names:
             raise MisuseError(f"{what}: {cycle} has no such transition; kill() ends the task")
-        self._send_change(names[0], b"", why, str(what))
+        header = ChangeState(0, self._node(), names[0], -1, why, self._origin)  # whatever has changed by now
+        self._connection().send_change(header, b"", str(what))
 
     def take(
         self, transition: str, data: Any = None, *, why: str = "", message: Message[Any, Any] | None = None
@@ -221,9 +222,6 @@ class FollowedTask(Generic[C]):
         if state and name in names and not cycle.is_over(state) and cycle.step(state, name, Party.CLIENT) is None:
             sources = " or ".join(f"'{one}'" for one in cycle.sources(name, Party.CLIENT))
             raise Refused(what, Refusal.TOO_LATE, f"the task is '{state}', and that is possible while it is {sources}")
-
-    def _send_change(self, name: str, body: bytes, why: str, what: str) -> Any:
-        return self._connection().send_change(self._change(name, why), body, what)
 
     def _change(self, name: str, why: str) -> ChangeState:
         serial = self._mirror.serial if self._mirror is not None and self._mirror.known else -1

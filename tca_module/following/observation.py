@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from tca_module.errors import CentralLost
+from tca_module.errors import CentralLost, Refused
 from tca_module.link.connection import Connection
 from tca_module.session.epoch_numbers import with_epoch
 from tca_module.session.request import Request
@@ -73,6 +73,10 @@ class Unread:
         """The first one, which came before this was made."""
         self._unread.append(news)
 
+    def clear(self) -> None:
+        """Nobody wants to read them."""
+        self._unread.clear()
+
     def take(self) -> News:
         """The oldest of them."""
         news = self._unread.popleft()
@@ -130,6 +134,11 @@ class Observation:
         unread = Unread(wants)
         self._readers.add(unread)
         return unread
+
+    def forget(self, reader: Unread) -> None:
+        """Somebody reads no more."""
+        self._readers.discard(reader)
+        reader.clear()
 
     def wait(self, is_there: Callable[[], bool], timeout: float | None) -> bool:
         """Wait until *is_there*, or nothing more can come; whether it is. Raises what ``Connection.wait`` does."""
@@ -201,6 +210,12 @@ class Observation:
                 self._on_change(_decode(body))
             elif answer.more:
                 self._on_all_told()
+        if self._is_held and self._request.has_failed:
+            self._is_held = False
+            try:
+                self.check()
+            except (CentralLost, Refused) as error:  # nobody waits, who could be told
+                self.connection.log.error("%s; functions are not called with it any more", error)  # noqa: TRY400
 
     def _on_change(self, change: StateChange) -> None:
         if change.is_late:

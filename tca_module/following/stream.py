@@ -12,7 +12,8 @@ T = TypeVar("T")
 
 
 class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
-    """Changes, or intermediate results, as they come. ``for`` waits for each, in async handlers ``async for``.
+    """Changes, or intermediate results, as they come. ``for`` waits for each; in async handlers ``async for`` does, and
+    ``asyncio.timeout`` limits its wait.
 
     It ends with the task that it is about, or below which it observes. At most 10,000 wait to be read: the oldest
     beyond that are dropped, and counted in ``missed`` of the next.
@@ -29,6 +30,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         self._what = what
         self._timeout = timeout
         self._is_owner = is_owner
+        self._is_closed = False
         self._unread = observation.unread(wants)
         if first is not None:
             self._unread.begin_with(first)
@@ -48,6 +50,8 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
 
     def _has_next(self, timeout: float | None) -> bool:
         """Wait for the next one; False if none will come."""
+        if self._is_closed:
+            return False
         if self._observation.wait(self._has_some, timeout):
             return True
         if self._observation.is_over:
@@ -58,7 +62,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         return self
 
     async def __anext__(self) -> T:
-        if not await awaited(self._observation.until(self._has_some)):
+        if self._is_closed or not await awaited(self._observation.until(self._has_some)):
             raise StopAsyncIteration
         return self._give(self._unread.take())
 
@@ -66,15 +70,19 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         return bool(self._unread)
 
     def arrived(self) -> list[T]:
-        """Those that have come by now. Never waits."""
+        """Those that have come by now. Never waits. Raises what a wait does if none will ever come."""
         self._observation.catch_up()
         found = []
         while self._unread:
             found.append(self._give(self._unread.take()))
+        if not found and not self._is_closed:
+            self._observation.check()
         return found
 
     def close(self) -> None:
         """Want no more; twice does no harm. The end of a ``with`` block does it."""
+        self._is_closed = True
+        self._observation.forget(self._unread)
         if self._is_owner:
             self._observation.close()
 

@@ -32,7 +32,8 @@ class StateObserver:
         if self._message is not None:
             connection.declare(self._message)
             name = self._message.name
-        observation = Observation(connection, Observe(0, message=name, states=self._states), f"observing '{name}'")
+        what = f"observing '{name}'" if name else "observing all tasks"
+        observation = Observation(connection, Observe(0, message=name, states=self._states), what)
         callback = ChangeCallback("observes()", connection, self._function, lambda news: change_of(connection, news))
         observation.on_news = callback.put
         observation.hold()

@@ -17,6 +17,7 @@ from tca_module import (
     Module,
     NotSent,
     Outcome,
+    Refused,
     Rejected,
     Sender,
     Task,
@@ -176,6 +177,34 @@ def test_observing_what_can_not_be(visitor: Client, central: LocalCentral) -> No
     nothing = visitor.observe("never heard of", timeout=0.01)
     with pytest.raises(Timeout, match=r"a change of state did not come within 0\.01 s"):
         next(nothing)
+
+
+def test_a_closed_stream_is_over(visitor: Client, user: Client, arm: Module, central: LocalCentral) -> None:
+    wave = user.command(WAVE, delay=1)
+    changes = wave.changes()
+    with changes:
+        central.advance(1)
+        assert next(changes).state == "running"
+    central.advance(1)
+    assert list(changes) == changes.arrived() == []
+    assert wave.state == "done"
+
+
+def test_whoever_can_not_observe_is_told(
+    user: Client, arm: Module, central: LocalCentral, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    user.command(WAVE, delay=60)
+    monkeypatch.setattr("tca_central.life_cycles.observing.MOST_LOOKED_AT", 0)
+    with pytest.raises(Refused, match="the states of tasks was refused: there are 1 tasks"):
+        next(user.observe())
+    with pytest.raises(Refused, match="there are 1 tasks"):
+        user.observe().arrived()
+    head = Module("head", central)
+    head.observes()(print)
+    with head.running():
+        central.until_quiet()
+    assert "observing all tasks was refused: there are 1 tasks: observe a message" in caplog.text
+    assert "functions are not called with it any more" in caplog.text
 
 
 # --- In coroutines -------------------------------------------------------------------------------------------------------
