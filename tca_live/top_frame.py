@@ -143,7 +143,7 @@ def _resource(module: str, now: dict[str, Any], before: dict[str, Any], span: fl
     if before.get("delivered", 0) > now["delivered"]:
         before = {}  # a module that was started anew counts from 0 again
     handling = now["handling"]
-    what = listed([numbered(one["message"], one["id"]) for one in handling])
+    what = listed([_called(one) for one in handling])
     busy = (now["busy"] - before.get("busy", 0.0)) / (span * max(now["capacity"], 1))
     rate = (now["delivered"] - before.get("delivered", 0)) / span
     held = f"{'reserved' if now['is_reserved'] else 'locked'} by {now['held_by']}" if now["held_by"] else ""
@@ -152,6 +152,12 @@ def _resource(module: str, now: dict[str, Any], before: dict[str, Any], span: fl
         module, now["resource"], now["capacity"], min(max(busy, 0.0), 1.0), rate, what, seconds, now["blocked"],
         now["waiting"], now["oldest"], held,
     )  # fmt: skip
+
+
+def _called(handled: dict[str, Any]) -> str:
+    """``grasp {7} (cancel requested)``."""
+    state = handled.get("state")
+    return numbered(handled["message"], handled["id"]) + (f" ({state})" if state else "")
 
 
 def _message(now: dict[str, Any], before: int, span: float) -> MessageLine:

@@ -98,7 +98,7 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
     return {
         "resource": resource.name,
         "capacity": resource.capacity,
-        "handling": [{"id": one.id, "message": one.message.name, "seconds": now - one.since} for one, _ in inside],
+        "handling": [_handled(one, now) for one, _ in inside],
         "blocked": sum(bool(slot.waits or slot.pauses) for slot in resource.slots),
         "waiting": resource.waiting,
         "oldest": now - first.since if first else 0.0,
@@ -108,6 +108,12 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
         "is_reserved": bool(held_by and held_by.admits_owner),
         "claims": len(resource.claims),
     }
+
+
+def _handled(one: Delivery, now: float) -> dict[str, Any]:
+    """A message with a handler; of a task its state, unless it just runs."""
+    state = one.state if isinstance(one, Task) and one.state != one.message.running else ""
+    return {"id": one.id, "message": one.message.name, "state": state, "seconds": now - one.since}
 
 
 def _waits(central: State) -> Iterator[_Since]:

@@ -183,7 +183,11 @@ def test_among_very_many_tasks_it_is_said_which_were_counted() -> None:
 
 def test_in_80_columns_nothing_that_matters_is_cut() -> None:
     busy = resource(
-        waiting=4, oldest=12.0, blocked=1, held_by="eyes", handling=[{"id": 7, "message": "move leg", "seconds": 0.5}]
+        waiting=4,
+        oldest=12.0,
+        blocked=1,
+        held_by="eyes",
+        handling=[{"id": 7, "message": "move leg", "seconds": 0.5}],
     )
     other = resource("ankles", capacity=1, blocked=1, handling=[{"id": 8, "message": "look", "seconds": 90.0}])
     walk = WaitFor(WaitKind.CONSTRAINT, 3, "walk", Moment.END_ACHIEVING)
@@ -192,6 +196,13 @@ def test_in_80_columns_nothing_that_matters_is_cut() -> None:
     assert re.search(r"legs x2 +10% +0.5 +4, 12.0 s +locked by eyes  1 blocked: move leg \{7\}", text)
     assert re.search(r"legs / ankles +20% +0.5 +blocked: look \{8\}  90.0 s", text)
     assert re.search(r"31.0 s +wave \{9\} +until walk \{3\} is achieved", text)
+
+
+def test_a_task_that_is_to_be_cancelled_is_shown_so() -> None:
+    asked = {"id": 7, "message": "move leg", "state": "cancel requested", "seconds": 0.5}
+    told = frame(answer(20.0, resource(handling=[asked, {**asked, "id": 8, "state": ""}])))
+    text = shown(screen(told, "ipc:///here", ""))
+    assert "move leg {7} (cancel requested) and move leg {8}" in text
 
 
 def test_nothing_is_told_in_words() -> None:
