@@ -24,9 +24,10 @@ class ReportingTask:
         return self._served().state
 
     def accept(self) -> None:
-        """Say that the task is begun; for handlers declared with ``accepts=True``."""
-        served = self._served()
-        served.take(served.life_cycle.accepted.name)
+        """Say that the task is begun; for handlers declared with ``accepts=True``. If an early cancel was rejected, that
+        has begun it, and this says nothing more.
+        """
+        self._served().begin()
 
     def report(self, data: Any = None) -> None:
         """Tell those who follow the task of an intermediate result, of the type *progress* of its message. Does not

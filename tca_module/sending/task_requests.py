@@ -66,6 +66,7 @@ class ServerState:
         self.life_cycle = cycle = life_cycle_of(message)
         self._state = cycle.initial if accepts else cycle.accepted.target
         self.is_conversing = False  #: a Server has methods for requests: no wait gives them
+        self._is_begun_by_refusal = False
         self._serial = 0  # the newest that a client's transition had
         self._open: list[TaskRequest] = []  # oldest first
         self._connection = connection
@@ -190,10 +191,18 @@ class ServerState:
             if row is None:
                 raise MisuseError(f"{request} can't be rejected: {self.life_cycle} has no transition for that")
             self._open.remove(request)
+            self._is_begun_by_refusal = request.row.source == self.life_cycle.initial
             self._take(row, why)
             return True
 
     # --- what the handler does ---------------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Accept the task, unless it is begun because a cancel that came before that was refused."""
+        with self._lock:
+            if not self._is_begun_by_refusal:
+                self.take(self.life_cycle.accepted.name)
+            self._is_begun_by_refusal = False
 
     def take(self, name: str, why: str = "", body: bytes = b"") -> None:
         """Take a transition of the server's."""

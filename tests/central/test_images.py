@@ -18,6 +18,7 @@ from central.transcript import Transcript
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
+from properties.life_of_states import LifeOfStates
 
 from tca_central.core import Central
 from tca_central.errors import ImageError
@@ -84,6 +85,13 @@ def test_it_goes_on_so_for_hundreds_of_events(every: int) -> None:
     player.every = every
     Life(player).go_on(seed=every, events=800)
     assert player.images > 2
+
+
+def test_it_goes_on_so_while_states_are_changed_and_observed() -> None:
+    player = TwinPlayer()
+    player.every = 25
+    LifeOfStates(player).go_on(seed=3, events=400)
+    assert player.images > 8
 
 
 @pytest.mark.parametrize("player", [TwinPlayer, QuickTwinPlayer])

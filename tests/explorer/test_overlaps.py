@@ -118,6 +118,31 @@ def test_a_handler_that_knows_of_nothing_is_begun_anew_or_killed() -> None:
     good(grasping(refuses=["update", "cancel"]), never(ended("done", 2)))
 
 
+def test_a_cancel_before_the_task_is_accepted_may_be_rejected() -> None:
+    """By that the task runs: the handler need not know whether it was quicker than the cancel."""
+    scenario = Scenario("early", never_stuck(), never(ended("cancelled")))
+    scenario.observe()
+    arm, user = scenario.module("arm"), scenario.module("user")
+
+    @user.does
+    def want(me: Script) -> None:
+        sent = me.command(GRASP, 1)
+        sent.cancel()
+        sent.wait()
+
+    @arm.handles(GRASP, takes=["cancel"], accepts=True)
+    def grasp(task: Task, _: int) -> int:
+        if request := task.request:
+            request.reject("not now")
+        task.accept()
+        if request := task.request:
+            request.reject("not now")
+        task.report(1)
+        return 2
+
+    good(scenario)
+
+
 def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defaults() -> None:
     """A goal lives on when its handler has returned: nobody would answer the cancel."""
     scenario = Scenario("tidying", never_stuck())
