@@ -24,8 +24,8 @@ class ReportingTask:
         return self._served().state
 
     def accept(self) -> None:
-        """Say that the task is begun; for handlers declared with ``accepts=True``. If an early cancel was rejected, that
-        has begun it, and this says nothing more.
+        """Say that the task is begun; for handlers declared with ``accepts=True``. If an early cancel was rejected,
+        that has begun it, and this says nothing more.
         """
         self._served().begin()
 
