@@ -1,6 +1,7 @@
 """Task definitions: the classes that a robot's author writes, and what the server makes of each."""
 
 import inspect
+import threading
 from typing import Any, Generic, Protocol, TypeVar, get_args, get_origin
 
 import msgspec
@@ -11,6 +12,8 @@ from tca_missions.serving.parameters import TaskFormat, fields_of, help_of, para
 from tca_module import Command, FailureRaised, MisuseError, Task
 
 E = TypeVar("E", bound=Environment)
+
+_MOST_CHANGED = 100  # tasks whose changed parameters are remembered in case they are retried
 
 
 class RunInterface(Protocol):
@@ -101,6 +104,8 @@ class Definition:
             "server": server, "task": self.name, "help": help_of(task), "periodic": self.is_periodic,
             "parameters": sorted(fields, key=lambda name: name in COMMON),
         }  # fmt: skip
+        self._changed: dict[tuple[int, str], dict[str, Any]] = {}  #: parameters of tasks that were updated
+        self._lock = threading.Lock()
         self.format = TaskFormat(task, fields, marker)
         self.message: Command[Any, TaskEnd] = Command(
             f"{server}.{self.name}", self.format, result=TaskEnd, progress=TaskStatus
@@ -111,10 +116,14 @@ class Definition:
         return self.format.kind(**given)
 
     def create(self, environment: Environment, task: Task, parameters: msgspec.Struct) -> ServedTask[Any]:
-        """The task of one run."""
+        """The task of one run. One that is retried has the parameters that it was given before, too: central knows only
+        those of the last update.
+        """
         made = self.task()
         made.env, made.task = environment, task
-        for name, value in (self.format.defaults() | self.format.given_in(parameters)).items():
+        with self._lock:
+            before = self._changed.pop(_key(task), {})
+        for name, value in (self.format.defaults() | before | self.format.given_in(parameters)).items():
             setattr(made, name, value)
         return made
 
@@ -126,7 +135,16 @@ class Definition:
             return f"parameter '{fixed[0]}' can't be changed while the task runs"
         for name, value in given.items():
             setattr(served, name, value)
+        with self._lock:
+            self._changed[_key(served.task)] = {name: getattr(served, name) for name in self.format.fields}
+            while len(self._changed) > _MOST_CHANGED:
+                del self._changed[next(iter(self._changed))]
         return ""
+
+
+def _key(task: Task) -> tuple[int, str]:
+    """A task of one central: the next one may give another the same number."""
+    return task.id, getattr(task.id, "epoch", "")
 
 
 def check_task(task: object) -> type[ServedTask[Any]]:

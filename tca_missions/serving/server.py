@@ -88,6 +88,7 @@ class TaskServer:
         def run(task: Task, parameters: Any) -> TaskEnd:
             return self._run(definition, task, parameters)
 
+        run.__qualname__ = f"of task {definition.name}"  # the log names it
         self.module.handles(definition.message, takes=["update"])(run)
 
     def _run(self, definition: Definition, task: Task, parameters: msgspec.Struct) -> TaskEnd:
