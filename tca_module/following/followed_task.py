@@ -1,12 +1,12 @@
 """What a client does with a task beside waiting for its end: follow its state, give it a new goal, cancel it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar, overload
 
 import msgspec
 
 from tca_module.checks import NAME, TEXT, LateText, check, check_message
-from tca_module.errors import MisuseError, Refused
+from tca_module.errors import MisuseError, Refused, Timeout
 from tca_module.following.mirror import C, ChangeCallback, Mirror
 from tca_module.following.observation import News, Observation
 from tca_module.following.stream import Stream
@@ -124,6 +124,35 @@ class FollowedTask(Generic[C]):
         if self._changes is None:
             self._changes = self._stream()
         return self._changes.receive(timeout)
+
+    def wait_for_state(self, *states: str, timeout: float | None = None) -> str:
+        """Wait until the task is, or has been since this was called, in one of these states, or has ended; that state.
+        Raises Timeout.
+
+        ::
+
+            if grasp.wait_for_state("running") == "running":
+                grasp.update(Grip("cup"))
+        """
+        self._check_states(states)
+        mirror = self._followed()
+        came = mirror.observation.unread(lambda news: news.change.state in states or news.change.is_over)
+        mirror.observation.catch_up()
+        if mirror.newest is not None and not came:
+            came.put(mirror.newest)
+        if not mirror.observation.wait(lambda: bool(came), timeout):
+            mirror.observation.check()
+            what = f"{self._in_words} was not {' or '.join(states)}"
+            raise Timeout(f"{what} within {timeout:g} s, but is {mirror.known or 'unknown'}", can_wait=True)
+        return came.take().change.state
+
+    def _check_states(self, states: Sequence[str]) -> None:
+        cycle = self._life_cycle
+        if not states or not all(isinstance(one, str) for one in states):
+            raise MisuseError(f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}')
+        if self._declared() is not None and (unknown := sorted(set(states) - set(cycle.states))):
+            listed = ", ".join(f"'{one}'" for one in cycle.states)
+            raise MisuseError(f"wait_for_state(): {self._in_words} is never '{unknown[0]}': {cycle} has {listed}")
 
     @overload
     def progress(self, kind: None = None, *, timeout: float | None = ...) -> Stream[Any]: ...

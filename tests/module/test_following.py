@@ -132,6 +132,23 @@ def test_the_next_change_is_waited_for(user: Client, arm: Module, central: Local
     assert wave.next_change() is None
 
 
+def test_a_state_is_waited_for(user: Client, arm: Module, central: LocalCentral) -> None:
+    wave = user.command(WAVE, 1, delay=5)
+    assert wave.wait_for_state("initiated") == "initiated"
+    with pytest.raises(Timeout, match=r"command 'wave' was not running or done within 0\.01 s, but is initiated"):
+        wave.wait_for_state("running", "done", timeout=0.01)
+    central.advance(5)
+    assert wave.wait_for_state("running") == "running"
+    central.advance(10)
+    assert wave.wait_for_state("running") == "done", "it has ended"
+    with pytest.raises(MisuseError, match="is never 'paused': life cycle 'basic' has 'initiated', 'running', 'done'"):
+        wave.wait_for_state("paused")
+    with pytest.raises(MisuseError, match=r'give one or more states, such as "running", not \(\)'):
+        wave.wait_for_state()
+    with pytest.raises(MisuseError, match="give one or more states"):
+        wave.wait_for_state(5)  # type: ignore[arg-type]
+
+
 def test_who_comes_late_learns_how_the_task_stands(user: Client, arm: Module, central: LocalCentral) -> None:
     user.command(GRASP, Grip("cup"))
     central.until_quiet()

@@ -256,6 +256,7 @@ OF_TASKS: dict[str, dict[str, Any]] = {
     "changes": {"timeout": BRIEFLY},
     "next_change": {"timeout": BRIEFLY},
     "progress": {"kind": None, "timeout": BRIEFLY},
+    "wait_for_state": {"timeout": 0.0},
     "on_change": {"function": nothing},
     "update": {"goal": None, "timeout": BRIEFLY, "message": REST},
     "update_send": {"goal": None, "message": REST},

@@ -36,6 +36,7 @@ def public(kind: type) -> set[str]:
 
 def test_a_handlers_task_has_all_calls_of_a_task_but_the_waits_for_its_own_end() -> None:
     of_clients = {
+        "wait_for_state",
         "follow",
         "serial",
         "changes",
