@@ -81,15 +81,17 @@ class TaskRun:
             with self._environment("iterate"):
                 if self._is_completed(served.iterate()):
                     return
-            due = period.next(self.task.time(), served.task_period)
-            self._count_overruns(period)
+            now, was_due = self.task.time(), period.due
+            due = period.next(now, served.task_period)
+            self._count_overruns(period, now - was_due)
             self._wait_until(min(due, began + served.task_timeout) if served.task_timeout else due)
             if served.task_timeout and self.task.time() >= began + served.task_timeout:  # it may have changed
                 raise self._timeout()
 
-    def _count_overruns(self, period: Period) -> None:
+    def _count_overruns(self, period: Period, took: float) -> None:
         if period.missed > self.overruns == 0:
-            self._log.warning("%s misses its period of %g s: its iterate() takes longer", self.task, period.seconds)
+            text = "%s misses its period of %g s: an iteration ended %.3g s after it was due"
+            self._log.warning(text, self.task, period.seconds, took)
         self.overruns = period.missed
 
     def _iterate_once(self) -> None:
