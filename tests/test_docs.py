@@ -117,6 +117,7 @@ task_period = 0.0
 
 LIFE_CYCLES = """
 from tca_module import *
+from tca_module.testing import LocalCentral
 WATCH = Command("watch", float, progress=float)
 camera = lamp = Module("any")
 user = connect()
