@@ -44,7 +44,7 @@ QUOTES = {
     "task.monitor(CUP_GONE": "10_cups",
     "monitor = watcher.under": "36_watch_a_running_task",
     'from tca_missions.charts import Sequence\n\nwith Sequence("patrol")': "45_state_machine",
-    "class Oven(Environment):": "40_task_server",
+    "from tca_missions import Environment, Mission, MissionTaskFailed, OnceTask": "40_task_server",
     "@camera.handles(WATCH, takes": "37_follow_and_update",
     "watching = user.command(WATCH, 10.0)": "37_follow_and_update",
     "class Drive(PeriodicTask[Cart]):": "41_mission",
