@@ -54,7 +54,7 @@ QUOTES = {
     "task.command(STOW, thing, keep=True)": "18_what_was_done_already",
     "@display.handles(POSE, pending=1)": "15_what_waits",
     'with task.lock("controller"': "34_locks",
-    "with LocalCentral(stepped=True)": "06_testing_without_central",
+    "with LocalCentral(stepped=True) as central, make_planner": "06_testing_without_central",
 }
 """How blocks begin that are taken from an example."""
 
