@@ -90,7 +90,7 @@ class BaseMission:
         if isinstance(error, SystemExit) and not error.code:
             error = None
         try:
-            if not self._leave_running:
+            if not (self._leave_running or isinstance(error, CentralLost)):
                 with contextlib.suppress(TcaError):
                     self._stop(list(self._running.values()), "the mission has ended")
         finally:
@@ -182,6 +182,8 @@ class BaseMission:
         """Wait for the end of a task in the foreground; one that is not waited for any more must not go on."""
         try:
             self._wait([task], None)
+        except CentralLost:
+            raise  # it can't be told
         except BaseException:
             self._stop([task], "the mission was interrupted")
             raise

@@ -10,6 +10,7 @@ import msgspec
 
 from tca_module import (
     HANDLERS_CHANGED,
+    CentralLost,
     ExceptionHandler,
     Failure,
     Goal,
@@ -139,7 +140,7 @@ class MissionGoal:
     def close(self, error: BaseException | None) -> None:
         """End the goal, as done or, with the exception that has ended the mission, as failed; and leave central."""
         with self._stack:
-            if self._owed is None or self._top is None:
+            if self._owed is None or self._top is None or isinstance(error, CentralLost):
                 return
             with contextlib.suppress(TcaError):
                 self._top.kill("the mission has ended", scope=Scope.DESCENDANTS)

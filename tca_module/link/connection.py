@@ -278,9 +278,11 @@ class Connection:
         check_epoch(numbers, session.epoch)
 
     def wait(
-        self, request: Request, timeout: float | None, what: object, is_over: Callable[[], bool] | None = None
-    ) -> bool:
-        """Wait until a request is over, or *is_over* says that enough has come; whether it did in time.
+        self, request: Request, timeout: float | None, what: object, is_over: Callable[[], bool] | None = None,
+        since: float | None = None,
+    ) -> bool:  # fmt: skip
+        """Wait until a request is over, or *is_over* says that enough has come; whether it did in time. *since*: when
+        this wait began, if it goes on with one.
 
         Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; in a handler
         once TaskKilled if its task was killed, and once Stopped if its module ends.
@@ -291,7 +293,7 @@ class Connection:
             try:
                 if timeout != 0 and request.is_unannounced:
                     self.announce(request)
-                came = is_done() or self.waiting.unless_woken(is_done, timeout, what, request)
+                came = is_done() or self.waiting.unless_woken(is_done, timeout, what, request, since=since)
             except CentralLost as error:
                 self.abandon(request)
                 raise CentralLost(f"{error}; {what} {self.session.fate_of(request)}") from None

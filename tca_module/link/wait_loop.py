@@ -32,11 +32,14 @@ class WaitLoop:
         self.is_calling_back = False  #: one of them is being called
         self._word: Request | None = None  #: asked of central: nothing that is ahead begins before its answer
 
-    def until(self, is_over: Callable[[], bool], timeout: float | None, alarm: float = _FOR_EVER) -> bool:
-        """Wait until *is_over*; whether it is in time. Raises CentralLost if central is silent for too long. It looks
-        again at the moment *alarm* of the clock on which callbacks are due.
+    def until(
+        self, is_over: Callable[[], bool], timeout: float | None, alarm: float = _FOR_EVER, since: float | None = None
+    ) -> bool:
+        """Wait until *is_over*; whether it is in time. Raises CentralLost if central is silent for too long, which is
+        counted from *since*, where this goes on with a wait. It looks again at the moment *alarm* of the clock on which
+        callbacks are due.
         """
-        return self._wait(is_over, timeout, self.patience, alarm=alarm)
+        return self._wait(is_over, timeout, self.patience, alarm=alarm, begun=since)
 
     def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None) -> None:
         """Wait until *is_over*, however long central is silent; handle also what is ahead. *idle* is called in between,
@@ -46,14 +49,14 @@ class WaitLoop:
 
     def unless_woken(
         self, is_over: Callable[[], bool], timeout: float | None, what: object, request: Request | None = None,
-        alarm: float = _FOR_EVER,
+        alarm: float = _FOR_EVER, since: float | None = None,
     ) -> bool:  # fmt: skip
         """Wait until *is_over*, or the handler is to be woken. An answer wins, unless the same kill ended both."""
         open_deliveries, one = self._session.open_deliveries, self._session.open_deliveries.waiting_handler()
         can_wake = one is not None or open_deliveries.is_ending is not never
         if not can_wake or (request is not None and not waits_for_others(request)):
-            return self.until(is_over, timeout, alarm)
-        came = self.until(lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout, alarm)
+            return self.until(is_over, timeout, alarm, since)
+        came = self.until(lambda: is_over() or bool(open_deliveries.wake_reason(one)), timeout, alarm, since)
         why = open_deliveries.wake_reason(one)
         if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
             self.check_woken(what)
@@ -97,10 +100,10 @@ class WaitLoop:
 
     def _wait(
         self, is_over: Callable[[], bool], timeout: float | None, patience: float,
-        idle: Callable[[float], bool] | None = None, alarm: float = _FOR_EVER,
+        idle: Callable[[float], bool] | None = None, alarm: float = _FOR_EVER, begun: float | None = None,
     ) -> bool:  # fmt: skip
-        session, line, since = self._session, self._line, self._clock()
-        now, deadline = since, _FOR_EVER if timeout is None else since + timeout
+        session, line, now = self._session, self._line, self._clock()
+        deadline, since = _FOR_EVER if timeout is None else now + timeout, now if begun is None else begun
         quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
         while not is_over():
             if self.has_news:
@@ -120,9 +123,10 @@ class WaitLoop:
                 self._doubt_what_is_ahead()
             if idle is not None and self.handle_delivery is not None:
                 self._handle_next(self.handle_delivery)  # and central is heard in between
-            if now >= deadline:
+            is_silent = now >= max(session.heard, since) + patience
+            if now >= deadline and (begun is None or not is_silent):
                 return is_over()
-            if now >= max(session.heard, since) + patience:
+            if is_silent:
                 raise line.lost()
         return True
 

@@ -7,6 +7,7 @@ from tca_module import checks
 from tca_module.checks import check
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
+from tca_module.link.packet_line import STALL
 from tca_module.sending.task_ref import TaskRef
 from tca_module.session.request import Request
 
@@ -52,11 +53,14 @@ def _wait(
     def is_over() -> bool:
         return any(request.is_over for request in requests)
 
-    end = None if timeout is None else connection.now() + timeout
+    began = since = now = connection.now()
     what = "the wait for the first of several tasks"
     while not is_over() and not (until is not None and until()):
-        left = None if end is None else max(0.0, end - connection.now())
-        patience = left if until is None else _PERIOD if left is None else min(_PERIOD, left)
-        connection.wait(requests[0], patience, what, is_over)
+        left = None if timeout is None else max(0.0, began + timeout - now)
+        step = left if until is None else _PERIOD if left is None else min(_PERIOD, left)
+        connection.wait(requests[0], step, what, is_over, since)
+        before, now = now, connection.now()
+        if now - before > _PERIOD + STALL and until is not None:
+            since = now  # this process stood still: blame nobody
         if left == 0.0:
             return

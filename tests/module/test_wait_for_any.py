@@ -1,0 +1,83 @@
+"""The wait for the first of several tasks to end."""
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from tca_module import CentralLost, Client, Command, MisuseError, Module, Task, connect, wait_for_any
+from tca_module.testing import LocalCentral
+
+QUICK, SLOW, FAILS = Command("quick"), Command("slow"), Command("fails")
+
+
+@pytest.fixture
+def end() -> threading.Event:
+    """Ends what is slow."""
+    return threading.Event()
+
+
+@pytest.fixture
+def robot(end: threading.Event) -> Iterator[LocalCentral]:
+    module = Module("robot", capacity=3)
+    module.handles(QUICK)(lambda _: None)
+
+    @module.handles(SLOW)
+    def slow(_: Task) -> None:
+        end.wait(10)
+
+    @module.handles(FAILS)
+    def fails(_: Task) -> None:
+        raise ValueError("a slip")
+
+    with LocalCentral() as central:
+        module.central = central
+        with module.running():
+            yield central
+            end.set()
+
+
+@pytest.fixture
+def user(robot: LocalCentral) -> Iterator[Client]:
+    with connect("user", robot) as user:
+        yield user
+
+
+def test_the_first_to_end_is_given(user: Client, end: threading.Event) -> None:
+    slow, quick = user.command(SLOW, sequential=False), user.command(QUICK, sequential=False)
+    assert wait_for_any([slow, quick]) == [quick]
+    assert wait_for_any([slow, quick]) == [quick]  # it has ended, and is given again
+    end.set()
+    assert wait_for_any([slow]) == [slow]
+    assert slow.result(0) is None
+
+
+def test_a_task_that_failed_has_ended(user: Client) -> None:
+    fails = user.command(FAILS)
+    assert wait_for_any([fails]) == [fails]
+    with pytest.raises(Exception, match="a slip"):
+        fails.result(0)
+
+
+def test_the_wait_ends_after_its_timeout_or_when_it_is_told_to(user: Client) -> None:
+    slow = user.command(SLOW)
+    assert wait_for_any([slow], 0.01) == []
+    answers = iter([False, False, True])
+    assert wait_for_any([slow], until=lambda: next(answers)) == []
+    assert next(answers, "all asked") == "all asked"
+
+
+def test_a_silent_central_ends_the_wait(robot: LocalCentral) -> None:
+    user = connect("hasty", robot, 0.3, linger=0.1)
+    slow = user.command(SLOW)
+    assert slow.id
+    robot.close()
+    with pytest.raises(CentralLost, match="does not answer"):
+        wait_for_any([slow], until=lambda: False)
+
+
+def test_what_cannot_be_waited_for_together(user: Client, robot: LocalCentral) -> None:
+    with pytest.raises(MisuseError, match="needs a list of tasks"):
+        wait_for_any([])
+    with connect("other", robot) as other, pytest.raises(MisuseError, match="those of one client"):
+        wait_for_any([user.command(QUICK), other.command(QUICK)])
