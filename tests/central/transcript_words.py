@@ -175,6 +175,7 @@ def describe_observed(header: Any, body: bytes) -> str:
     """An answer to an observer."""
     if not body:
         return "observes" if header.more else "observes no longer"
+    assert header.more, "there is an end of its own"
     change = msgspec.msgpack.decode(body, type=StateChange)
     whose = f" by {change.by} {change.module}".rstrip() if change.transition else ""
     what = f"{change.transition}{whose}, " if change.transition else ""
