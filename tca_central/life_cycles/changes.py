@@ -214,8 +214,9 @@ def _change_by_server(central: State, connection: Connection, header: ChangeStat
     asked = task.rare.asked if task.rare is not None else []
     unseen = [one for one in asked if one.serial > seen]
     step, overtaken = cycle.step(task.state, name, Party.SERVER), False
-    if step is None and unseen:
-        step, overtaken = cycle.step(unseen[0].source, name, Party.SERVER), True
+    if unseen and (step is None or step.effect is not Effect.RESULT):
+        before = cycle.step(unseen[0].source, name, Party.SERVER)
+        step, overtaken = (before, True) if before is not None else (step, False)
     if step is None:
         _refuse(task, name, Party.SERVER)
         if task.rare is not None and seen < task.rare.client_serial:  # a client was first

@@ -2,14 +2,17 @@
 
 import msgspec
 import pytest
-from central.player import Player
+from central.player import IN_PYTHON, Player
 from central.transcript import PAUSABLE
 
+from tca_central.life_cycles import observing
 from tca_central.life_cycles.changes import MOST_ASKED
+from tca_wire.journal.facts import StateChanged
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition, ending
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Requested
 from tca_wire.packets.parts import StateChange
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Party, Refusal
 
 NAGGING = LifeCycle(
@@ -78,3 +81,51 @@ def test_an_observer_of_what_is_under_a_task_is_told_of_what_is_there(player: Pl
     player.observe("user", below=goal)
     told = [msgspec.msgpack.decode(body, type=StateChange) for _, body in player.inbox["user"] if body]
     assert [(one.message, one.is_late) for one in told] == [("move", True)]
+
+
+def test_an_accepted_goal_is_one_that_the_handler_has_seen(player: Player) -> None:
+    """Of a life cycle in which another update may follow before the first is answered."""
+    eager = LifeCycle("eager", [*GENERAL.transitions, Transition(
+        "update", "update requested", "update requested", Party.CLIENT, Effect.NEW_GOAL)])  # fmt: skip
+    player.life_cycles["grasp"] = eager.text
+    player.module("arm", "command grasp", takes=["update"])
+    player.declare("user", "command grasp")
+    task = player.task("user", "grasp")
+    player.change("user", task, "update", 8)
+    player.change("user", task, "update", 9)
+    player.change("arm/1", task, "accept", serial=2)
+    grasp = player.central.tree.tasks[TaskId(task)]
+    assert (grasp.body, grasp.state) == (
+        msgspec.msgpack.encode(8),
+        "update requested",
+    )  # as the other is still to answer
+    player.change("arm/1", task, "accept", serial=3)
+    assert (grasp.body, grasp.state) == (msgspec.msgpack.encode(9), "running")
+
+
+def test_a_result_of_a_handler_that_has_not_seen_a_pause_is_taken_before_it(player: Player) -> None:
+    task = player.task("user", "walk")
+    player.change("user", task, "pause")
+    for _ in range(2 * MOST_ASKED):  # that it overtakes the pause so often is forgotten each time
+        *_, answer = player.change("feet/1", task, "result available", 5, serial=0)
+        assert isinstance(answer, headers.Accepted)
+        assert player.central.tree.tasks[TaskId(task)].state == "paused"
+    changes = [fact.transition for fact in player.facts(StateChanged)]
+    assert changes == ["pause", *["result available", "pause"] * 2 * MOST_ASKED]
+
+
+@IN_PYTHON
+def test_nobody_observes_too_many_tasks_at_once(player: Player, monkeypatch: pytest.MonkeyPatch) -> None:
+    for _ in range(4):
+        task = player.task("user", "walk")
+    for limit in ("MOST_LATE", "MOST_LOOKED_AT"):
+        with monkeypatch.context() as patched:
+            patched.setattr(observing, limit, 4)
+            assert not any(isinstance(one, headers.Refused) for one in player.observe("user"))
+            patched.setattr(observing, limit, 3)
+            (refused,) = player.observe("user")
+            assert refused == headers.Refused(
+                player.numbers["user"], Refusal.OVERLOAD,
+                "there are 4 tasks: observe a message, what is under a task, or one task",
+            )  # fmt: skip
+            assert not any(isinstance(one, headers.Refused) for one in player.observe("user", task=TaskId(task)))

@@ -76,10 +76,10 @@ class Reference:
             assert isinstance(asked.answer, headers.Refused), (asked, task.changes)
             assert asked.answer.refusal is expected, (asked, task.changes)
             return
-        row, before = task.row(task.state, asked.name, asked.by), len(task.changes)
+        before = len(task.changes)
         if asked.by is Party.SERVER:
-            self.by_server(task, row, asked)
-        elif row is not None:
+            self.by_server(task, asked)
+        elif (row := task.row(task.state, asked.name, Party.CLIENT)) is not None:
             self.by_client(task, row, asked)
         is_taken = len(task.changes) > before or asked.task in self.killed_by_wish
         assert asked.answer.id == (task.serial if is_taken else 0), (asked, task.changes)
@@ -92,7 +92,7 @@ class Reference:
         """Why a request must be refused; None if it is taken, or ignored."""
         if asked.serial > task.serial:
             return Refusal.PROTOCOL  # it has missed changes
-        row = task.row(task.state, asked.name, asked.by) or self.overtaken(task, asked)
+        row, _ = self.chosen(task, asked)
         if row is None:
             if not any(task.row(state, asked.name, asked.by) for state in task.cycle.states):
                 return Refusal.UNKNOWN
@@ -108,10 +108,15 @@ class Reference:
             return Refusal.PROTOCOL  # nobody would hear of it
         return None
 
-    def overtaken(self, task: Followed, asked: Asked) -> Transition | None:
-        """The server's transition out of the state before what it has not seen."""
-        unseen = self.unseen(task, asked)
-        return task.row(unseen[0][0].source, asked.name, asked.by) if unseen else None
+    def chosen(self, task: Followed, asked: Asked) -> tuple[Transition | None, bool]:
+        """The transition that is meant, and whether it comes before what the server has not seen of clients' wishes: out
+        of the state before those, if it is possible there, and no result that can be told now.
+        """
+        now, unseen = task.row(task.state, asked.name, asked.by), self.unseen(task, asked)
+        before = task.row(unseen[0][0].source, asked.name, asked.by) if unseen else None
+        if before is None or (now is not None and now.effect is Effect.RESULT):
+            return now, False
+        return before, True
 
     @staticmethod
     def unseen(task: Followed, asked: Asked) -> list[tuple[Transition, int, bytes]]:
@@ -141,9 +146,8 @@ class Reference:
         else:
             self.killed_by_wish.add(asked.task)
 
-    def by_server(self, task: Followed, row: Transition | None, asked: Asked) -> None:
-        unseen, now = self.unseen(task, asked), row is not None
-        row = row or self.overtaken(task, asked)
+    def by_server(self, task: Followed, asked: Asked) -> None:
+        unseen, (row, is_first) = self.unseen(task, asked), self.chosen(task, asked)
         if row is None:
             return  # it comes too late
         if row.effect is Effect.RESULT:
@@ -160,7 +164,7 @@ class Reference:
                 task.goal = goals[-1]
             task.open = []
             task.take(row.name, row.target)
-        for one, number, body in () if now else unseen:
+        for one, number, body in unseen if is_first else ():
             again = task.row(task.state, one.name, Party.CLIENT)
             if again is not None:
                 task.take(again.name, again.target)
