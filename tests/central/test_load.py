@@ -52,7 +52,7 @@ def test_what_is_handled_now_counts_until_now() -> None:
     step = robot.task("user", "step")
     robot.tick(2.5)
     legs = resource(load(robot.central), "legs")
-    assert legs["handling"] == [{"id": step, "message": "step", "seconds": 2.5}]
+    assert legs["handling"] == [{"id": step, "message": "step", "state": "", "seconds": 2.5}]
     assert legs["busy"] == 2.5
 
 
