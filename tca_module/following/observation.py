@@ -83,6 +83,14 @@ class Unread:
         return news._replace(missed=news.missed + self._dropped.pop(news.task, 0))
 
 
+class _Last(NamedTuple):
+    """The newest change of a task, as much of it as may be needed."""
+
+    serial: int
+    message: str
+    goal: bytes
+
+
 class Observation:
     """A request for news of some tasks' states, for as long as somebody has this."""
 
@@ -93,9 +101,10 @@ class Observation:
         self._header = header
         self._readers: weakref.WeakSet[Unread] = weakref.WeakSet()
         self._is_held = False
-        self._known: dict[int, StateChange] = {}  # the newest of each living task, unless only some states are wanted
-        self._present: set[int] | None = set()  # tasks of which it is told how they stand; None: of all that there are
-        self._epoch = connection.session.epoch
+        self._known: dict[int, _Last] = {}  # of living tasks, unless only some states are wanted
+        self._present: set[int] = set()  # tasks of which it has been told how they stand
+        self._round = ("", 0)  # the central, and the request, that tell of these
+        self._is_complete = False  # they have told of all
         self._is_given_up = False
         self._request = self._ask()
 
@@ -122,7 +131,7 @@ class Observation:
     @property
     def is_complete(self) -> bool:
         """Whether it is known how things stand."""
-        return self._present is None or self.is_over
+        return self._is_complete or self.is_over
 
     @property
     def is_over(self) -> bool:
@@ -157,8 +166,8 @@ class Observation:
         if not is_there():
             try:
                 yield from self.connection.until_over(self._request, self._what, lambda: self._settles(is_there))
-            except BaseException as error:
-                self._on_error(error)
+            except CentralLost:
+                self._have_been_told()
                 raise
         return is_there()
 
@@ -170,7 +179,12 @@ class Observation:
         if self._is_given_up and self._is_held:
             with suppress(CentralLost):
                 self._is_given_up, self._request = False, self._ask()
-        if isinstance(error, CentralLost) and isinstance(self._header.task, SentId):
+        if isinstance(error, CentralLost):
+            self._have_been_told()
+
+    def _have_been_told(self) -> None:
+        """The user hears that the task was lost with central: the end of the program need not say it."""
+        if isinstance(self._header.task, SentId):
             self.connection.session.sends.discard(self._header.task.request)
 
     def _settles(self, is_there: Callable[[], bool]) -> bool:
@@ -219,40 +233,40 @@ class Observation:
 
     def _on_change(self, change: StateChange) -> None:
         if change.is_late:
-            self._present_ones().add(change.task)
+            self._begin_round()
+            self._present.add(change.task)
         known = self._known.get(change.task)
         if known is not None and 0 <= change.serial <= known.serial:
             return  # it has been seen, or is older than what has
         if change.is_over:
             self._known.pop(change.task, None)
         elif not self._header.states:
-            self._known[change.task] = change
+            self._known[change.task] = _Last(change.serial, change.message, change.goal)
         self._publish(change, max(0, change.serial - known.serial - 1) if known is not None else 0)
 
-    def _present_ones(self) -> set[int]:
-        """The tasks of which central tells how they stand: it begins with that."""
-        if self._epoch != self.connection.session.epoch:
-            self._forget(list(self._known), "central was restarted and has forgotten it")
-            self._epoch, self._present = self.connection.session.epoch, None
-        if self._present is None:
-            self._present = set()
-        return self._present
+    def _begin_round(self) -> None:
+        """Central tells how things stand, if it does not already."""
+        epoch, number = self.connection.session.epoch, self._request.header.number
+        if (epoch, number) != self._round:
+            if epoch != self._round[0]:
+                self._forget(list(self._known), "central was restarted and has forgotten it")
+            self._round, self._present = (epoch, number), set()
 
     def _on_all_told(self) -> None:
-        present = self._present_ones()
-        self._forget([task for task in self._known if task not in present], _ENDED_UNSEEN)
-        self._present = None
+        self._begin_round()
+        self._forget([task for task in self._known if task not in self._present], _ENDED_UNSEEN)
+        self._present, self._is_complete = set(), True
 
     def _forget(self, tasks: list[int], why: str) -> None:
         for task in tasks:
-            last = self._known.pop(task)
+            _, message, goal = self._known.pop(task)
             end = StateChange(
-                last.task, last.message, -1, "", "", Party.CENTRAL, text=why, goal=last.goal, is_late=True, is_over=True
+                TaskId(task), message, -1, "", "", Party.CENTRAL, text=why, goal=goal, is_late=True, is_over=True
             )
             self._publish(end, 1)
 
     def _publish(self, change: StateChange, missed: int) -> None:
-        news = News(change, with_epoch(change.task, self._epoch, numbered(change.message, change.task)), missed)
+        news = News(change, with_epoch(change.task, self._round[0], numbered(change.message, change.task)), missed)
         if self.on_news is not None:
             self.on_news(news)
         for reader in list(self._readers):

@@ -312,7 +312,9 @@ class Connection:
     def until_over(
         self, request: Request, what: object, is_over: Callable[[], bool] | None = None
     ) -> Generator[Any, None, None]:
-        """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait`` does."""
+        """``wait`` for async handlers: to be awaited instead of blocking. Raises what ``wait`` does. With *is_over* the
+        request goes on if the wait is broken off.
+        """
         is_done = is_over or (lambda: request.is_over)
         if self.await_news is None:
             msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
@@ -322,7 +324,8 @@ class Connection:
             while not is_done():
                 yield from self.await_news(request)
         except BaseException:
-            self.abandon(request)
+            if is_over is None:
+                self.abandon(request)
             raise
         request.check(what)
 

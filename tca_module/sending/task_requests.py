@@ -78,14 +78,11 @@ class ServerState:
         self._origin = with_epoch(delivery.delivery, epoch, self._what)
         self._lock = threading.RLock()
         self._awaited = Request(Observe(0), b"", wants_answer=True)  # stands for what clients may ask of it
-        self._awaited.path = self
+        self._awaited.path = self  # who waits for it stands for nobody: it comes from outside
         one.on_request += (self._wake,)
 
     def __repr__(self) -> str:
         return self._what
-
-    def abandon(self, _: Request) -> None:
-        """A coroutine does not wait any more."""
 
     def _wake(self) -> None:
         if self._awaited.wakes is not None:

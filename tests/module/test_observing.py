@@ -1,6 +1,7 @@
 """Any program observes the states of tasks, though neither their senders nor their handlers know of it."""
 
 import asyncio
+import threading
 from collections.abc import Iterator
 
 import pytest
@@ -243,6 +244,31 @@ def test_coroutines_follow_and_observe(user: Client, arm: Module, central: Local
         assert planning.wait(SOON) is Outcome.DONE
     assert seen[:3] == [0.5, "running", "done"]
     assert seen[-1] == "wave: done"
+
+
+def test_a_coroutine_that_loses_patience_misses_nothing(user: Client, arm: Module, central: LocalCentral) -> None:
+    brain, seen, plan = Module("brain", central), list[tuple[str, int]](), Goal("plan")
+    has_lost_patience = threading.Event()
+
+    @brain.handles(plan)
+    async def do_plan(task: Task) -> None:
+        wave = task.command(WAVE, delay=5)
+        changes = wave.changes()
+        for _ in range(3):
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(0.01):
+                    await anext(changes)
+        has_lost_patience.set()
+        async for change in changes:
+            seen.append((change.state, change.missed))
+
+    with brain.running():
+        planning = user.goal(plan)
+        assert has_lost_patience.wait(SOON)
+        assert central.core.observers.count == 1
+        central.advance(6)
+        assert planning.wait(SOON) is Outcome.DONE
+    assert seen == [("running", 0), ("done", 0)]
 
 
 # --- Cancelling all ------------------------------------------------------------------------------------------------------
