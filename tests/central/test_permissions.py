@@ -13,6 +13,7 @@ from tca_central.events import AccessRule, PermissionsChanged
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers
+from tca_wire.packets.changes import ChangeState, Observe
 from tca_wire.packets.headers import Refused
 from tca_wire.packets.parts import Attachment, HandlerFormat
 from tca_wire.packets.routes import Note, Noted
@@ -61,6 +62,11 @@ REQUESTS: dict[str, tuple[Ask, Needed]] = {
     "retry": (lambda task: headers.Retry(ROGUE, TaskId(task)), STEER),
     "suspend": (lambda task: headers.Suspend(ROGUE, TaskId(task)), STEER),
     "deadline": (lambda task: headers.Deadline(ROGUE, point(task, Moment.END_ACHIEVING), 60), STEER),
+    "change a state": (lambda task: ChangeState(ROGUE, TaskId(task), "cancel"), STEER),
+    "observe a task": (lambda task: Observe(ROGUE, TaskId(task)), SEE),
+    "observe a message": (lambda _: Observe(ROGUE, message="move"), one_of("tap move")),
+    "observe what is under": (lambda task: Observe(ROGUE, below=TaskId(task)), one_of("administer tree")),
+    "observe all": (lambda _: Observe(ROGUE), one_of("administer tree")),
     "await": (lambda task: headers.AwaitPoint(ROGUE, point(task, Moment.END_ACHIEVING)), SEE),
     "keep": (lambda task: headers.Keep(ROGUE, TaskId(task)), SEE),
     "inspect": (lambda task: headers.Inspect(ROGUE, TaskId(task), "self"), SEE),
@@ -282,3 +288,20 @@ def test_what_an_exception_handler_decides_about_needs_no_permission() -> None:
     assert [one.refusal for one in refused if isinstance(one, Refused)] == [Refusal.FORBIDDEN]
     answers = player.receive("medic/1", headers.Retry(10, TaskId(other), origin=origin))
     assert not [one for one in answers if isinstance(one, Refused)]
+
+
+def test_a_handler_changes_the_state_of_its_task_and_nobody_else_does_in_its_name() -> None:
+    player = Player()
+    player.principals |= {"arm": "arm", "arm/1": "arm", "leg": "leg", "leg/1": "leg"}
+    arm, leg = (AccessRule((name,), (name,), ((HANDLE, (what,)),)) for name, what in (("arm", "move"), ("leg", "step")))
+    player.event(PermissionsChanged(0.0, (AccessRule(("owner",), allowed=EVERYTHING), arm, leg)))
+    player.module("arm", "command move")
+    player.module("leg", "command step")
+    player.module("boss")
+    player.declare("boss", "command move", "command step")
+    task, step = player.task("boss", "move"), player.task("boss", "step", flags=Flags.NONE)
+    *_, refused = player.change("leg/1", task, "result available", 5, origin=step)
+    assert isinstance(refused, Refused)
+    *_, refused = player.change("boss", task, "result available", 5, origin=task)  # of a delivery that it has not
+    assert isinstance(refused, Refused)
+    assert isinstance(player.change("arm/1", task, "result available", 5)[-1], headers.Accepted)
