@@ -41,7 +41,7 @@ class Catalogue:
         if (task := self.tasks.get(name)) is not None:
             return task
         what = f"server '{self.server}' offers no task '{name}'"
-        raise UnknownTask(f"{what}: {nearest(name, self._known, 'it offers')}", name=name, obj=None)
+        raise UnknownTask(f"{what}: {nearest(name, self._known, 'it offers')}")
 
     def message(self, task: OfferedTask) -> Command[Any, Any]:
         """The command that a task is, as its server has declared it."""

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import keyword
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, Literal, Union
@@ -79,8 +80,9 @@ class OfferedTask:
     def signature(self) -> inspect.Signature:
         """That of the function that runs it: all parameters by name."""
         kind = inspect.Parameter.KEYWORD_ONLY
+        named = [one for one in self.parameters if one.name.isidentifier() and not keyword.iskeyword(one.name)]
         return inspect.Signature(
-            [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in self.parameters],
+            [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in named],
             return_annotation=TaskEnd,
         )
 
@@ -123,7 +125,7 @@ def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:
         try:
             schema = json.loads(info.data)
             mark = msgspec.convert(schema[MARK], _Mark)
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except (ValueError, KeyError, TypeError, RecursionError, msgspec.ValidationError):
             continue  # the formats come from anybody
         yield OfferedTask(info, mark, PlainFormat(info.data).shape)
 

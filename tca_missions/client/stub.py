@@ -49,7 +49,7 @@ _TASK = '''
 def stub_text(server: str, tasks: Iterable[OfferedTask]) -> str:
     """The text of the file: a subclass of Mission with a typed method for each task."""
     parts = [_HEAD.format(server=server, made_by=MADE_BY, name=class_name(server))]
-    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name)]
+    parts += [_method(task) for task in sorted(tasks, key=lambda task: task.name) if task.name.isidentifier()]
     return "".join(parts)
 
 
@@ -60,7 +60,8 @@ def class_name(server: str) -> str:
 
 def _method(task: OfferedTask) -> str:
     def parameters(foreground: str) -> str:
-        return ", ".join(["self", "*", *_parameters(task, foreground)])
+        named = list(_parameters(task, foreground))
+        return ", ".join(["self", *(["*"] if named else []), *named])
 
     waits, goes_on = "Literal[True] = True", "Literal[False]"
     if not task.runs_in_foreground:

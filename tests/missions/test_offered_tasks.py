@@ -1,0 +1,46 @@
+"""What central tells of tasks comes from anybody: a format that makes no sense harms nobody."""
+
+import inspect
+import json
+from typing import Any
+
+import pytest
+
+from tca_missions.client.offered_task import MARK, offered_tasks
+from tca_missions.client.stub import stub_text
+from tca_module import MessageInfo
+
+GOOD = {"server": "rover", "task": "Drive"}
+
+
+def formatted(schema: Any) -> MessageInfo:
+    return MessageInfo("rover.Drive", "command", json.dumps(schema), "", "", "", ())
+
+
+@pytest.mark.parametrize(
+    "schema",
+    [
+        [MARK], {MARK: None}, {MARK: "rover"}, {MARK: {"server": 3, "task": []}}, {MARK: {}}, {MARK: {"server": "rover"}},
+        {MARK: {**GOOD, "parameters": 3}},
+    ],
+)  # fmt: skip
+def test_what_is_no_mark_is_no_task(schema: Any) -> None:
+    assert list(offered_tasks([formatted(schema)])) == []
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {}, {"properties": None}, {"properties": 3}, {"properties": {"x": 3}}, {"$ref": "#/$defs/None"}, {"$ref": 3},
+        {"properties": {"x": {"enum": [[1], {}]}, "y": {"anyOf": []}, "z": {"anyOf": [3]}, "w": {"type": 3}}},
+        {"properties": {"not a name": {}, "class": {"default": '"""\\'}, "x": {"description": 3, "default": [{}]}}},
+        {"$ref": "#/$defs/A", "$defs": {"A": {"properties": {"x": {"$ref": "#/$defs/A"}}}}, "required": [3, "x"]},
+        {"properties": {"x": {"type": "array", "items": {"$ref": "#/$defs/B"}}}, "$defs": {"B": {"type": "array", "items": {"$ref": "#/$defs/B"}}}},
+    ],
+)  # fmt: skip
+def test_a_task_with_any_parameters_can_be_shown(fields: dict[str, Any]) -> None:
+    (task,) = offered_tasks([formatted({MARK: GOOD, **fields})])
+    assert str(task.signature).endswith("TaskEnd")
+    assert isinstance(task.signature, inspect.Signature)
+    assert task.in_words
+    compile(stub_text("rover", [task]), "rover_tasks.py", "exec")
