@@ -53,8 +53,10 @@ class LaterReply(ReportingTask, Generic[R]):
     def _served(self) -> ServerState:
         if self._state is None:
             raise MisuseError(f"{self} is no task of the tree: only goals and commands are")
-        if not self.is_open:
-            raise MisuseError(f"{self} has been answered, or can't be any more: {self._ended or 'it is over'}")
+        if self._ended:
+            raise Stopped(f"{self} can't be reported on any more: {self._ended}")
+        if self._answer is not None:
+            raise MisuseError(f"{self} has been answered already: accept, report and take before that")
         return self._state
 
     @overload

@@ -380,7 +380,7 @@ def test_whoever_owes_the_reply_reports_and_hears_requests(user: Client, central
         update.wait(SOON)
         later.reply("held")
         assert grasping.result() == "held"
-        with pytest.raises(MisuseError, match=r"grasp \{1\} has been answered"):
+        with pytest.raises(MisuseError, match=r"grasp \{1\} has been answered already: accept, report"):
             later.report(0.8)
 
 
