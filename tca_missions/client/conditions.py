@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
-from tca_missions.client.task_handle import TaskHandle
+from tca_missions.client.task_handle import TaskHandle, check_handles
 from tca_module.errors import TcaError
 
 
@@ -22,6 +22,7 @@ class ConditionIsCompleted:
     """Verified when a task has ended, however it ended."""
 
     def __init__(self, task: TaskHandle, name: str = "") -> None:
+        check_handles(task)
         self.task = task
         self.name = name or f"{task} has ended"
 

@@ -16,9 +16,10 @@ from tca_missions.client.offered_task import OfferedTask
 from tca_missions.client.running_task import RunningTask, given_parameters, running_tasks
 from tca_missions.client.step_file import TaskBegun
 from tca_missions.client.steps import Steps
-from tca_missions.client.task_handle import TaskHandle
+from tca_missions.client.task_handle import TaskHandle, check_handles
 from tca_missions.outcomes import TaskEnd
-from tca_module import CentralLost, Command, MisuseError, Refused, Task, TcaError, Timeout, wait_for_any
+from tca_module import CentralLost, Command, MisuseError, Refused, Task, TcaError, Timeout, checks, wait_for_any
+from tca_module.checks import check
 from tca_module.link.opening import CentralAddress
 
 P = ParamSpec("P")
@@ -54,7 +55,7 @@ class BaseMission:
         self._steps: Steps | None = None
         self._leave_running = leave_running
         self._is_open = False
-        self._looked_at = -1  # the changes after which the tasks under way were looked at
+        self._looked_at: dict[int, int] = {}  # after which changes each task was looked at
         self._running: dict[int, TaskHandle] = {}
         self.ended = deque[TaskHandle](maxlen=_ENDED)  #: the last of its tasks to end, oldest first
         self._conditions: list[MissionCondition] = []
@@ -131,7 +132,7 @@ class BaseMission:
 
     # --- starting --------------------------------------------------------------------------------------------------
 
-    def check(self, name: str, **parameters: Any) -> None:
+    def check(self, name: str, /, **parameters: Any) -> None:
         """Raise what a call of the task with these parameters would raise at once: UnknownTask or BadParameter."""
         self._task(name).fitted(parameters)
 
@@ -220,8 +221,10 @@ class BaseMission:
         for a task that failed: see ``end`` of each.
         """
         self._check_open()
+        check("the wait for tasks", checks.TIMEOUT, timeout=timeout)
         if not tasks:
             raise MisuseError("there is no task to wait for: give at least one")
+        check_handles(*tasks)
         return self._wait(tasks, timeout)
 
     def _wait(self, tasks: Sequence[TaskHandle], timeout: float | None) -> list[TaskHandle]:
@@ -232,8 +235,8 @@ class BaseMission:
         while not (ended := [task for task in tasks if task.is_known_over]):
             self._raise_verified()
             left = None if until is None else until - time.monotonic()
-            if left is not None and left < 0:
-                return []
+            if left is not None and left <= 0:
+                return [task for task in tasks if task.is_over]
             self._hear(tasks, left)
         self._goal.check(ask=any(task.is_interrupted for task in ended))
         return ended
@@ -252,22 +255,23 @@ class BaseMission:
 
     def _lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
         """The tasks whose message nobody handles any more, as central has said just now."""
-        if self._looked_at == self._goal.changes:
-            return []
-        return [task for task in tasks if task.sent.message in self._goal.lost and not task.is_known_over]
+        changes, lost = self._goal.changes, self._goal.lost
+        gone = [task for task in tasks if task.sent.message in lost and not task.is_known_over] if lost else []
+        return [task for task in gone if self._looked_at.get(task.id) != changes]
 
     def _waits_in_vain(self, task: TaskHandle) -> bool:
         """Whether a task that nobody offers any more had not begun. Else it is about to fail: its server was lost."""
-        self._looked_at = self._goal.changes
+        self._looked_at[task.id] = self._goal.changes
         info = task.sent.info()
         return info is not None and not (info.module or info.failure)
 
     # --- changing --------------------------------------------------------------------------------------------------
 
-    def update_task(self, task: TaskHandle, **parameters: Any) -> None:
+    def update_task(self, task: TaskHandle, /, **parameters: Any) -> None:
         """Change parameters of a task that runs; those that are not named stay as they are. Raises BadParameter before
         anything is sent, and Rejected, with the reason, if the task goes on as it was or has ended.
         """
+        check_handles(task)
         info = task.sent.info()  # its data are all that a retry would begin with: so all that is known is sent
         present = given_parameters(info) if info is not None else {}
         changed = {**task.parameters, **present, **parameters}
@@ -278,6 +282,7 @@ class BaseMission:
 
     def stop_task(self, task: TaskHandle, why: str = "the mission has stopped it") -> None:
         """Stop a task, and wait until it has left things safe. One that has ended is left alone."""
+        check_handles(task)
         self._stop([task], why)
 
     def stop_all_tasks(self, why: str = "the mission has stopped it") -> None:
@@ -297,6 +302,7 @@ class BaseMission:
                     task.note_end()
 
     def _forget(self, task: TaskHandle) -> None:
+        self._looked_at.pop(task.id, None)
         if self._running.pop(task.id, None) is not None:
             self.ended.append(task)
 

@@ -7,7 +7,7 @@ import msgspec
 
 from tca_missions.client.errors import MissionTaskFailed, in_words
 from tca_missions.outcomes import Status, TaskEnd, status_of
-from tca_module import BadData, SentTask, TaskFailed, TaskKilled
+from tca_module import BadData, MisuseError, SentTask, TaskFailed, TaskKilled
 
 
 class TaskHandle:
@@ -95,3 +95,11 @@ class TaskHandle:
             self.failure = error.failure
             text = self._text_of(self.id) or error.text
             return TaskEnd(status_of(error.failure) | Status.TERMINATED, text.partition("\n")[0])
+
+
+def check_handles(*tasks: object) -> None:
+    """Raise MisuseError for what is no task that a mission has started."""
+    for task in tasks:
+        if not isinstance(task, TaskHandle):
+            advice = "give what a call with foreground=False, or start(), has returned"
+            raise MisuseError(f"{task!r:.60} is no task that goes on: {advice}")

@@ -43,7 +43,8 @@ def test_a_task_in_the_background_is_waited_for() -> None:
         with pytest.raises(Timeout, match=r"Watch \{\d+\} did not end within 0.01 s"):
             mission.wait_for_task(watch, timeout=0.01)
         robot.arrived.set()
-        assert Status.of(mission.wait_for_task(watch).status) is Status.COMPLETED
+        until(lambda: watch.sent.info() is None, "the watch has ended")
+        assert Status.of(mission.wait_for_task(watch, timeout=0).status) is Status.COMPLETED
         assert watch.is_over
 
 
@@ -106,6 +107,7 @@ def test_parameters_are_changed_while_a_task_runs() -> None:
 
 
 NO_CONDITION: Any = 3
+NO_TASK: Any = []
 WRONG: list[tuple[Callable[[Mission], Any], type[Exception], str]] = [
     (lambda mission: mission.Drvie(), UnknownTask, "server 'rover' offers no task 'Drvie': did you mean 'Drive'?"),
     (lambda mission: mission.Fly(), UnknownTask, "server 'rover' offers no task 'Fly': it offers Drive, Watch, Weigh"),
@@ -118,6 +120,12 @@ WRONG: list[tuple[Callable[[Mission], Any], type[Exception], str]] = [
     (lambda mission: mission.Weigh(), BadParameter, "parameter 'grams' is missing: it must be a list"),
     (lambda mission: mission.Weigh(grams=object()), BadParameter, "Weigh(): objects of type object can't be sent"),
     (lambda mission: mission.wait_for_any_task([]), MisuseError, "no task to wait for"),
+    (lambda mission: mission.wait_for_task(NO_TASK), MisuseError, "[] is no task that goes on"),
+    (lambda mission: mission.stop_task(NO_CONDITION), MisuseError, "3 is no task that goes on: give what a call"),
+    (lambda mission: mission.update_task(NO_CONDITION, x=1), MisuseError, "3 is no task that goes on: give what a call"),
+    (lambda _: ConditionIsCompleted(NO_CONDITION), MisuseError, "3 is no task that goes on: give what a call"),
+    (lambda mission: mission.wait_for_any_task([NO_CONDITION], NO_CONDITION), MisuseError, "3 is no task that goes on"),
+    (lambda mission: mission.wait_for_any_task([], -1), MisuseError, "timeout"),
     (lambda mission: mission.add_condition(NO_CONDITION), MisuseError, "give it a method is_verified()"),
     (lambda mission: mission.step("a", mission.Drive), MisuseError, "steps need a file"),
 ]  # fmt: skip
@@ -338,7 +346,7 @@ def test_a_server_that_leaves_is_an_error_for_what_it_did_and_for_what_waited_fo
         with module.running(), Mission("rover", central=central) as mission:
             working = mission.start("Drive")
             assert begun.wait(10)
-            waiting = mission.start("Drive")
+            waiting, another = mission.start("Drive"), mission.start("Drive")
             module.stop()
             with pytest.raises(
                 NotOffered, match=r"nobody offers rover.Drive any more, and Drive \{\d+\} waited for it"
@@ -346,3 +354,5 @@ def test_a_server_that_leaves_is_an_error_for_what_it_did_and_for_what_waited_fo
                 mission.wait_for_task(waiting)
             with pytest.raises(MissionTaskFailed, match="failed: "):
                 mission.wait_for_task(working)
+            with pytest.raises(NotOffered, match=r"nobody offers"):
+                mission.wait_for_task(another)
