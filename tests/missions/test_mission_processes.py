@@ -1,6 +1,8 @@
 """Missions as processes of their own, that are killed; and what goes on afterwards."""
 
+import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from integration.programs import program
 from missions.rover import TASKS, Rover
 from module.real_central import RealCentral, until
 
@@ -19,6 +22,7 @@ from tca_module import connect
 pytestmark = pytest.mark.slow
 
 SOON = 30.0
+ROOT = Path(__file__).parents[2]
 TRIP = """
     import signal
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -101,3 +105,20 @@ def test_ctrl_c_stops_the_tasks_of_a_mission(tmp_path: Path) -> None:
             assert process.returncode != 0
         assert {"stands at 2", "watched"} <= set(robot.done)
         assert tasks_of(address) == []
+
+
+def test_the_two_programs_of_the_page_run_as_they_are_printed(tmp_path: Path) -> None:
+    """A reader copies them from docs/missions.md."""
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL)
+    (server,) = [block for block in blocks if ".run()" in block]
+    (mission,) = [block for block in blocks if block.startswith("from tca_missions import Mission\n")]
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as central, contextlib.ExitStack() as stack:
+        serving = stack.enter_context(program(server, central.address))
+        going = stack.enter_context(program(mission, central.address))
+        assert serving.stdout
+        assert [serving.stdout.readline() for _ in range(3)] == [
+            f"stopped at {place} m\n" for place in ("1", "0.5", "1")
+        ]
+        going.send_signal(signal.SIGINT)
+        going.communicate(timeout=SOON)
+        until(lambda: not any("cart." in task for task in tasks_of(central.address)), "nothing runs", SOON)
