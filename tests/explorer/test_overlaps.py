@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 from explorer.scenarios import found, good
 
-from tca_explorer import Scenario, Script, Seen, Task, World, eventually, never, never_stuck
+from tca_explorer import Scenario, Script, Seen, Task, World, at_most, eventually, handled, never, never_stuck
 from tca_module import Refused
 from tca_wire.life_cycles import GENERAL, LifeCycle, Transition, ending
+from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Command, Goal, Inform
 from tca_wire.vocabulary import Party
 
@@ -24,6 +25,7 @@ PAUSABLE = LifeCycle(
 )
 WALK: Command[Any, Any] = Command("walk", int, progress=int, life_cycle=PAUSABLE)
 GRASP: Command[Any, Any] = Command("grasp", int, result=int, progress=int)
+AGAIN = ExceptionHandler("again")
 TIDY, PUT, USED = Goal("tidy", int), Command("put", int), Inform("used", int)
 
 
@@ -188,5 +190,64 @@ def test_transitions_of_ones_own_by_two_clients() -> None:
     def walk(task: Task, _: int) -> None:
         task.report(1)  # as if it had never heard of a pause
         task.report(2)
+
+    good(scenario)
+
+
+def crowded(users: int, policy: str, takes: list[str]) -> Scenario:
+    """Several want something of one arm, which has a policy for that."""
+    scenario = Scenario(f"an arm that is to {policy}", never_stuck(), at_most(1, handled(GRASP)))
+    scenario.observe()
+
+    for number in range(users):
+
+        @scenario.module(f"user {number}").does
+        def want(me: Script) -> None:
+            me.command(GRASP, 1).wait()
+
+    @scenario.module("arm").handles(GRASP, when_busy=policy, takes=takes)
+    def grasp(task: Task, goal: int) -> int:
+        request = task.wait_for_request(1.0) if takes else None
+        if request and task.choose("accept", "reject") == "accept":
+            request.accept()
+        elif request:
+            request.reject("no")
+        return goal
+
+    return scenario
+
+
+@pytest.mark.parametrize("policy", ["queue", "reject", "preempt"])
+@pytest.mark.parametrize("takes", [[], ["cancel"]], ids=str)
+@pytest.mark.parametrize("users", [2, pytest.param(3, marks=pytest.mark.soak)])
+def test_an_arm_does_one_thing_at_a_time(users: int, policy: str, takes: list[str]) -> None:
+    good(crowded(users, policy, takes))
+
+
+def test_a_task_that_is_to_be_cancelled_may_lose_its_server_and_be_retried() -> None:
+    scenario = Scenario("losing", never_stuck())
+    scenario.observe()
+    arm, user = scenario.module("arm", may_be_lost=1, comes_back=True), scenario.module("user")
+    doctor = scenario.module("doctor")
+
+    @user.does
+    def want(me: Script) -> None:
+        sent = me.command(GRASP, 1)
+        sent.cancel()
+        sent.wait()
+
+    @doctor.at_start
+    def attach(me: Script) -> None:
+        me.on_failure(None, AGAIN, of=GRASP)
+
+    @doctor.handles(AGAIN)
+    def again(task: Task) -> None:
+        task.trouble.failing.retry()
+
+    @arm.handles(GRASP, takes=["cancel"])
+    def grasp(task: Task, goal: int) -> int:
+        if request := task.request:
+            request.reject("no")
+        return goal
 
     good(scenario)
