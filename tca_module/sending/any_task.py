@@ -4,7 +4,7 @@
 from collections.abc import Callable, Sequence
 
 from tca_module import checks
-from tca_module.checks import check
+from tca_module.checks import LateText, check
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL
@@ -33,7 +33,8 @@ def wait_for_any(
         raise MisuseError(f"{_CALL}: all tasks must be those of one client, module or handler")
     asked = {task: task._ask(task.achieving.end, blocking=False) for task in tasks}
     try:
-        _wait(connection, list(asked.values()), timeout, until)
+        what = LateText(lambda: f"the wait for {' or '.join(map(str, tasks))}")
+        _wait(connection, list(asked.values()), timeout, until, what)
     finally:
         for request in asked.values():
             if not request.is_over:
@@ -46,15 +47,15 @@ def wait_for_any(
 
 
 def _wait(
-    connection: Connection, requests: list[Request], timeout: float | None, until: Callable[[], object] | None
-) -> None:
+    connection: Connection, requests: list[Request], timeout: float | None, until: Callable[[], object] | None,
+    what: object,
+) -> None:  # fmt: skip
     """Wait until one of the requests is over, or *until* says that it is enough."""
 
     def is_over() -> bool:
         return any(request.is_over for request in requests)
 
     began = since = now = connection.now()
-    what = "the wait for the first of several tasks"
     while not is_over() and not (until is not None and until()):
         left = None if timeout is None else max(0.0, began + timeout - now)
         step = left if until is None else _PERIOD if left is None else min(_PERIOD, left)

@@ -21,7 +21,7 @@ from tca_missions import (
     TaskServer,
     UnknownTask,
 )
-from tca_module import MisuseError, Module, Rejected, Task, TaskKilled, Timeout, connect
+from tca_module import Goal, MisuseError, Module, Outcome, Rejected, Task, TaskKilled, Timeout, connect
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
 
@@ -253,6 +253,32 @@ class Interrupts:
         if self.robot.done:
             raise KeyboardInterrupt
         return False
+
+
+def test_the_tasks_of_a_mission_in_a_handler_belong_to_its_task() -> None:
+    fetch, ended = Goal("fetch"), list[str]()
+    with rover() as (central, robot), connect("user", central) as user:
+        planner = Module("planner", central)
+
+        @planner.handles(fetch)
+        def plan(task: Task) -> None:
+            with Mission("rover", central=central, under=task) as mission:
+                with pytest.raises(MissionTaskFailed, match="hit a rock"):
+                    mission.Drive(fails="rock")
+                try:
+                    mission.Drive(x=7.0, fails="never")
+                except TaskKilled as killed:
+                    ended.append(killed.why)
+                    raise
+
+        with planner.running():
+            fetching = user.goal(fetch)
+            until(lambda: "to 7" in robot.done, "the rover drives")
+            assert [task.message for task in fetching.children()] == ["rover.Drive"]
+            fetching.kill("enough")
+            assert fetching.wait(10) is Outcome.KILLED
+        assert ended[0].startswith("enough (by user); the wait for rover.Drive {")
+        assert robot.done[-1] == "stands at 7"
 
 
 def test_missions_of_one_name_that_begin_together_do_not_mix() -> None:
