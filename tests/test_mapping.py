@@ -48,7 +48,8 @@ def has(owner: type, name: str) -> bool:
 
 def keywords() -> set[str]:
     """Every keyword that a public call takes."""
-    found = set(tca_module.TaskOptions.__annotations__) | set(tca_module.MonitorOptions.__annotations__)
+    options = (tca_module.TaskOptions, tca_module.MonitorOptions, tca_module.HandlerOptions)
+    found = {name for one in options for name in one.__annotations__}
     for kind in public_classes():
         for function in [thing for owner in kind.__mro__ for thing in vars(owner).values()]:
             if inspect.isfunction(function):
