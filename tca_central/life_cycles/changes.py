@@ -226,7 +226,7 @@ def _change_by_server(central: State, connection: Connection, header: ChangeStat
         raise RequestError(Refusal.PROTOCOL, _not_now(task, name, Party.SERVER))
     if cycle.is_over(step.target) and step.effect is not Effect.STOP:
         raise RequestError(Refusal.PROTOCOL, f"'{name}' ends {task}: its handler returns, or fails, instead")
-    if body and step.effect is not Effect.RESULT:
+    if body and step.effect not in (Effect.RESULT, Effect.TAKE_GOAL):
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
     _apply(central, task, step, connection.module.name, header.text, body, seen)
     if overtaken:
@@ -253,12 +253,12 @@ def _apply(
     asked = central.tree.forget_asked(task)
     if step.effect is Effect.TAKE_GOAL:
         goals = [one.body for one in asked if one.serial <= seen and one.body]
-        if goals:
-            _set_goal(central, task, goals[-1])
+        if goal := body or (goals[-1] if goals else b""):  # the server may have made another one of it
+            _set_goal(central, task, goal)
     if step.effect is Effect.STOP:
         kill(central, task, _wanted_by(asked, module))
         return
-    _take(central, task, step, Party.SERVER, module, text, b"")
+    _take(central, task, step, Party.SERVER, module, text, body)
 
 
 def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:

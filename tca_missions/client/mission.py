@@ -272,11 +272,11 @@ class BaseMission:
         anything is sent, and Rejected, with the reason, if the task goes on as it was or has ended.
         """
         check_handles(task)
-        info = task.sent.info()  # its data are all that a retry would begin with: so all that is known is sent
-        present = given_parameters(info) if info is not None else {}
-        changed = {**task.parameters, **present, **parameters}
-        task.sent.update(self._task(task.name).fitted(changed), timeout=_UPDATED_WITHIN)
-        task.parameters = changed
+        offered, info = self._task(task.name), task.sent.info()
+        present = given_parameters(info) if info is not None else task.parameters
+        required = {name: present[name] for name in offered.required if name in present}
+        task.sent.update(offered.fitted({**required, **parameters}), timeout=_UPDATED_WITHIN)
+        task.parameters = {**task.parameters, **parameters}
 
     # --- stopping --------------------------------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 import inspect
 import json
 import keyword
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Literal, Union
 
@@ -62,10 +62,11 @@ class OfferedTask:
         self.is_handled = any(handler.capacity for handler in info.handled_by)
         self._format = PlainFormat(info.data)
         definitions, fields = schema.get("$defs", {}), _resolved(schema, schema.get("$defs", {}))
-        required, order = fields.get("required", ()), [*mark.parameters]
+        self.required: Sequence[str] = fields.get("required", ())
+        order = [*mark.parameters]
         self.parameters = sorted(
             (
-                TaskParameter(name, part, definitions, required=name in required)
+                TaskParameter(name, part, definitions, required=name in self.required)
                 for name, part in fields.get("properties", {}).items()
             ),
             key=lambda one: order.index(one.name) if one.name in order else len(order),

@@ -1,7 +1,6 @@
 """Task definitions: the classes that a robot's author writes, and what the server makes of each."""
 
 import inspect
-import threading
 from typing import Any, Generic, Protocol, TypeVar, get_args, get_origin
 
 import msgspec
@@ -12,8 +11,6 @@ from tca_missions.serving.parameters import TaskFormat, fields_of, help_of, para
 from tca_module import Command, FailureRaised, MisuseError, Task
 
 E = TypeVar("E", bound=Environment)
-
-_MOST_CHANGED = 100  # tasks whose changed parameters are remembered in case they are retried
 
 
 class RunInterface(Protocol):
@@ -104,8 +101,6 @@ class Definition:
             "server": server, "task": self.name, "help": help_of(task), "periodic": self.is_periodic,
             "parameters": sorted(fields, key=lambda name: name in COMMON),
         }  # fmt: skip
-        self._changed: dict[tuple[int, str], dict[str, Any]] = {}  #: parameters of tasks that were updated
-        self._lock = threading.Lock()
         self.format = TaskFormat(task, fields, marker)
         self.message: Command[Any, TaskEnd] = Command(
             f"{server}.{self.name}", self.format, result=TaskEnd, progress=TaskStatus
@@ -116,35 +111,24 @@ class Definition:
         return self.format.kind(**given)
 
     def create(self, environment: Environment, task: Task, parameters: msgspec.Struct) -> ServedTask[Any]:
-        """The task of one run. One that is retried has the parameters that it was given before, too: central knows only
-        those of the last update.
-        """
+        """The task of one run."""
         made = self.task()
         made.env, made.task = environment, task
-        with self._lock:
-            before = self._changed.pop(_key(task), {})
-        for name, value in (self.format.defaults() | before | self.format.given_in(parameters)).items():
+        for name, value in (self.format.defaults() | self.format.given_in(parameters)).items():
             setattr(made, name, value)
         return made
 
-    def change(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
-        """Give a task that runs new values of the parameters that were given; else says why it can't be."""
-        given = self.format.given_in(parameters)
-        fixed = [name for name, value in given.items() if value != getattr(served, name)]
-        if fixed := [name for name in fixed if self.format.fields[name].is_fixed]:
-            return f"parameter '{fixed[0]}' can't be changed while the task runs"
-        for name, value in given.items():
+    def why_fixed(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
+        """The reason why a task that runs can't be given these parameters; "" if it can."""
+        changed = [name for name, value in self.format.given_in(parameters).items() if value != getattr(served, name)]
+        fixed = [name for name in changed if self.format.fields[name].is_fixed]
+        return f"parameter '{fixed[0]}' can't be changed while the task runs" if fixed else ""
+
+    def change(self, served: ServedTask[Any], parameters: msgspec.Struct) -> Any:
+        """Give a task that runs new values of the parameters that were given; all that it has now."""
+        for name, value in self.format.given_in(parameters).items():
             setattr(served, name, value)
-        with self._lock:
-            self._changed[_key(served.task)] = {name: getattr(served, name) for name in self.format.fields}
-            while len(self._changed) > _MOST_CHANGED:
-                del self._changed[next(iter(self._changed))]
-        return ""
-
-
-def _key(task: Task) -> tuple[int, str]:
-    """A task of one central: the next one may give another the same number."""
-    return task.id, getattr(task.id, "epoch", "")
+        return self.parameters(**{name: getattr(served, name) for name in self.format.fields})
 
 
 def check_task(task: object) -> type[ServedTask[Any]]:

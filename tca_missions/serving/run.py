@@ -151,10 +151,10 @@ class TaskRun:
             return
         self.tell()
         while (request := self.task.wait_for_request(max(0.0, moment - self.task.time()))) is not None:
-            if why := self.definition.change(self.served, request.goal):
+            if why := self.definition.why_fixed(self.served, request.goal):
                 request.reject(why)
             else:
-                request.accept()
+                request.accept(self.definition.change(self.served, request.goal))
 
     # --- the end ---------------------------------------------------------------------------------------------------
 

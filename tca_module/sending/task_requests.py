@@ -46,11 +46,14 @@ class TaskRequest:
         """Whether it waits for the handler's word. Never waits."""
         return self._served.is_open(self)
 
-    def accept(self) -> bool:
+    def accept(self, goal: Any = None) -> bool:
         """Grant it: the new goal is the task's, or the task ends as cancelled, and its handler should return. Returns
         False if another request has overtaken it.
+
+        With *goal* that one is the task's, in place of the one asked for: where an update names only what changes.
+        Raises BadData if it is no data of the task.
         """
-        return self._served.accept(self)
+        return self._served.accept(self, goal)
 
     def reject(self, why: str = "") -> bool:
         """Refuse it: the task goes on as it was, and the client is told why. Returns what ``accept`` does."""
@@ -167,16 +170,19 @@ class ServerState:
         cycle, state = self.life_cycle, request.row.target
         return cycle.ends_on_request(state) or bool(cycle.grant(state) or cycle.refusal(state))
 
-    def accept(self, request: TaskRequest) -> bool:
-        """Grant a request; False if it is no longer open."""
+    def accept(self, request: TaskRequest, goal: Any) -> bool:
+        """Grant a request, with another goal if that is not None; False if it is no longer open."""
+        is_goal = request.row.effect is Effect.NEW_GOAL
+        if goal is not None and not is_goal:
+            raise MisuseError(f"{request} is for no goal: accept() it without one")
+        body = b"" if goal is None else self._message.encode_data(goal)
         with self._lock:
             if request not in self._open:
                 return False
             self._open.remove(request)
-            is_goal = request.row.effect is Effect.NEW_GOAL
             row = self.life_cycle.grant(self._state) if is_goal else self._row_with(Effect.STOP)
             if row is not None:
-                self._take(row)
+                self._take(row, body=body)
             return True
 
     def reject(self, request: TaskRequest, why: str) -> bool:

@@ -375,7 +375,7 @@ class StateChanged(_Fact, frozen=True, tag="state"):
     text: str = ""
     """The reason, for people."""
     body: bytes = b""
-    """The goal that a client asks for, or an intermediate result."""
+    """The goal that a client asks for, the other one that its server takes over, or an intermediate result."""
 
 
 class Kept(_Fact, frozen=True, tag="kept"):

@@ -94,7 +94,9 @@ def test_parameters_are_changed_while_a_task_runs() -> None:
         drive = mission.start("Drive", x=1.0, fails="never")
         mission.update_task(drive, x=3.0, says="to the east")
         until(lambda: mission.running_tasks()[0].text == "to the east", "the task has its new parameter")
-        assert mission.running_tasks()[0].parameters == {"x": 3.0, "fails": "never", "says": "to the east"}
+        assert (
+            mission.running_tasks()[0].parameters.items() >= {"x": 3.0, "fails": "never", "says": "to the east"}.items()
+        )
         with pytest.raises(BadParameter, match="parameter 'x' must be at most 10"):
             mission.update_task(drive, x=30.0)
         with pytest.raises(Rejected, match="parameter 'foreground' can't be changed while the task runs"):

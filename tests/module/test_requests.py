@@ -130,6 +130,28 @@ def test_an_update_is_rejected_with_a_reason(user: Client, arm: Arm, central: Lo
     assert grasp.result() == "holds pen"
 
 
+def test_a_server_makes_another_goal_of_the_one_asked_for(user: Client, central: LocalCentral) -> None:
+    arm = Module("arm", central)
+
+    @arm.handles(HOLD, takes=["update", "cancel"])
+    def hold(task: Task, grip: Grip) -> str:
+        for request in task.requests():
+            if request.transition == "cancel":
+                with pytest.raises(MisuseError, match="is for no goal: accept\\(\\) it without one"):
+                    request.accept(grip)
+                raise task.aborted()
+            grip = Grip(f"{grip.item} and {request.goal.item}")
+            request.accept(grip)
+        return ""
+
+    with arm.running():
+        held = user.command(HOLD, Grip("cup"))
+        central.until_quiet()
+        held.update(Grip("spoon"))
+        assert next(held.changes()).goal == Grip("cup and spoon")
+        held.cancel()
+
+
 def test_a_cancel_is_refused_or_granted(user: Client, arm: Arm, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     central.until_quiet()
