@@ -13,9 +13,10 @@ from tca_live.shared import as_text, central_option, json_option, plain, talking
 from tca_live.steering import find_task
 from tca_live.tasks import task_argument
 from tca_module.client import Client
-from tca_module.sending.task_ref import Change
+from tca_module.sending.task_ref import Change, TaskRef
 from tca_wire.life_cycles import Effect
 from tca_wire.messages.declarations import TaskMessage
+from tca_wire.messages.formats import MISSION_TASK, decode_untyped
 from tca_wire.text.facts_in_words import state_change
 from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
@@ -45,7 +46,8 @@ def update(task: str, data: tuple[str, ...], timeout: float | None, central: str
     """Give a running task a new goal.
 
     TASK is a task's number, or its message's name if only one such task lives. The command waits until its handler has
-    taken the goal over; the exit code is 1 if it rejects it. If it knows of no updates, the task begins anew.
+    taken the goal over; the exit code is 1 if it rejects it. If it knows of no updates, the task begins anew. A task of
+    a mission keeps the parameters that are not given.
     """
     if no_wait and timeout is not None:
         raise click.UsageError("--no-wait and --timeout are given: leave one of them out")
@@ -54,7 +56,7 @@ def update(task: str, data: tuple[str, ...], timeout: float | None, central: str
         message = client.declared(found.message)
         if not isinstance(message, TaskMessage):
             raise click.UsageError(f"{message.title} takes no new goal: only goals and commands do")
-        goal = read_data(message, data)
+        goal = _with_present(found, message, read_data(message, data))
         message.encode_data(goal)
         name = next((one.name for one in message.life_cycle.transitions if one.effect is Effect.NEW_GOAL), "")
         if not no_wait or not name:
@@ -62,6 +64,14 @@ def update(task: str, data: tuple[str, ...], timeout: float | None, central: str
         elif not found.take(name, goal, message=message):
             raise steering.too_late(found, "given a new goal")
         click.echo(printable(f"{found}: " + ("the new goal is asked for" if no_wait else "has the new goal")))
+
+
+def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> Any:
+    """The new goal; that of a mission's task with the parameters that it was given before."""
+    info = task.info()
+    if MISSION_TASK not in message.data.schema or info is None or not isinstance(goal, dict):
+        return goal
+    return {**(decode_untyped(info.data) or {}), **goal}
 
 
 @click.command()

@@ -23,6 +23,7 @@ from tca_missions.serving.definition import Idle, OnceTask, PeriodicTask
 from tca_missions.serving.environment import Environment
 from tca_missions.serving.parameters import parameter
 from tca_missions.serving.server import TaskServer
+from tca_module import CentralLost, Rejected, TaskKilled, TcaError, Timeout
 
 __all__ = [
     "MISSION_TASK_FAILED",
@@ -30,6 +31,7 @@ __all__ = [
     "MISSION_TASK_TIMEOUT",
     "BadParameter",
     "BaseMission",
+    "CentralLost",
     "ConditionIsCompleted",
     "ConditionVerified",
     "Environment",
@@ -40,12 +42,16 @@ __all__ = [
     "NotOffered",
     "OnceTask",
     "PeriodicTask",
+    "Rejected",
     "Status",
     "StepUncertain",
     "TaskEnd",
     "TaskHandle",
+    "TaskKilled",
     "TaskServer",
     "TaskStatus",
+    "TcaError",
+    "Timeout",
     "UnknownTask",
     "parameter",
     "status_of",

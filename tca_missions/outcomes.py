@@ -38,6 +38,13 @@ class TaskEnd(msgspec.Struct, frozen=True):
     overruns: int = 0
     """Number of periods that were missed, because an iteration took too long."""
 
+    def __repr__(self) -> str:
+        try:
+            status = Status.of(self.status).name
+        except ValueError:  # of a server that has more of them
+            status = str(self.status)
+        return f"TaskEnd(status={status}, text={self.text!r}, overruns={self.overruns})"
+
 
 class TaskStatus(msgspec.Struct, frozen=True, omit_defaults=True):
     """The progress of a run."""

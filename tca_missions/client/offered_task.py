@@ -13,10 +13,8 @@ from tca_missions.client.errors import BadParameter
 from tca_missions.outcomes import TaskEnd
 from tca_module.sending.directory import MessageInfo
 from tca_wire.errors import BadData
+from tca_wire.messages.formats import MISSION_TASK
 from tca_wire.text.plain_data import FieldMisfit, PlainFormat
-
-MARK = "x-tca-mission"
-"""The part of a schema that says which task of which server a command is."""
 
 _TYPES: dict[str, Any] = {"number": float, "integer": int, "boolean": bool, "string": str, "null": None}
 _BOUNDS = {"minimum": ">= {}", "exclusiveMinimum": "> {}", "maximum": "<= {}", "exclusiveMaximum": "< {}"}
@@ -121,11 +119,11 @@ def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
 def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:
     """The tasks of missions among the messages that central knows."""
     for info in messages:
-        if MARK not in info.data:
+        if MISSION_TASK not in info.data:
             continue
         try:
             schema = json.loads(info.data)
-            mark = msgspec.convert(schema[MARK], _Mark)
+            mark = msgspec.convert(schema[MISSION_TASK], _Mark)
         except (ValueError, KeyError, TypeError, RecursionError, msgspec.ValidationError):
             continue  # the formats come from anybody
         yield OfferedTask(info, mark, PlainFormat(info.data).shape)

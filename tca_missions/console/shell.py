@@ -17,7 +17,7 @@ def run_shell(console: ConsoleNames) -> None:
     names: dict[str, Any] = console.names
     made: Any = InteractiveShellEmbed
     shell = made(config=settings, user_ns=names, banner1="", exit_msg="")
-    shell.set_custom_exc((TcaError,), _show_in_one_line)
+    shell.set_custom_exc((TcaError, KeyboardInterrupt), _show_in_one_line)
 
     def learn(*_: object) -> None:
         """Tasks that have come since the last line are names, too."""
@@ -32,5 +32,5 @@ def run_shell(console: ConsoleNames) -> None:
 def _show_in_one_line(
     _: InteractiveShell, kind: type[BaseException], error: BaseException, *_trace: object, **__: object
 ) -> None:
-    """An error of a mission says what, which and what to do: nobody needs the traceback."""
-    print(f"{kind.__name__}: {error}")
+    """An error of a mission says what, which and what to do, and Ctrl-C is none: nobody needs the traceback."""
+    print(f"{kind.__name__}: {error}" if str(error) else f"{kind.__name__}: status() shows what still runs")

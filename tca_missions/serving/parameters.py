@@ -9,12 +9,10 @@ from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origi
 import msgspec
 
 from tca_module import BadData, BadFormat
-from tca_wire.messages.formats import Format
+from tca_wire.messages.formats import MISSION_TASK, Format
 
 T = TypeVar("T")
 
-MARKER = "x-tca-mission"
-"""The key of a schema by which missions find the tasks among all messages."""
 FIXED = "x-tca-fixed"
 """The key that a parameter's schema has if it can't be changed while the task runs."""
 
@@ -129,7 +127,7 @@ class TaskFormat(Format[Any]):
     def __init__(self, task: type, fields: Mapping[str, Field], marker: Mapping[str, Any]) -> None:
         self.fields = fields
         super().__init__(_struct_of(task, fields))
-        schema = json.loads(self.schema) | {MARKER: dict(marker)}
+        schema = json.loads(self.schema) | {MISSION_TASK: dict(marker)}
         shape = schema["$defs"][task.__name__]["properties"]
         try:
             for name, default in self.defaults().items():

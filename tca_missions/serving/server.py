@@ -15,7 +15,7 @@ from tca_missions.serving.environment import Environment
 from tca_missions.serving.finding import Finding
 from tca_missions.serving.foreground import Foreground
 from tca_missions.serving.run import TaskRun
-from tca_module import Callback, MisuseError, Module, Task
+from tca_module import Callback, MisuseError, Module, Stopped, Task
 from tca_module.link.opening import CentralAddress
 
 _IDLE_AFTER = (
@@ -100,6 +100,8 @@ class TaskServer:
         try:
             with self._foreground.taken(task) if served.foreground else contextlib.nullcontext():
                 return run.carry_out()
+        except Stopped as error:  # in the words of those who sent the task
+            raise Stopped(f"server '{self.module.name}' has ended") from error
         finally:
             with self._lock:
                 self.runs.discard(run)

@@ -20,6 +20,9 @@ NIL = b"\xc0"
 NO_DATA = '{"type":"null"}'
 """The schema of messages without data."""
 
+MISSION_TASK = "x-tca-mission"
+"""The key of a schema that says which task of which server a command is: missions find their tasks by it."""
+
 _CERTAIN = (bytes, str, float, int, bool, type(None))
 """Types whose values can be read wherever they can be sent."""
 

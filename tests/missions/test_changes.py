@@ -1,10 +1,15 @@
 """While a task runs: followers hear its text and its overruns, and clients change its parameters."""
 
 import pytest
+from integration.commanded import tca
 from missions.gripper import Gripper, serving
+from module.real_central import until
 
-from tca_missions import OnceTask, PeriodicTask, Status, TaskStatus, parameter
-from tca_module import BadData, Rejected, TaskFailed
+from tca_live import shared
+from tca_live.states import update
+from tca_missions import Environment, OnceTask, PeriodicTask, Status, TaskEnd, TaskServer, TaskStatus, parameter
+from tca_module import BadData, Rejected, TaskFailed, connect
+from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import StateChanged
 
 
@@ -138,3 +143,32 @@ def test_followers_hear_the_text_and_overruns_not_too_often() -> None:
             TaskStatus("step 8", 2),
         ]  # fmt: skip
         assert list(sent.progress())[-1] == TaskStatus("step 8", 2)
+
+
+class Fill(PeriodicTask[Environment]):
+    """Fill a glass."""
+
+    glass: str
+    speed: float = 1.0
+
+    def iterate(self) -> Status:
+        self.report(f"{self.glass} at {self.speed:g}")
+        return Status.RUNNING if self.speed < 2 else Status.COMPLETED
+
+
+def test_an_update_by_hand_needs_only_what_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    with LocalCentral() as central, connect("user", central) as user:
+        monkeypatch.setattr(shared, "connect", lambda name, _, patience: connect(name, central, patience=patience))
+        with TaskServer("bar", Environment(), [Fill], rate=100.0, central=central).running():
+            sent = user.command(user.declared("bar.Fill"), {"glass": "tall"})
+            until(lambda: bool((info := sent.info()) and info.module), "it runs")
+            assert tca(update, "bar.Fill", "speed=2.5") == (0, f"{sent}: has the new goal\n", "")
+            assert sent.result(10)["text"] == "tall at 2.5"
+
+
+def test_the_end_of_a_run_in_words() -> None:
+    assert (
+        repr(TaskEnd(Status.TIMEOUT | Status.TERMINATED, "late", 2))
+        == "TaskEnd(status=TIMEOUT, text='late', overruns=2)"
+    )
+    assert repr(TaskEnd(77)) == "TaskEnd(status=77, text='', overruns=0)"

@@ -48,7 +48,7 @@ def test_a_run_goes_on_when_its_sender_leaves() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "says", "why"),
-    [(signal.SIGINT, "stands\nover\n", "module 'cart' ends"), (signal.SIGKILL, "", "module 'cart'")],
+    [(signal.SIGINT, "stands\nover\n", "server 'cart' has ended"), (signal.SIGKILL, "", "module 'cart'")],
     ids=["ctrl-c", "killed"],
 )
 def test_a_server_that_ends_terminates_what_runs(tmp_path: Path, number: signal.Signals, says: str, why: str) -> None:

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
-from tca_missions.client.offered_task import MARK, offered_tasks
+from tca_missions.client.offered_task import offered_tasks
 from tca_missions.client.stub import stub_text
 from tca_module import MessageInfo
+from tca_wire.messages.formats import MISSION_TASK
 
 GOOD = {"server": "rover", "task": "Drive"}
 
@@ -20,8 +21,8 @@ def formatted(schema: Any) -> MessageInfo:
 @pytest.mark.parametrize(
     "schema",
     [
-        [MARK], {MARK: None}, {MARK: "rover"}, {MARK: {"server": 3, "task": []}}, {MARK: {}}, {MARK: {"server": "rover"}},
-        {MARK: {**GOOD, "parameters": 3}},
+        [MISSION_TASK], {MISSION_TASK: None}, {MISSION_TASK: "rover"}, {MISSION_TASK: {"server": 3, "task": []}}, {MISSION_TASK: {}}, {MISSION_TASK: {"server": "rover"}},
+        {MISSION_TASK: {**GOOD, "parameters": 3}},
     ],
 )  # fmt: skip
 def test_what_is_no_mark_is_no_task(schema: Any) -> None:
@@ -39,7 +40,7 @@ def test_what_is_no_mark_is_no_task(schema: Any) -> None:
     ],
 )  # fmt: skip
 def test_a_task_with_any_parameters_can_be_shown(fields: dict[str, Any]) -> None:
-    (task,) = offered_tasks([formatted({MARK: GOOD, **fields})])
+    (task,) = offered_tasks([formatted({MISSION_TASK: GOOD, **fields})])
     assert str(task.signature).endswith("TaskEnd")
     assert isinstance(task.signature, inspect.Signature)
     assert task.in_words

@@ -1,0 +1,148 @@
+"""The code on the pages on missions and task servers runs as it is printed, and does what they say."""
+
+import functools
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import tca_missions
+from tca_missions import Environment, Mission, OnceTask, PeriodicTask, Status, TaskServer, parameter
+from tca_module import connect
+from tca_module.testing import LocalCentral
+
+DOCS = Path(__file__).parents[2] / "docs"
+PATROL = "from tca_missions import ConditionIsCompleted, ConditionVerified, Mission\n"
+UNDER_WAY = '{"steps_of":"test","version":1}\n{"step":"to the kitchen","is":"begun"}\n'
+
+
+def blocks(page: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
+
+
+def block(page: str, beginning: str) -> str:
+    (one,) = [one for one in blocks(page) if one.startswith(beginning)]
+    return one
+
+
+class Cart(Environment):
+    """A cart that can't leave for some places; it begins to rain after some photographs."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.been: list[float] = []
+        self.photographs: list[float] = []
+        self.cut_off = set[float]()
+        self.rains_after = 3
+        self.file_then = b""
+
+    @property
+    def place(self) -> float:
+        return self.been[-1]
+
+
+class Drive(PeriodicTask[Cart]):
+    goal: float = parameter(0.0, minimum=0, maximum=10)
+
+    def iterate(self) -> Status:
+        if self.goal in self.env.cut_off:
+            return Status.RUNNING
+        self.env.been.append(self.goal)
+        return Status.COMPLETED
+
+
+class Photograph(OnceTask[Cart]):
+    def iterate(self) -> None:
+        self.env.photographs.append(self.env.place)
+        if len(self.env.photographs) == self.env.rains_after:
+            self.env.file_then = Path("patrol.steps").read_bytes()
+            self.env.cut_off = {1.0, 6.0}
+
+
+class WaitForRain(PeriodicTask[Cart]):
+    def iterate(self) -> Status:
+        return Status.COMPLETED if self.env.cut_off else Status.RUNNING
+
+
+@pytest.fixture
+def cart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cart]:
+    """It serves at the central of all missions."""
+    monkeypatch.chdir(tmp_path)
+    with LocalCentral() as central:
+        cart = Cart()
+        monkeypatch.setattr(tca_missions, "Mission", functools.partial(Mission, central=central, name="test"))
+        with TaskServer("cart", cart, [Drive, Photograph, WaitForRain], rate=100.0, central=central).running():
+            yield cart
+
+
+def run(beginning: str, **names: Any) -> None:
+    code = block("missions.md", beginning)
+    exec(code, {**vars(tca_missions), **names})
+
+
+def run_in_mission(beginning: str, **names: Any) -> None:
+    with tca_missions.Mission("cart", checkpoint="test.steps") as mission:
+        run(beginning, mission=mission, **names)
+
+
+def test_the_imports_are_all_that_the_page_names() -> None:
+    page = (DOCS / "missions.md").read_text()
+    imported = set[str]()
+    for words in re.findall(r"^from tca_missions import (\([^)]*\)|.*)$", page, re.MULTILINE):
+        imported |= set(re.findall(r"\w+", words))
+    named = {name for name in tca_missions.__all__ if re.search(rf"\b{name}\b", page)}
+    assert named - imported == set()
+    assert imported - set(tca_missions.__all__) == set()
+
+
+def test_a_patrol_that_was_killed_is_interrupted_by_rain_all_the_same(
+    cart: Cart, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(PATROL)
+    assert (cart.photographs, cart.been[-1]) == ([6, 1, 6], 0)
+    Path("patrol.steps").write_bytes(cart.file_then)  # as if it had been killed in round 2
+    cart.photographs, cart.cut_off, cart.rains_after = [], set(), 2
+    run(PATROL)
+    assert (cart.photographs, cart.been[-1]) == ([6, 1], 0)
+    assert capsys.readouterr().out == "it rains\nit rains\n"
+
+
+def test_a_task_is_updated_while_the_mission_waits(cart: Cart) -> None:
+    cart.cut_off = {6.0}
+    run_in_mission("drive = mission.start(")
+    assert cart.been == [2]
+
+
+@pytest.mark.parametrize(("answer", "been"), [("yes", []), ("no", [6])])
+def test_somebody_decides_what_became_of_a_step(cart: Cart, answer: str, been: list[float]) -> None:
+    Path("test.steps").write_text(UNDER_WAY)
+    run_in_mission("try:\n    mission.step(", input=lambda _: answer)
+    assert cart.been == been
+
+
+def test_the_short_pieces_run(cart: Cart) -> None:
+    run_in_mission("try:\n    mission.Drive(goal=3.0, task_timeout")
+    run('with Mission("cart", checkpoint="delivery.steps")')
+    assert cart.been == [3, 6, 0, 1, 2, 0]
+    cart.been.append(9)
+    cart.cut_off = {10.0}
+    run_in_mission("class TooFar:", cart=cart)
+
+
+def test_a_task_that_runs_once_and_the_test_of_a_task() -> None:
+    names: dict[str, Any] = {**vars(tca_missions), "__name__": __name__}
+    for beginning in ("from tca_missions import Environment, Mission", "class OpenDoor("):
+        exec(block("task-servers.md", beginning), names)
+    exec(block("task-servers.md", "from tca_module import connect\n"), names)
+    with LocalCentral(stepped=True) as central, connect("test", central) as user:
+        server = TaskServer("oven", names["Oven"](), tasks=[names["OpenDoor"]], central=central)
+        with server.running():
+            door = server.definitions["OpenDoor"]
+            sent = user.command(door.message, door.parameters(seconds=2.0))
+            central.advance(1.0)
+            assert server.environment.door_is_open  # type: ignore[attr-defined]
+            central.advance(2.0)
+            assert repr(sent.result()) == "TaskEnd(status=COMPLETED, text='', overruns=0)"
+            assert not server.environment.door_is_open  # type: ignore[attr-defined]
