@@ -47,7 +47,6 @@ QUOTES = {
     "from tca_missions import Environment, Mission, MissionTaskFailed, OnceTask": "40_task_server",
     "@camera.handles(WATCH, takes": "37_follow_and_update",
     "watching = user.command(WATCH, 10.0)": "37_follow_and_update",
-    "class Drive(PeriodicTask[Cart]):": "41_mission",
     'with TaskServer("cart", Cart(), tasks=[Drive, WaitForRain]': "41_mission",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",

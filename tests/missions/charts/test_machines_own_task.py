@@ -143,7 +143,7 @@ def test_a_server_that_leaves_ends_the_machine() -> None:
         server.enter_context(TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central).running())
         with server, Mission("rover", name="test", central=central) as mission:
             mission.add_condition(When(lambda: "to 3" in robot.done, server.close))
-            with pytest.raises(MissionTaskFailed, match="module 'rover' ends"):
+            with pytest.raises(MissionTaskFailed, match="server 'rover' has ended"):
                 patrol().run(mission)
         assert sorted(robot.done[5:]) == ["stands at 3", "watched"]
 
