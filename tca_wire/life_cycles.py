@@ -143,7 +143,8 @@ class LifeCycle:
         if len({self.initial, self.done, self.cancelled}) < 3:
             self._refuse("its first state and its two ends must be three states")
         if len(self.steps) < len(self.transitions):
-            double = next(one for one in self.transitions if self.steps[one.source, one.name] is not one)
+            rows = [(one.source, one.name) for one in self.transitions]
+            double = next(one for at, one in enumerate(self.transitions) if rows[at] in rows[:at])
             self._refuse(
                 f"'{double.name}' leaves '{double.source}' twice: give each transition of a state its own name"
             )

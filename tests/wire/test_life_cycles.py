@@ -125,6 +125,7 @@ REFUSED: list[tuple[list[Any], str]] = [
     ([Transition("already done", "initiated", "done")], "no transition of the server leads from 'initiated' to a state"),
     ([*RUN, Transition("completed", "running", "cancelled")],
      "'completed' leaves 'running' twice: give each transition of a state its own name"),
+    ([*RUN, *RUN], "'accepted' leaves 'initiated' twice"),
     ([*RUN, Transition("wake", "asleep", "running")], "'asleep' is never reached from 'initiated'"),
     ([*RUN, *PAUSE], "the server can't end a task that is 'paused': add a way to an end, see ending()"),
     ([*RUN, Transition("stick", "running", "stuck")], "the server can't end a task that is 'stuck'"),
