@@ -45,7 +45,7 @@ QUOTES = {
     "monitor = watcher.under": "36_watch_a_running_task",
     'from tca_missions.charts import Sequence\n\nwith Sequence("patrol")': "45_state_machine",
     "from tca_missions import Environment, Mission, MissionTaskFailed, OnceTask": "40_task_server",
-    "@camera.handles(WATCH, takes": "37_follow_and_update",
+    'WATCH = Command("watch"': "37_follow_and_update",
     "watching = user.command(WATCH, 10.0)": "37_follow_and_update",
     'with TaskServer("cart", Cart(), tasks=[Drive, WaitForRain]': "41_mission",
     "walking.suspend()": "13_suspend_and_resume",
