@@ -186,7 +186,7 @@ class Connection:
                 self.waiting.until(lambda: session.sends.untold < MOST_UNTOLD, None)
             self._catch_up_for(header)
             request = session.send_change(header, body, what)
-            self.line.flush()
+            self.line.flush(0.0, is_patient=True)
             return request
 
     def acknowledged(self, request: Request) -> EpochNumber:
@@ -496,13 +496,9 @@ class Connection:
         look again. Raises what ``wait`` does.
         """
         self.check_thread()
-        time, alarm = self.transport.time, math.inf if moment is None else moment
         with self._lock:
             self.line.catch_up()
-            self.waiting.unless_woken(lambda: is_over() or time() >= alarm, None, what, alarm=alarm)
-            if not (came := is_over()):
-                self.waiting.check_woken(what)  # a loop that is late hears it, too
-            return came
+            return self.waiting.in_turn(is_over, what, math.inf if moment is None else moment)
 
     def call_soon(self, function: Callable[[], None]) -> None:
         """Have the thread of this connection call a function in its present or next wait; from any thread."""

@@ -4,14 +4,16 @@ from collections import deque
 from collections.abc import Callable
 
 from tca_module.direct.messages import DirectMessages
+from tca_module.errors import CentralLost
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
 from tca_module.link.turns import QUICK, Turns
-from tca_module.session.open_deliveries import KILLED, never, wake_error, working_on
+from tca_module.session.open_deliveries import KILLED, OpenDelivery, never, wake_error, working_on
 from tca_module.session.request import Request, waits_for_others
 from tca_module.session.session import Session, quiet_within
 from tca_wire.packets.headers import Deliver
 
 _FOR_EVER = float("inf")
+_BETWEEN = 0.25  # part of the patience that may pass between two waits of a handler and count as silence
 
 
 class WaitLoop:
@@ -30,6 +32,8 @@ class WaitLoop:
         self.handle_delivery: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due
         self.is_calling_back = False  #: one of them is being called
+        self._one: OpenDelivery | None = None  #: the handler that waited last with ``in_turn``
+        self._since = self._left = clock()  #: its silence counts from then; when that wait was over
         self._word: Request | None = None  #: asked of central: nothing that is ahead begins before its answer
 
     def until(
@@ -60,6 +64,31 @@ class WaitLoop:
         why = open_deliveries.wake_reason(one)
         if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
             self.check_woken(what)
+        return came
+
+    def in_turn(self, is_over: Callable[[], bool], what: object, alarm: float) -> bool:
+        """Wait in a handler, perhaps one time of many, at most until *alarm*; whether *is_over*. Silence counts through
+        all its waits, and raises CentralLost once. Of the time between two of them only a part counts: perhaps nobody
+        could listen.
+        """
+        session, time, now = self._session, self._line.time, self._clock()
+        one = session.open_deliveries.waiting_handler()
+        if one is not self._one:
+            self._one, self._since = one, now
+        else:
+            self._since += max(0.0, now - self._left - _BETWEEN * self.patience)
+        self._since = max(self._since, session.heard)
+        try:
+            self.unless_woken(lambda: is_over() or time() >= alarm, None, what, alarm=alarm, since=self._since)
+            if not (came := is_over()):  # a loop that is late hears it, too
+                self.check_woken(what)
+                if self._clock() >= max(self._since, session.heard) + self.patience:
+                    raise self._line.lost()
+        except CentralLost:
+            self._since = self._clock()  # what is done to leave things safe has time again
+            raise
+        finally:
+            self._left = self._clock()
         return came
 
     def check_woken(self, what: object) -> None:
@@ -112,14 +141,14 @@ class WaitLoop:
             if (session.deliveries or session.ahead) and self._handles_now(is_nested=idle is None):
                 continue
             due = session.tend(now, since, quiet)
-            if session.outgoing and not self._has_sent(max(0.0, deadline - now)):
+            if session.outgoing and not self._has_sent(max(0.0, min(deadline - now, alarm - line.time()))):
                 due = now
             is_next = idle is not None and self._has_next
             step = 0.0 if is_next else self._seconds_to(due, deadline, since, patience)
             line.listen(0.0 if idle is not None and idle(step) else step, alarm)
             before, now = now, self._clock()
             if now - before > step + STALL:
-                since = now  # this process stood still, and central's words have yet to be read: blame nobody
+                since = self._since = now  # this process stood still, central's words are not read yet: blame nobody
                 self._doubt_what_is_ahead()
             if idle is not None and self.handle_delivery is not None:
                 self._handle_next(self.handle_delivery)  # and central is heard in between

@@ -1,15 +1,18 @@
 """What becomes of runs when central was restarted, when their server ends, or when who started them is gone."""
 
 import signal
+import threading
+from functools import partialmethod
 from pathlib import Path
 
 import pytest
 from integration.programs import central, program
 from missions.gripper import Brake, serving
-from module.real_central import until
+from module.real_central import SOON, until
 
-from tca_missions import Idle
-from tca_module import TaskFailed, connect
+from tca_missions import Environment, Idle, PeriodicTask, Status, TaskServer
+from tca_module import Module, TaskFailed, connect
+from tca_module.testing import LocalCentral
 
 SERVER = """
 from tca_missions import Environment, PeriodicTask, Status, TaskServer
@@ -25,6 +28,29 @@ class Drive(PeriodicTask[Environment]):
 TaskServer("cart", Environment(), [Drive]).run()
 print("over", flush=True)
 """
+
+
+class Roll(PeriodicTask[Environment]):
+    rolls, stands = threading.Event(), threading.Event()
+
+    def iterate(self) -> Status:
+        self.rolls.set()
+        return Status.RUNNING
+
+    def terminate(self) -> None:
+        self.sleep(0.01)  # slowly
+        self.stands.set()
+
+
+def test_a_run_terminates_when_central_stays_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Module, "running", partialmethod(Module.running, patience=0.5))
+    with LocalCentral() as central:
+        server = TaskServer("cart", Environment(), [Roll], rate=20, central=central)
+        with server.running(), connect("user", central, linger=0) as user:
+            user.command(server.definitions["Roll"].message, {}).id  # noqa: B018 - it has arrived
+            assert Roll.rolls.wait(SOON)
+            central.close()
+            assert Roll.stands.wait(SOON)
 
 
 def test_runs_that_a_restarted_central_has_forgotten_terminate() -> None:
