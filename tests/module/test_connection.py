@@ -79,7 +79,7 @@ class ScriptedCentral:
         return True
 
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
-        timeout_seconds = min(timeout_seconds, alarm - self.now)
+        timeout_seconds = max(0.0, min(timeout_seconds, alarm - self.now))
         if self.packets and self.packets[0][0] <= self.now + timeout_seconds:
             at, packet = self.packets.pop(0)
             self.now = max(self.now, at)
