@@ -61,10 +61,13 @@ class Client(Sender):
         """Say goodbye to central when all that was sent has arrived. Raises NotSent if something may not have, Refused
         if a task that was sent was refused; twice does no harm.
         """
-        link, self._link = self._link, None
+        link = self._link
         _open.discard(self)
         if link is not None:
-            link.close(self._linger)
+            try:
+                link.close(self._linger)  # it may call functions, which send with this
+            finally:
+                self._link = None
 
     def __enter__(self) -> Self:
         return self

@@ -48,9 +48,10 @@ class Mirror:
         """
         self.observation.catch_up()
         if not self.is_over:
-            if not self.observation.wait(lambda: self.observation.is_complete, ACKNOWLEDGED_WITHIN):
+            observation = self.observation
+            if not (observation.is_complete or observation.wait(lambda: observation.is_complete, ACKNOWLEDGED_WITHIN)):
                 raise Timeout(f"the state of {self._what} was not told within {ACKNOWLEDGED_WITHIN:g} s")
-            self.observation.check()
+            observation.check()
         return self._state
 
     @property

@@ -158,6 +158,7 @@ class Observation:
             except BaseException as error:
                 self._on_error(error)
                 raise
+        self._call()
         return is_there()
 
     def until(self, is_there: Callable[[], bool]) -> Generator[Any, None, bool]:
@@ -169,7 +170,20 @@ class Observation:
             except CentralLost:
                 self._have_been_told()
                 raise
+        self._call()
         return is_there()
+
+    def hear_end(self) -> None:
+        """All that it is about has ended, and central tells that at the same time: functions are called with it before
+        the caller goes on.
+        """
+        if self._is_held:
+            self.connection.hear_out(self._request)
+
+    def _call(self) -> None:
+        """Functions are called with what has come before the caller goes on, who knows it, too."""
+        if self._is_held:
+            self.connection.attend()
 
     def _on_error(self, error: BaseException) -> None:
         """A wait has ended with an error: it has given the request up. So it begins anew: now, if functions are called,

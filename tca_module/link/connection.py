@@ -35,6 +35,7 @@ PATIENCE = 10.0  # seconds without a word from central after which a wait ends w
 ACKNOWLEDGED_WITHIN = 30.0  # seconds that central may take to accept or refuse a request while it says other things
 LINGER = 10.0  # seconds that a program which leaves waits for what it sent to arrive
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
+_REST_WITHIN = 1.0  # seconds in which the rest arrives of what central says at one time
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
 MOST_UNTOLD = 100  # tasks sent of which central has said nothing yet: it remembers 128 by their requests
 SEND_WITH_YOUR_OWN = "a handler sends with its task, other threads with a client of their own: connect()"
@@ -88,6 +89,9 @@ class Connection:
             try:
                 self.direct.shut()
                 self.arrivals.wait(linger, before)
+                if self.is_mine and not self.arrivals.are_owed:  # else central is gone, for which functions would wait
+                    self.attend()
+                    self.arrivals.wait(linger, before)
             finally:
                 number = self.arrivals.missing - before
                 why = self.arrivals.why_missing() if number else ""
@@ -359,6 +363,16 @@ class Connection:
             self.line.catch_up()
             while self.waiting.has_news:
                 self.waiting.take_news()
+
+    def hear_out(self, request: Request) -> None:
+        """Take in the end of a request, which central has told by now, and call what is due because of it. Wakes no
+        handler, and raises nothing if it does not come.
+        """
+        self.check_thread()
+        with self._lock:
+            with contextlib.suppress(CentralLost):
+                self.waiting.until(lambda: request.is_over, _REST_WITHIN)
+            self.attend()
 
     def flush(self) -> None:
         """Send what is to be said."""

@@ -321,6 +321,8 @@ class TaskRef(SteerableTask, FollowedTask["Change"]):
         check(LateText(lambda: f"the wait for {self}"), checks.TIMEOUT, timeout=timeout)
         if self._end is None:
             self._end = self._reached(self.achieving.end, timeout)
+            if self._mirror is not None:
+                self._mirror.observation.hear_end()
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[headers.Answer, bytes]:
@@ -455,6 +457,8 @@ class SentTask(TaskRef, Generic[R]):
                 what = LateText(lambda: f"the wait for {self._words_of(point)}")
                 yield from self._connection().until_over(request, what)
             self._end = request.answers[-1]
+            if self._mirror is not None:
+                self._mirror.observation.hear_end()
         return self._result(*self._end)
 
     def _result(self, answer: headers.Answer, body: bytes) -> R:

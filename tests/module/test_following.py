@@ -1,7 +1,8 @@
 """Who sends a task follows its state, gives it a new goal and cancels it, whatever its handler knows of that."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import pytest
 from module.real_central import SOON
@@ -24,8 +25,10 @@ from tca_module import (
     Refused,
     Rejected,
     Sender,
+    SentTask,
     Task,
     TaskFailed,
+    TaskKilled,
     Timeout,
     Transition,
     connect,
@@ -214,6 +217,78 @@ def test_an_error_in_such_a_function_is_logged(
     assert "ValueError: seen" in caplog.text
     with pytest.raises(MisuseError, match=r"on_change\(\): .* declare it with \(sender, change\) or \(change\)"):
         grasp.on_change(lambda: None)  # type: ignore[arg-type, misc]
+
+
+def look_and_cancel(seen: list[str], change: Change) -> None:
+    """Called in a wait, it ends the task in that."""
+    seen.append(change.state)
+    if change.state == "running":
+        change.task.cancel()
+
+
+def after_result(sent: SentTask[None]) -> None:
+    with pytest.raises(TaskKilled):
+        sent.result(SOON)
+
+
+async def after_await(sent: SentTask[None]) -> None:
+    with pytest.raises(TaskKilled):
+        await sent
+
+
+@pytest.mark.parametrize(
+    "learn",
+    [
+        after_result,
+        lambda sent: sent.wait(SOON),
+        lambda sent: sent.wait_for_state("cancelled", timeout=SOON),
+        lambda sent: list(sent.changes(SOON)),
+        lambda sent: [sent.next_change(SOON) for _ in range(3)],
+    ],
+    ids=["result", "wait", "wait_for_state", "changes", "next_change"],
+)
+def test_the_end_is_told_before_anybody_goes_on_who_knows_it(
+    user: Client, arm: Module, learn: Callable[[SentTask[None]], object]
+) -> None:
+    seen: list[str] = []
+    carry = user.command(CARRY, 1)
+    carry.on_change(partial(look_and_cancel, seen))
+    learn(carry)
+    assert seen == ["running", "cancel requested", "cancelled"]
+
+
+def test_the_end_is_told_before_a_coroutine_goes_on_that_awaits_it(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
+    brain, seen = Module("brain", central), list[str]()
+
+    @brain.handles(WALK)
+    async def think(task: Task, _: int) -> None:
+        carry = task.command(CARRY, 1)
+        carry.on_change(partial(look_and_cancel, seen))
+        await after_await(carry)
+        seen.append("goes on")
+
+    with brain.running():
+        assert user.goal(WALK, 1).wait(SOON) is Outcome.DONE
+    assert seen == ["running", "cancel requested", "cancelled", "goes on"]
+
+
+def test_the_end_is_told_before_the_connection_closes(user: Client, arm: Module, central: LocalCentral) -> None:
+    seen, nobody = list[str](), Module("nobody", central)
+    for connection in (connect("visitor", central), nobody.running()):
+        with connection as sender:
+
+            def look(sender: Sender, change: Change) -> None:
+                seen.append(change.state)
+                if change.is_over:
+                    sender.command(WAVE, 1, delay=100)
+
+            sender.command(GRASP, Grip("cup"), delay=100).on_change(look)
+            sender.tasks(GRASP)[0].cancel()
+        assert seen.pop() == "cancelled"
+    central.until_quiet()
+    assert len(user.tasks(WAVE)) == 2, "it could yet send"
 
 
 # --- Updates and cancels -------------------------------------------------------------------------------------------------
