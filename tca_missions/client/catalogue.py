@@ -37,9 +37,11 @@ class Catalogue:
         return list(self._known)
 
     def task(self, name: str) -> OfferedTask:
-        """The task of that name. Raises UnknownTask."""
+        """The task of that name. Raises UnknownTask; NotOffered if the server has left."""
         if (task := self.tasks.get(name)) is not None:
             return task
+        if not self._known:
+            raise NotOffered(f"server '{self.server}' has left: start it again")
         what = f"server '{self.server}' offers no task '{name}'"
         raise UnknownTask(f"{what}: {nearest(name, self._known, 'it offers')}")
 

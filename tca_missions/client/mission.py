@@ -16,6 +16,7 @@ from tca_missions.client.offered_task import OfferedTask
 from tca_missions.client.running_task import RunningTask, given_parameters, running_tasks
 from tca_missions.client.step_file import TaskBegun
 from tca_missions.client.steps import Steps
+from tca_missions.client.stopping import LOOKS_EVERY, Stopping
 from tca_missions.client.task_handle import TaskHandle, check_handles
 from tca_missions.outcomes import TaskEnd
 from tca_module import CentralLost, Command, MisuseError, Refused, Task, TcaError, Timeout, checks, wait_for_any
@@ -29,7 +30,6 @@ D = TypeVar("D")
 _PATIENCE = 10.0  # seconds that a mission waits for its server
 _ENDED = 10  # tasks that have ended, and are remembered
 _UPDATED_WITHIN = 10.0  # seconds that a server may take to change parameters
-_STOPS_WITHIN = 10.0  # seconds that a stopped task may take to leave things safe
 
 
 class BaseMission:
@@ -51,7 +51,10 @@ class BaseMission:
         self._name = name or _name_of_program()
         self._goal = MissionGoal(self._name, server or self.SERVER, central, under, stays=leave_running)
         self._catalogue = Catalogue(server or self.SERVER, self._goal)
+        if checkpoint is not None and not isinstance(checkpoint, str | Path):
+            raise MisuseError(f"checkpoint= must be the path of a file, not {checkpoint!r:.60}")
         self._checkpoint = Path(checkpoint) if checkpoint is not None else None
+        self._stopping = Stopping(self._name)
         self._steps: Steps | None = None
         self._leave_running = leave_running
         self._is_open = False
@@ -93,11 +96,11 @@ class BaseMission:
         try:
             if not (self._leave_running or isinstance(error, CentralLost)):
                 with contextlib.suppress(TcaError):
-                    self._stop(list(self._running.values()), "the mission has ended")
+                    self._stopping.end(list(self._running.values()), "the mission has ended")
         finally:
             if self._steps is not None:
                 self._steps.close(is_finished=error is None)
-            self._goal.close(error)
+            self._goal.close(error, waits=not self._stopping.hung)
 
     # --- what there is ---------------------------------------------------------------------------------------------
 
@@ -185,8 +188,8 @@ class BaseMission:
             self._wait([task], None)
         except CentralLost:
             raise  # it can't be told
-        except BaseException:
-            self._stop([task], "the mission was interrupted")
+        except BaseException as error:
+            self._stopping.stop_after(error, [task], "the mission was interrupted")
             raise
 
     # --- waiting ---------------------------------------------------------------------------------------------------
@@ -237,14 +240,16 @@ class BaseMission:
             left = None if until is None else until - time.monotonic()
             if left is not None and left <= 0:
                 return [task for task in tasks if task.is_over]
-            self._hear(tasks, left)
+            if not self._hear(tasks, LOOKS_EVERY if left is None else min(left, LOOKS_EVERY)):
+                self._stopping.look(tasks)
         self._goal.check(ask=any(task.is_interrupted for task in ended))
         return ended
 
-    def _hear(self, tasks: Sequence[TaskHandle], timeout: float | None) -> None:
-        """Wait until something has happened that may end a wait for *tasks*."""
+    def _hear(self, tasks: Sequence[TaskHandle], timeout: float) -> bool:
+        """Wait until something has happened that may end a wait for *tasks*; False if nothing has in time."""
         awaited = {task.sent: task for task in [*tasks, *self._running.values()]}
-        for sent in wait_for_any(list(awaited), timeout, until=lambda: self._is_verified() or self._lost(tasks)):
+        ended = wait_for_any(list(awaited), timeout, until=lambda: self._is_verified() or self._lost(tasks))
+        for sent in ended:
             awaited[sent].note_end()  # type: ignore[index]  # one of those
         for task in self._lost(tasks):
             if self._waits_in_vain(task):
@@ -252,6 +257,7 @@ class BaseMission:
                 raise NotOffered(
                     f"nobody offers {task.sent.message} any more, and {task} waited for it: start its server"
                 )
+        return bool(ended or self._verified)
 
     def _lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
         """The tasks whose message nobody handles any more, as central has said just now."""
@@ -283,26 +289,15 @@ class BaseMission:
     def stop_task(self, task: TaskHandle, why: str = "the mission has stopped it") -> None:
         """Stop a task, and wait until it has left things safe. One that has ended is left alone."""
         check_handles(task)
-        self._stop([task], why)
+        self._stopping.stop([task], why)
 
     def stop_all_tasks(self, why: str = "the mission has stopped it") -> None:
         """Stop all tasks of this mission, and wait until they have left things safe."""
-        self._stop(list(self._running.values()), why)
-
-    def _stop(self, tasks: Sequence[TaskHandle], why: str) -> None:
-        left = [task for task in tasks if task.stop(why)]
-        until = time.monotonic() + _STOPS_WITHIN
-        while left := [task for task in left if not task.is_known_over]:
-            ended = wait_for_any([task.sent for task in left], max(0.0, until - time.monotonic()))
-            if not ended:
-                names = ", ".join(map(str, left))
-                raise Timeout(f"{names} did not end within {_STOPS_WITHIN:g} s of being stopped")
-            for task in left:
-                if task.sent in ended:
-                    task.note_end()
+        self._stopping.stop(list(self._running.values()), why)
 
     def _forget(self, task: TaskHandle) -> None:
         self._looked_at.pop(task.id, None)
+        self._stopping.forget(task)
         if self._running.pop(task.id, None) is not None:
             self.ended.append(task)
 

@@ -137,8 +137,10 @@ class MissionGoal:
         if info is None or info.killed:
             raise TaskKilled(str(self._top), info.killed if info is not None else "see the journal")
 
-    def close(self, error: BaseException | None) -> None:
-        """End the goal, as done or, with the exception that has ended the mission, as failed; and leave central."""
+    def close(self, error: BaseException | None, *, waits: bool = True) -> None:
+        """End the goal, as done or, with the exception that has ended the mission, as failed; and leave central. It
+        *waits* for the end, unless something below is known not to end.
+        """
         with self._stack:
             if self._owed is None or self._top is None or isinstance(error, CentralLost):
                 return
@@ -151,7 +153,7 @@ class MissionGoal:
                     text = "".join(traceback.format_exception_only(error)).strip()
                     self._owed.fail(MISSION_FAILED(text=text.partition("\n")[0]))
             with contextlib.suppress(TcaError):
-                self._top.wait(_ENDS_WITHIN)
+                self._top.wait(_ENDS_WITHIN if waits else 0.0)
 
     def take_text(self, task: int) -> str:
         """The text of the failure of a task; "" if none was heard."""

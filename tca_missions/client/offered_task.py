@@ -3,6 +3,7 @@
 import inspect
 import json
 import keyword
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Literal, Union
@@ -100,6 +101,8 @@ class OfferedTask:
                 raise BadParameter(f"{self.name}() has no parameter '{name}': {nearest(name, known, 'it has')}")
         try:
             plain: dict[str, Any] = msgspec.to_builtins(dict(parameters), enc_hook=_plain)
+            for name, value in plain.items():
+                _check_finite(name, value)
             self._format.encode(plain)
         except FieldMisfit as error:
             raise BadParameter(f"{self.name}(): parameter '{error.path}' {error.problem}") from None
@@ -147,6 +150,15 @@ def _type_of(schema: Mapping[str, Any], definitions: Mapping[str, Any], depth: i
     if schema.get("type") == "object":
         return dict[str, Any]
     return _TYPES.get(str(schema.get("type")), Any)
+
+
+def _check_finite(name: str, value: Any) -> None:
+    """Raise FieldMisfit for a number that is infinite or none, also in a list or mapping."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise FieldMisfit(name, f"must be finite, and {value} is not")
+    if isinstance(value, dict | list | tuple):
+        for part in value.values() if isinstance(value, dict) else value:
+            _check_finite(name, part)
 
 
 def _plain(value: Any) -> Any:

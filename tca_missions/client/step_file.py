@@ -50,7 +50,11 @@ class StepFile:
         """Open or make it. Raises MisuseError if it is none, is damaged, or belongs to another mission or process."""
         self._path = path
         self.lines: list[StepLine] = []  #: those that were there already
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        try:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            why = f"{error.strerror}: give the path of a file, in a folder that there is"
+            raise MisuseError(f"checkpoint {path} can't be opened: {why}") from None
         try:
             self._lock()
             self._read(mission)

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 
 from tca_module import CentralLost, Refused, Task, TaskRef
 
-_PATIENCE = 5.0  # seconds that a task waits for the one before without a word
+_PATIENCE = 2.0  # seconds that a task waits for the one before without a word
+_SAID_EVERY = 5.0  # seconds, then
 
 
 class Foreground:
@@ -28,21 +29,31 @@ class Foreground:
         return self._newest is None and self._holder is None
 
     @contextlib.contextmanager
-    def taken(self, task: Task) -> Iterator[None]:
+    def taken(self, task: Task, tell_wait: Callable[[str], None]) -> Iterator[None]:
         """A block in which *task* has the foreground. It ends the task before, and waits until that has terminated.
-        Raises TaskKilled if a newer one comes first.
+        *tell_wait* is called with its name if that takes long, and with "" afterwards. Raises TaskKilled if a newer one
+        comes first.
         """
         before = self._enter(task)
         try:
             if before is not None:
                 _end(before, task)
-            while not task.wait_until(lambda: self._take(task), _PATIENCE):
-                self._log.warning("%s waits until %s has terminated", task, self._holder)
+            self._wait(task, tell_wait)
             yield
         except BaseException as error:
             self._leave(task, error)
             raise
         self._leave(task, None)
+
+    def _wait(self, task: Task, tell_wait: Callable[[str], None]) -> None:
+        """Wait until *task* has the foreground."""
+        if task.wait_until(lambda: self._take(task), _PATIENCE):
+            return
+        tell_wait(str(self._holder))
+        self._log.warning("%s waits until %s has terminated", task, self._holder)
+        while not task.wait_until(lambda: self._take(task), _SAID_EVERY):
+            self._log.warning("%s waits until %s has terminated", task, self._holder)
+        tell_wait("")
 
     def forget(self, task: Task) -> None:
         """The run of a task has ended, in the foreground or not."""

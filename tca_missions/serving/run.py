@@ -23,6 +23,7 @@ StartTimer = Callable[[float, Callable[[Callback], object]], Callback]
 
 _TOLD_EVERY = 0.2  # seconds between two words to those who follow a run, at least
 _PATIENCE = 5.0  # seconds that a task waits for the environment without a word
+_RETURNS_WITHIN = 2.0  # seconds that iterate() may go on after task_timeout without a word
 
 
 class TaskRun:
@@ -49,10 +50,11 @@ class TaskRun:
         """Run to the end, and terminate whatever happens. Raises the failure, or what woke the task."""
         self._initialise()
         try:
-            if isinstance(self.served, PeriodicTask):
-                self._iterate_periodically(self.served)
-            else:
-                self._iterate_once()
+            with self._watched():
+                if isinstance(self.served, PeriodicTask):
+                    self._iterate_periodically(self.served)
+                else:
+                    self._iterate_once()
         except BaseException as error:
             self._terminate_after(error)
             raise
@@ -110,6 +112,32 @@ class TaskRun:
             if timer is not None:
                 timer.cancel()
 
+    @contextlib.contextmanager
+    def _watched(self) -> Iterator[None]:
+        """A block that the log names if it goes on when ``task_timeout`` has passed: nothing ends an iterate() that
+        hangs.
+        """
+        began, seconds = self.task.time(), self.served.task_timeout
+        timer: Callback | None = None
+
+        def look(callback: Callback) -> None:
+            nonlocal timer
+            seconds = self.served.task_timeout  # it may have changed
+            left = began + seconds + _RETURNS_WITHIN - callback.time()
+            if seconds and left > 0 and not self._is_ending:
+                timer = self._start_timer(left, look)
+            elif seconds and not self._is_ending:
+                text = "%s: task_timeout of %g s has passed and iterate() has not returned"
+                self._log.warning(text, self.task, seconds)
+
+        if seconds:
+            timer = self._start_timer(seconds + _RETURNS_WITHIN, look)
+        try:
+            yield
+        finally:
+            if timer is not None:
+                timer.cancel()
+
     def _timeout(self) -> FailureRaised:
         return MISSION_TASK_TIMEOUT(text=self._with_text(f"it ran for {self.served.task_timeout:g} s"))
 
@@ -132,6 +160,11 @@ class TaskRun:
         if status != self._told and self.status is not Status.NEWBORN and self.task.time() >= self._may_tell:
             self._told, self._may_tell = status, self.task.time() + _TOLD_EVERY
             self.task.report(status)
+
+    def tell_wait(self, for_whom: str) -> None:
+        """It can't begin yet, because of another task; "": now it can."""
+        self._told = TaskStatus(f"waits until {for_whom} has terminated" if for_whom else "", status=Status.NEWBORN)
+        self.task.report(self._told)
 
     def sleep(self, seconds: float) -> None:
         """Let time pass, and hear meanwhile what is wanted of the run. Others may have the environment until then."""

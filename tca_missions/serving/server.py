@@ -98,7 +98,7 @@ class TaskServer:
         run = TaskRun(definition, served, self.module.after, self._log)
         self._add(run)
         try:
-            with self._foreground.taken(task) if served.foreground else contextlib.nullcontext():
+            with self._foreground.taken(task, run.tell_wait) if served.foreground else contextlib.nullcontext():
                 return run.carry_out()
         except Stopped as error:  # in the words of those who sent the task
             raise Stopped(f"server '{self.module.name}' has ended") from error

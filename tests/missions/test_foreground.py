@@ -81,12 +81,15 @@ def test_one_whose_thread_comes_late_takes_nobodys_place() -> None:
 
 def test_a_long_wait_for_the_one_before_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     with serving(Brake, Turn) as robot:
-        robot.send("Brake", seconds=12)
+        robot.send("Brake", seconds=11)
         robot.after(0)
-        robot.send("Turn")
+        turn = robot.send("Turn")
+        said_of_turn = turn.progress()
         robot.after(0)
         assert not caplog.records
-        robot.after(13)
+        robot.after(12)
+        texts = [status.text for status in said_of_turn.arrived()]
+        assert texts[:2] == ["waits until gripper.Brake {1} has terminated", ""]
     said = [record.getMessage() for record in caplog.records]
     assert said == ["gripper.Turn {2} waits until gripper.Brake {1} has terminated"] * 2
 

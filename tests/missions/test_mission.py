@@ -3,6 +3,7 @@
 import inspect
 import threading
 from collections.abc import Callable
+from math import inf, nan
 from typing import Any
 
 import pytest
@@ -117,6 +118,8 @@ WRONG: list[tuple[Callable[[Mission], Any], type[Exception], str]] = [
     (lambda mission: mission.Drive(gera="fast"), BadParameter, "has no parameter 'gera': did you mean 'gear'?"),
     (lambda mission: mission.Drive(x=11), BadParameter, "parameter 'x' must be at most 10, and 11 is not"),
     (lambda mission: mission.Drive(x="a"), BadParameter, "parameter 'x' must be a number, and \"a\" is not"),
+    (lambda mission: mission.Drive(task_timeout=inf), BadParameter, "'task_timeout' must be finite, and inf is not"),
+    (lambda mission: mission.Weigh(grams=[2, nan]), BadParameter, "'grams' must be finite, and nan is not"),
     (lambda mission: mission.Drive(gear="top"), BadParameter, "parameter 'gear' must be one of \"fast\", \"slow\""),
     (lambda mission: mission.Drive(1.0), BadParameter, "Drive() takes its parameters by name: Drive(x=...)"),
     (lambda mission: mission.Weigh(), BadParameter, "parameter 'grams' is missing: it must be a list"),
@@ -354,7 +357,7 @@ def test_tasks_that_nobody_offers_any_more_are_errors() -> None:
         with TaskServer("rover", Rover(), tasks=TASKS, central=central).running():
             mission = Mission("rover", central=central).open()
             mission.Drive()
-        with pytest.raises(NotOffered, match=r"offers no task 'Drive'|nobody offers rover.Drive any more"):
+        with pytest.raises(NotOffered, match=r"server 'rover' has left|nobody offers rover.Drive any more"):
             mission.Drive()
         mission.close()
 

@@ -170,3 +170,13 @@ def test_a_file_that_cannot_be_used_is_left_alone(trip: Trip, content: str, prob
 def test_a_file_serves_one_mission_at_a_time(trip: Trip) -> None:
     with trip.mission(), pytest.raises(MisuseError, match="is in use by another mission that runs"):
         trip.mission().open()
+
+
+def test_a_checkpoint_that_is_no_file_is_an_error(tmp_path: Path) -> None:
+    with rover() as (central, _):
+        for file, why in ((tmp_path, "Is a directory"), (tmp_path / "none" / "x.steps", "No such file or directory")):
+            with pytest.raises(MisuseError, match=f"checkpoint {file} can't be opened: {why}: give the path of a file"):
+                Mission("rover", central=central, checkpoint=file).open()
+    no_path: Any = 3
+    with pytest.raises(MisuseError, match="checkpoint= must be the path of a file, not 3"):
+        Mission("rover", checkpoint=no_path)
