@@ -50,7 +50,7 @@ def central(folder: Path, *options: str, bind: str = "", command: Sequence[str] 
 def program(text: str, address: str) -> Iterator[subprocess.Popen[str]]:
     """A Python program as a module's process. It runs when it has printed a line."""
     running = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(text)], text=True, env={**os.environ, "TCA_CENTRAL": address},
+        [sys.executable, "-c", textwrap.dedent(text)], text=True, env={**os.environ, "TCA_CENTRAL": address, "PYTHONUNBUFFERED": "1"},
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     try:
