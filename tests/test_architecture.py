@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGES = (
     "tca_wire", "tca_central", "tca_module", "tca_tools", "tca_properties", "tca_explorer", "tca_live", "tca_run", "tca_bench",
-    "tca_missions", "robots",
+    "tca_missions", "tca_coordination", "tca_activities", "robots",
 )  # fmt: skip
 OURS = set(PACKAGES)
 
@@ -45,7 +45,11 @@ MAY_IMPORT = {
     "tca_explorer": {"tca_central", "tca_module", "tca_properties", "tca_wire", "msgspec", "click"},
     "tca_bench": {"tca_module", "tca_wire", "msgspec", "zmq", "click"},
     "tca_missions": {"tca_module", "tca_wire", "msgspec", "click", "statemachine", "IPython"},
+    "tca_coordination": {"tca_module", "tca_wire", "msgspec", "statemachine"},
+    "tca_activities": {"tca_module", "tca_wire", "msgspec", "click", "statemachine", "starlette", "uvicorn"},
     "robots": {
+        "tca_activities",
+        "tca_coordination",
         "tca_missions",
         "tca_module",
         "tca_wire",
@@ -101,6 +105,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "user_file": set(),
         "waits": set(),
         "charts": set(),
+        "coordination": set(),
         "rules": {"points", "vocabulary"},
         "life_cycles": {"errors", "vocabulary"},
         "constraints": {"points"},

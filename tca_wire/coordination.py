@@ -1,0 +1,136 @@
+"""Coordination with a preview, as data: what a coordinator that runs tells those who watch it.
+
+A coordinator is a task. The structure of its machine is the data of that task. Its progress says which state it is in,
+which states it foresees, and which of its tasks are early; so a late observer, and the journal, have it all.
+"""
+
+from enum import StrEnum
+
+import msgspec
+
+
+class ActivityKind(StrEnum):
+    """What a state of a coordination machine does."""
+
+    ACTIVITY = "activity"
+    """It sends its tasks, and is done when they are."""
+    WAIT = "wait"
+    """It has no tasks: it waits for an event."""
+    COMPOUND = "compound"
+    """It holds other states; the first of them is entered."""
+    FINAL = "final"
+    """Its compound is done; at the top, the machine has ended."""
+
+
+class CoordinationState(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A state of a machine. Its number is its place in ``CoordinationChart.states``."""
+
+    label: str
+    kind: ActivityKind
+    parent: int = -1
+    """The compound that holds it; -1: none does."""
+    tasks: list[str] = []
+    """Of its activity, in words: message and data."""
+    agents: list[str] = []
+    """The agents that its tasks need, one entry for each task: names, joined by "+"."""
+
+
+class CoordinationArrow(msgspec.Struct, frozen=True):
+    """A transition between two states."""
+
+    source: int
+    target: int
+    symbol: str
+    """Its event, with the guard in brackets: ``"done [box B is free]"``."""
+
+
+class CoordinationChart(msgspec.Struct, frozen=True):
+    """A whole machine; a state comes after the one that holds it. The first state is entered first."""
+
+    machine: str
+    agents: list[str]
+    states: list[CoordinationState]
+    arrows: list[CoordinationArrow]
+
+    def __post_init__(self) -> None:
+        numbers = range(len(self.states))
+        if not self.states:
+            raise ValueError("a machine has a state, at least")
+        for number, state in enumerate(self.states):
+            if state.parent != -1 and state.parent not in numbers[:number]:
+                raise ValueError(f"state {number} stands in {state.parent}, which does not come before it")
+        for arrow in self.arrows:
+            if arrow.source not in numbers or arrow.target not in numbers:
+                raise ValueError(f"an arrow from {arrow.source} to {arrow.target}: there are {len(numbers)} states")
+
+
+class Foreseen(msgspec.Struct, frozen=True):
+    """A state of the preview list."""
+
+    state: int
+    likelihood: float
+    """Probability of the transition that leads to it from the state before, in [0, 1]."""
+    probability: float
+    """Probability of the whole path up to it, in [0, 1]."""
+
+
+class TaskRole(StrEnum):
+    """What a task of a coordinator is to its machine, as the run goes on."""
+
+    CURRENT = "current"
+    """It was sent when its state was entered, as without a preview."""
+    AHEAD = "ahead"
+    """It was sent before its state was entered."""
+    KEPT = "kept"
+    """It was ahead, and its state has been entered: the prediction was right."""
+    WASTED = "wasted"
+    """It was ahead, and has been stopped or is of no use any more: the prediction was wrong."""
+    RESTORING = "restoring"
+    """It undoes what a wasted task has changed."""
+
+
+class RoleChange(msgspec.Struct, frozen=True):
+    """From now on, a task has this role."""
+
+    task: int
+    """Its id."""
+    state: int
+    """The state of whose activity it is."""
+    agent: str
+    role: TaskRole
+
+
+class CoordinationReport(msgspec.Struct, frozen=True):
+    """The progress of a coordinator. One is sent at each change."""
+
+    current: int
+    """The state that the machine is in; always one that holds no other."""
+    taken: str = ""
+    """The symbol of the transition that was taken just now; "" if the state is the same as before."""
+    before: int = -1
+    """The state that was left by that transition."""
+    preview: list[Foreseen] = []
+    """The states that are likely to follow, the next one first."""
+    news: list[RoleChange] = []
+    """The tasks whose role has changed since the last report."""
+
+
+_MARK = "#/$defs/CoordinationChart"
+
+
+def read_chart(data_format: str, body: bytes) -> CoordinationChart | None:
+    """The machine that a task runs, by the format of its data; None if it runs none."""
+    if _MARK not in data_format:
+        return None
+    try:
+        return msgspec.msgpack.decode(body, type=CoordinationChart)
+    except (msgspec.MsgspecError, RecursionError):
+        return None
+
+
+def read_report(body: bytes) -> CoordinationReport | None:
+    """A report of a coordinator; None if the bytes are none."""
+    try:
+        return msgspec.msgpack.decode(body, type=CoordinationReport)
+    except (msgspec.MsgspecError, RecursionError):
+        return None
