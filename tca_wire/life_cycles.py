@@ -5,9 +5,9 @@ command has that is declared with no other. What they all share is a beginning, 
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from enum import StrEnum
-from functools import cache
+from functools import lru_cache
 
 import msgspec
 
@@ -173,23 +173,23 @@ class LifeCycle:
             self._refuse(f"{where}: with the effect 'stop' it leads to '{self.cancelled}'")
 
     def _check_ways(self) -> None:
-        met = _reachable([self.initial], {state: [] for state in self.states}, self.transitions)
+        met = _reachable([self.initial], [(one.source, one.target) for one in self.transitions])
         if lost := [state for state in self.states if state not in met]:
             self._refuse(f"'{lost[0]}' is never reached from '{self.initial}'")
-        by_server = [one for one in self.transitions if one.by is not Party.CLIENT]
-        for state in self.states:
-            ends = _reachable([state], {state: [] for state in self.states}, by_server)
-            if not ends & {self.done, self.cancelled}:
-                self._refuse(f"the server can't end a task that is '{state}': add a way to an end, see ending()")
+        backwards = [(one.target, one.source) for one in self.transitions if one.by is not Party.CLIENT]
+        can_end = _reachable([self.done, self.cancelled], backwards)
+        if stuck := [state for state in self.states if state not in can_end]:
+            self._refuse(f"the server can't end a task that is '{stuck[0]}': add a way to an end, see ending()")
 
     def _refuse(self, why: str) -> None:
         msg = f"life cycle {self.name!r:.40} can't be: {why}"
         raise BadFormat(msg)
 
 
-def _reachable(start: list[str], targets: dict[str, list[str]], transitions: Sequence[Transition]) -> set[str]:
-    for one in transitions:
-        targets.setdefault(one.source, []).append(one.target)
+def _reachable(start: list[str], arrows: list[tuple[str, str]]) -> set[str]:
+    targets: dict[str, list[str]] = {}
+    for source, target in arrows:
+        targets.setdefault(source, []).append(target)
     met, new = set(start), list(start)
     while new:
         for target in targets.get(new.pop(), ()):
@@ -213,7 +213,7 @@ def read_life_cycle(text: str) -> LifeCycle:
     return _read(text) if text else GENERAL
 
 
-@cache
+@lru_cache(maxsize=256)  # of any module's texts
 def _read(text: str) -> LifeCycle:
     try:
         name, initial, done, cancelled, rows = msgspec.json.decode(

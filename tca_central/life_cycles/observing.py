@@ -49,13 +49,11 @@ def _living(central: State, observation: Observation) -> list[Task]:
     tree = central.tree
     if observation.task_id:
         return [tree.tasks[observation.task_id]]
+    found: Iterable[Task] = tree.tasks.values()
     if observation.below:
-        top = tree.task(TaskId(observation.below))
-        found: Iterable[Task] = tree.subtree(top) if top is not None else ()
-    else:
-        found = tree.tasks.values()
+        found = (task for task in tree.subtree(tree.tasks[observation.below]) if task.id != observation.below)
     if len(tree.tasks) <= MOST_LOOKED_AT:
-        late = [task for task in found if observation.wants(task)]
+        late = [task for task in found if observation.message in ("", task.message.name)]
         if len(late) <= MOST_LATE:
             return late
     text = f"there are {len(tree.tasks)} tasks: observe a message, what is under a task, or one task"

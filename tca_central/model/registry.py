@@ -93,13 +93,11 @@ class Registry(Stored):
         check_name("message", declared.name)
         if declared.name.startswith(PREFIX):
             _check_notice(declared, module)
-        if known is None or known.format == declared:
-            if known is None and declared.life_cycle:
-                _check_life_cycle(declared)
+        if known is not None and known.format == declared:
             return
         if declared.life_cycle:
             _check_life_cycle(declared)
-        if not known.declarers and known.message_class == declared.message_class:
+        if known is None or (not known.declarers and known.message_class == declared.message_class):
             return
         _refuse_difference(declared, module, known.format, f"module '{known.first_declared_by}'")
 

@@ -4,8 +4,11 @@ import pytest
 from central.player import Player, before, point
 
 from benchmarks.core_control import Steered
+from benchmarks.core_events import USER
+from tca_central.model.task_tree import Task
 from tca_wire.constraints import Flags
 from tca_wire.journal.facts import Constrained
+from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Kill
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Scope
@@ -22,6 +25,15 @@ def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bo
     bench.operations(bottom)
     assert len(bench.central.tree.tasks) == 2  # the top-level task, and under it what leaves things safe
     assert not bench.central.dispatcher.to_offer
+
+
+def test_an_observer_of_a_long_chain_does_not_look_up_from_each_task(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, looked = Steered(), list[int]()
+    bench.grow(2_000, deep=True)
+    monkeypatch.setattr(Task, "above", lambda task, _: looked.append(task.id))
+    bench.event(USER, Observe(bench.next(), below=TaskId(bench.top)))
+    assert len(bench.central.observers.others) == 1
+    assert not looked
 
 
 @pytest.mark.parametrize("scope", [Scope.TASK, Scope.DESCENDANTS])
