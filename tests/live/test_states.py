@@ -101,14 +101,19 @@ def arm(central: LocalCentral) -> Iterator[None]:
 def test_what_becomes_of_a_cancel(
     central: LocalCentral, user: Client, message: Command[None, None], code: int, said: str
 ) -> None:
-    legs = Module("legs", central)
+    legs, is_told = Module("legs", central), threading.Event()
+
+    def work(_: Task) -> None:
+        is_told.wait(SOON)  # not woken by a kill
+
     for one, refuses in ((WALK, []), (STAND, ["cancel"]), (DRIFT, [])):
-        legs.handles(one, refuses=refuses)(lambda task: task.sleep(SOON))
+        legs.handles(one, refuses=refuses)(work)
     with legs.running():
         task = user.execute(message)
         while message is not LATER and not (info := task.info()).module:  # type: ignore[union-attr]
             assert info is not None
         assert tca(cancel, message.name) == ((0, f"{said}\n", "") if code == 0 else (1, "", f"{said}\n"))
+        is_told.set()
         task.kill()
 
 
