@@ -198,6 +198,11 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "console": {"client"},
         "__init__": {"client", "outcomes", "serving"},
     },
+    "tca_activities": {
+        "activity": set(),
+        "components": {"activity"},
+        "__init__": set(),
+    },
     "tca_module": {
         "errors": set(),
         "checks": {"errors"},

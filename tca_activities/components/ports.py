@@ -1,0 +1,96 @@
+"""Typed ports: the only way into a component and out of it."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from tca_module import MisuseError
+
+T = TypeVar("T")
+
+
+class _Port(Generic[T]):
+    """What ports have in common."""
+
+    def __init__(self, component: str, name: str, type_: type[T]) -> None:
+        if not isinstance(type_, type):
+            raise MisuseError(f"{component}.{name}: the type of a port is a class, not {type_!r:.60}")
+        self.component = component
+        self.name = name
+        self.type = type_
+        self._fits = (type_, int) if type_ is float else (type_,)  # as in annotations
+
+    def __repr__(self) -> str:
+        return f"{self.component}.{self.name} ({self.type.__name__})"
+
+    def _check(self, value: T) -> None:
+        if not isinstance(value, self._fits):
+            raise MisuseError(f"port {self!r} does not take {value!r:.60}, of type {type(value).__name__}")
+
+
+class InputPort(_Port[T]):
+    """Holds the values that have arrived until the component's port handler takes them, each with a call of *take*.
+
+    It keeps the newest value, or a queue of the *keep* newest ones.
+    """
+
+    def __init__(self, component: str, name: str, type_: type[T], take: Callable[[T], object], keep: int = 1) -> None:
+        super().__init__(component, name, type_)
+        if keep < 1:
+            raise MisuseError(f"port {self!r}: keep must be 1 or more, not {keep}")
+        self.lost = 0  #: values that gave way to newer ones
+        self._take = take
+        self._arrived: deque[T] = deque(maxlen=keep)
+
+    def put(self, value: T) -> None:
+        """A value arrives, from any thread. Raises MisuseError if it is of another type."""
+        self._check(value)
+        self.lost += len(self._arrived) == self._arrived.maxlen
+        self._arrived.append(value)
+
+    def take_arrived(self) -> None:
+        """Hand the values that have arrived so far to the component."""
+        for _ in range(len(self._arrived)):
+            self._take(self._arrived.popleft())
+
+    def clear(self) -> None:
+        """Forget what has arrived."""
+        self._arrived.clear()
+        self.lost = 0
+
+    def fits(self, output: "_Port[T]") -> bool:
+        """Whether all that an output port sets can be put here."""
+        return issubclass(output.type, self._fits)
+
+
+class OutputPort(_Port[T]):
+    """Passes each value that is set on to the input ports connected with it."""
+
+    def __init__(self, component: str, name: str, type_: type[T]) -> None:
+        super().__init__(component, name, type_)
+        self.value: T | None = None  #: the newest
+        self._to: list[Callable[[T], object]] = []
+
+    def set(self, value: T) -> None:
+        """Pass a value on. Raises MisuseError if it is of another type."""
+        self._check(value)
+        self.value = value
+        for function in self._to:
+            function(value)
+
+    def on_set(self, function: Callable[[T], object]) -> None:
+        """Call a function with each value, in the tick that sets it: it must be short."""
+        self._to.append(function)
+
+    def clear(self) -> None:
+        """Forget the newest value."""
+        self.value = None
+
+
+def connect(output: OutputPort[T], input_: InputPort[T]) -> None:
+    """Let all that is set at *output* arrive at *input_*. Raises MisuseError if their types do not fit."""
+    if not isinstance(output, OutputPort) or not isinstance(input_, InputPort):
+        raise MisuseError(f"an output port is connected with an input port, not {output!r:.60} with {input_!r:.60}")
+    if not input_.fits(output):
+        raise MisuseError(f"port {output!r} can't be connected with {input_!r}: give both the same type")
+    output.on_set(input_.put)

@@ -1,0 +1,304 @@
+"""A joint with four regions, ticked by hand."""
+
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from activities.joint import Joint, Target
+
+from tca_activities.components import Component, Region, RegionChange, connect, initialise
+from tca_module import MisuseError
+
+
+def tick(joint: Component[Any], times: int = 1) -> None:
+    for _ in range(times):
+        for activity in joint.activities():
+            activity.tick()
+
+
+def states(joint: Joint) -> dict[str, str]:
+    return {region.name: region.current for region in joint.regions.values()}
+
+
+@pytest.fixture
+def joint() -> Joint:
+    joint = Joint()
+    joint.initialise()
+    return joint
+
+
+def ready(joint: Joint) -> Joint:
+    joint.command.put("enable")
+    tick(joint)
+    joint.command.put("reference")
+    tick(joint, 10)
+    return joint
+
+
+def test_a_joint_is_enabled_referenced_and_moved(joint: Joint) -> None:
+    assert states(joint) == {
+        "limits": "inside",
+        "referencing": "unreferenced",
+        "enabling": "disabled",
+        "movement": "stopped",
+    }
+    ready(joint)
+    assert states(joint)["referencing"] == "referenced"
+    joint.target.put(Target(0.3))
+    tick(joint)
+    assert joint.regions["movement"].path == ("moving", "fast")
+    tick(joint, 20)
+    assert states(joint)["movement"] == "stopped"
+    assert joint.position.value == pytest.approx(0.3)
+
+
+def test_regions_see_each_others_states(joint: Joint) -> None:
+    joint.command.put("reference")  # it is not enabled: the event leads nowhere
+    tick(joint)
+    joint.command.put("enable")
+    tick(joint, 5)
+    assert states(joint)["referencing"] == "unreferenced"
+    joint.target.put(Target(0.3))
+    tick(joint)
+    assert states(joint)["movement"] == "stopped"
+
+
+def test_an_event_reaches_all_regions(joint: Joint) -> None:
+    ready(joint).target.put(Target(0.9))
+    tick(joint)
+    joint.command.put("disable")
+    tick(joint)
+    assert (states(joint)["movement"], states(joint)["enabling"]) == ("stopped", "disabled")
+
+
+def test_a_tick_makes_one_transition_at_most(joint: Joint) -> None:
+    changes: list[RegionChange] = []
+    joint.regions["enabling"].on_transition(changes.append)
+    for event in ("enable", "enable", "disable"):
+        joint.post(event)
+    handler = next(one for one in joint.activities() if one.name == "x.enabling.machine")
+    handler.tick()
+    assert changes == [("x", "enabling", "disabled", "enabled", "enable")]
+    handler.tick()  # the second "enable" leads nowhere
+    assert changes[1:] == [("x", "enabling", "enabled", "disabled", "disable")]
+
+
+def test_activities_stand_in_the_order_of_data(joint: Joint) -> None:
+    assert [(one.name, one.period, one.estimate) for one in joint.activities()] == [
+        ("x.port handler", 0.01, None),
+        ("x.limits.machine", 0.01, None),
+        ("x.referencing.machine", 0.01, None),
+        ("x.enabling.machine", 0.01, None),
+        ("x.movement.machine", 0.01, None),
+        ("x.referencing.searching", 0.01, None),
+        ("x.movement.fast", 0.01, 0.0001),
+        ("x.movement.slow", 0.02, None),
+    ]
+
+
+def test_it_begins_anew_as_often_as_wanted(joint: Joint) -> None:
+    first = states(joint)
+    ready(joint).target.put(Target(0.9))
+    joint.post("disable")
+    joint.initialise()
+    tick(joint, 3)
+    assert states(joint) == first
+    assert joint.position.value is None
+
+
+class Chain(Component[None]):
+    """It enters and leaves, and writes down how."""
+
+    def __init__(self, log: list[str]) -> None:
+        super().__init__("chain", lambda: None)
+        region = self.region("only", period=1.0)
+
+        def steps(name: str) -> dict[str, Any]:
+            return {"entry": lambda: log.append(f"+{name}"), "exit": lambda: log.append(f"-{name}")}
+
+        outer = region.state("outer", **steps("outer"))
+        one, two = outer.state("one", **steps("one")), outer.state("two", **steps("two"))
+        other = region.state("other", **steps("other"))
+        one.to(two, on="next")
+        two.to(two, on="next")
+        outer.to(other, on="next")  # the inner ones go first
+        outer.to(other, on="out")
+        outer.to(one, on="again")
+        other.to(two, on="back")
+
+
+def test_states_are_left_from_the_inside_and_entered_from_the_outside() -> None:
+    log: list[str] = []
+    chain = Chain(log)
+    chain.initialise()
+    told = []
+    for event in ("next", "next", "again", "out", "back"):
+        told.append(" ".join(log))
+        log.clear()
+        chain.post(event)
+        tick(chain)
+    told.append(" ".join(log))
+    assert told == [
+        "+outer +one",
+        "-one +two",
+        "-two +two",
+        "-two -outer +outer +one",
+        "-one -outer +other",
+        "-other +outer +two",
+    ]
+
+
+# --- ports ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
+    with pytest.raises(MisuseError, match=r"port x\.target \(Target\) does not take 0\.3, of type float"):
+        joint.target.put(0.3)  # type: ignore[arg-type]
+    with pytest.raises(MisuseError, match=r"port x\.position \(float\) does not take 'far', of type str"):
+        joint.position.set("far")  # type: ignore[arg-type]
+    joint.position.set(1)  # as in annotations
+    with pytest.raises(MisuseError, match=r"port x\.position \(float\) can't be connected with x\.target \(Target\)"):
+        connect(joint.position, joint.target)  # type: ignore[misc]
+    with pytest.raises(MisuseError, match=r"an output port is connected with an input port, not x\.target"):
+        connect(joint.target, joint.target)  # type: ignore[arg-type]
+
+
+def test_a_port_keeps_the_newest_value_or_a_queue(joint: Joint) -> None:
+    for number in range(10):
+        joint.command.put(f"{number}")
+        joint.target.put(Target(number))
+    assert (joint.command.lost, joint.target.lost) == (2, 9)
+
+
+class Watch(Component[list[float]]):
+    """It tells what has arrived, at once."""
+
+    def __init__(self, name: str, *, begins: bool) -> None:
+        super().__init__(name, list)
+        self.seen = self.input("seen", float, self.see, keep=9)
+        self.all = self.output("all", float)
+        self.begins = begins
+        self.region("only", period=1.0).state("there", entry=self.begin_there)
+
+    def see(self, value: float) -> None:
+        self.data.append(value)
+
+    def begin_there(self) -> None:
+        if self.begins:
+            self.all.set(1.5)
+
+
+def test_a_value_set_at_the_beginning_arrives() -> None:
+    components = [Watch("a", begins=True), Watch("b", begins=False)]
+    for one, other in (components, components[::-1]):
+        connect(one.all, other.seen)
+    for order in (components, components[::-1]):
+        initialise(order)
+        tick(components[1])
+        with components[1].turn:
+            assert components[1].data == [1.5]
+
+
+# --- data ----------------------------------------------------------------------------------------------------------
+
+
+def test_data_are_for_activities_only(joint: Joint) -> None:
+    with pytest.raises(MisuseError, match="the data of Joint 'x' are for its own activities: use a port"):
+        _ = joint.data
+
+
+def test_a_tick_sees_data_whole_whatever_threads_tick() -> None:
+    class Pair(Component[dict[str, int]]):
+        def __init__(self) -> None:
+            super().__init__("pair", lambda: {"left": 0, "right": 0})
+            self.region("only", period=1.0).state("counting", activity=self.count, period=1.0)
+
+        def count(self) -> None:
+            assert self.data["left"] == self.data["right"]
+            self.data["left"] += 1
+            self.data["right"] = self.data["left"]
+
+    pair = Pair()
+    pair.initialise()
+    _, counting = pair.activities()
+
+    def tick_often() -> None:
+        for _ in range(300):
+            counting.tick()
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=tick_often) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(before)
+    with pair.turn:
+        assert pair.data == {"left": 1200, "right": 1200}
+
+
+# --- what is refused -----------------------------------------------------------------------------------------------
+
+
+def test_an_activity_that_raises_leaves_the_component_usable(joint: Joint) -> None:
+    joint.command.put("fly")
+    with pytest.raises(
+        MisuseError, match="Joint 'x' has no event 'fly': there are disable, enable, move, reference, stop, switch"
+    ):
+        tick(joint)
+    ready(joint)
+    assert states(joint)["referencing"] == "referenced"
+
+
+class Bare(Component[None]):
+    def __init__(self) -> None:
+        super().__init__("bare", lambda: None)
+
+
+Written = Callable[[Bare, Region], object]
+
+
+def two(region: Region, on: str = "", needs: str = "") -> None:
+    region.state("a").to(region.state("b"), on=on, needs=[needs] if needs else [])
+
+
+REFUSED: dict[str, Written] = {
+    "region 'bare.only' has no state: add one": lambda _, only: only,
+    "the activity of 'bare.only.a' needs a period: give period=..., in seconds": (
+        lambda _, only: only.state("a", activity=print)
+    ),
+    "'bare.only' has two states 'a': give one of them another name": lambda _, only: (only.state("a"), only.state("a")),
+    "'bare.only': a state can't be called 'machine'": lambda _, only: only.state("machine"),
+    "'bare.only.b' can't be reached: let a transition lead to it, or remove it": (
+        lambda _, only: (only.state("a"), only.state("b"))
+    ),
+    "'bare.only.a' would go to 'bare.only.b' at once: give on=..., when=... or needs=...": lambda _, only: two(only),
+    "the transition from 'bare.only.a' to 'bare.only.b' needs 'only', which is no state: write \"region.state\"": (
+        lambda _, only: two(only, needs="only")
+    ),
+    "Bare 'bare' has two ports or regions 'only': give one of them another name": lambda bare, _: bare.output(
+        "only", int
+    ),
+    "'bare.only.a' can't lead to 'bare.other.b', in another region: let a transition there need 'bare.only.a'": (
+        lambda bare, only: only.state("a").to(bare.region("other", period=1.0).state("b"), on="e")
+    ),
+    "port bare.in (int): keep must be 1 or more, not 0": lambda bare, _: bare.input("in", int, print, keep=0),
+}
+
+
+def checked(write: Written) -> None:
+    bare = Bare()
+    write(bare, bare.region("only", period=1.0))
+    bare.activities()
+
+
+@pytest.mark.parametrize("why", REFUSED)
+def test_components_that_can_not_be_run(why: str) -> None:
+    with pytest.raises(MisuseError) as error:
+        checked(REFUSED[why])
+    assert str(error.value) == why
