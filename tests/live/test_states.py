@@ -154,10 +154,10 @@ def test_a_task_is_watched_until_its_end(central: LocalCentral, sent: SentTask[f
                 planner.modules()
             task = planner.task(number)
             assert task is not None
-            widths = task.progress(Grasp, timeout=SOON)
-            assert next(widths) == Grasp(0.1)
+            widths = task.progress(timeout=SOON)
+            assert next(widths) == {"width": 0.1}
             task.update(Grasp(0.05), message=GRASP, timeout=SOON)
-            assert next(widths) == Grasp(0.05)
+            assert next(widths) == {"width": 0.05}
             task.cancel("it slips")
 
     steering = threading.Thread(target=steer)
