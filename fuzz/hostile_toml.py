@@ -10,9 +10,10 @@ from typing import Any
 from fuzz.choices import Choices
 from fuzz.grammar import TEXTS, damaged
 from tca_central.shell.permissions_file import PermissionsError, read_rules, users_in
-from tca_run.robot_file import BadRobotFile, load
+from tca_run.robot_file import load
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import read_client_key
+from tca_wire.user_toml import BadUserFile
 
 _WORDS = (
     "allow", "key", "module", "send", "handle", "tap", "lock", "kill", "administer", "central", "modules", "run",
@@ -52,7 +53,7 @@ def _read_rules(path: Path) -> None:
 
 
 _READERS: tuple[tuple[Callable[[Path], Any], type[Exception]], ...] = (
-    (_read_rules, PermissionsError), (load, BadRobotFile), (read_client_key, KeyRefused),
+    (_read_rules, PermissionsError), (load, BadUserFile), (read_client_key, KeyRefused),
 )  # fmt: skip
 
 

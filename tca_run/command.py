@@ -8,9 +8,10 @@ import click
 
 from tca_run.output import Output
 from tca_run.robot import run_robot
-from tca_run.robot_file import RUN, BadRobotFile, RobotFile, load
+from tca_run.robot_file import RUN, RobotFile, load
 from tca_run.supervised import GaveUp
 from tca_wire.text.printable import printable
+from tca_wire.user_toml import BadUserFile
 
 _PATIENCE = 2.0  # seconds for a screen that is slow, at the end
 _NOBODY_READS = 141
@@ -40,7 +41,7 @@ def run(context: click.Context, file: Path, only: str | None, *, check: bool) ->
         robot = load(file)
         if only is not None:
             robot = robot.only([name.strip() for name in only.split(",")])
-    except BadRobotFile as error:
+    except BadUserFile as error:
         raise _BadFile(printable(str(error))) from None
     if check:
         _show(robot)

@@ -1,28 +1,25 @@
 """robot.toml: the programs of a robot, and how they are kept running. All of it is checked before anything starts."""
 
-import json
 import os
 import re
 import shlex
 import shutil
 import sys
 import time
-import tomllib
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta
 
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals
+from tca_wire.user_toml import BadUserFile, advice, check_keys, read_table, read_toml
 
 CENTRAL = "central"
 RUN = "run"
 """How ``tca run`` names itself among the programs."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
-_LONGEST_SHOWN = 60
 _DAY = 86400.0
 
 _NOT_AS_OPTIONS = {
@@ -30,10 +27,6 @@ _NOT_AS_OPTIONS = {
     "--journal": "write journal = ...",
     "--fresh": "a central that has crashed would forget its run",
 }
-
-
-class BadRobotFile(Exception):
-    """A robot's file can't be used: which key, and what to do."""
 
 
 class Limits(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,52 +91,47 @@ class RobotFile(msgspec.Struct, frozen=True):
     """Central first, if it is to be started."""
 
     def only(self, names: list[str]) -> "RobotFile":
-        """The same with these programs alone; a module's name means all of its copies. Raises BadRobotFile."""
+        """The same with these programs alone; a module's name means all of its copies. Raises BadUserFile."""
         known = {program.name.partition(".")[0] for program in self.programs}
         for name in names:
             if name not in known:
-                raise BadRobotFile(f"--only {name}: {_advice(name, sorted(known))}")
+                raise BadUserFile(f"--only {name}: {advice(name, sorted(known))}")
         return RobotFile(self.address, [one for one in self.programs if one.name.partition(".")[0] in names])
 
 
 def load(path: Path) -> RobotFile:
-    """Read a robot's file. Raises BadRobotFile."""
-    try:
-        text = path.read_text()
-        tables: dict[str, Any] = tomllib.loads(text)
-    except OSError as error:
-        raise BadRobotFile(f"{path} can't be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise BadRobotFile(f"{path}: {error}") from None
+    """Read a robot's file. Raises BadUserFile."""
+    tables = read_toml(path)
     try:
         return _robot(tables, path.resolve().parent)
-    except BadRobotFile as error:
-        raise BadRobotFile(f"{path}: {error}") from None
+    except BadUserFile as error:
+        raise BadUserFile(f"{path}: {error}") from None
 
 
 def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     for name, table in tables.items():
         if name not in (CENTRAL, RUN, "modules"):
-            advice = (
-                f"a program stands under [modules.{name}]" if isinstance(table, dict) and "command" in table else ""
+            is_program = isinstance(table, dict) and "command" in table
+            what_to_do = (
+                f"a program stands under [modules.{name}]" if is_program else advice(name, [CENTRAL, "modules", RUN])
             )
-            raise BadRobotFile(f"'{name}' is unknown: {advice or _advice(name, [CENTRAL, 'modules', RUN])}")
+            raise BadUserFile(f"'{name}' is unknown: {what_to_do}")
         if not isinstance(table, dict):
-            raise BadRobotFile(f"'{name}' must be a table: write [{name}]")
+            raise BadUserFile(f"'{name}' must be a table: write [{name}]")
     common = tables.get(RUN, {})
-    _check(Limits, RUN, common)
+    check_keys(Limits, RUN, common)
     central = _table(_CentralTable, CENTRAL, common, tables.get(CENTRAL, {}))
     address = central.address or default_endpoint()
     if address.endswith(":*"):
-        raise BadRobotFile(f"central.address is {address}: name a port, so that modules find it")
+        raise BadUserFile(f"central.address is {address}: name a port, so that modules find it")
     for option in central.options:
         if instead := _NOT_AS_OPTIONS.get(option.partition("=")[0]):
-            raise BadRobotFile(f"central.options: leave {option} out: {instead}")
+            raise BadUserFile(f"central.options: leave {option} out: {instead}")
     programs = [_central(central, address, folder)] if central.start else []
     for name, table in tables.get("modules", {}).items():
         programs += _copies(name, table, common, address, folder)
     if not programs:
-        raise BadRobotFile("there is nothing to run: add a table [modules.NAME] with a command")
+        raise BadUserFile("there is nothing to run: add a table [modules.NAME] with a command")
     return RobotFile(address, programs)
 
 
@@ -159,20 +147,20 @@ def _copies(name: str, given: Any, common: dict[str, Any], address: str, folder:
     """The programs of a module's table."""
     place = f"modules.{name}"
     if not _NAME.fullmatch(name) or name in (CENTRAL, RUN):
-        raise BadRobotFile(
+        raise BadUserFile(
             f"{place}: choose another name, of letters, digits, '-' and '_', but not '{CENTRAL}' or '{RUN}'"
         )
     if not isinstance(given, dict):
-        raise BadRobotFile(f"{place} must be a table: write [{place}]")
+        raise BadUserFile(f"{place} must be a table: write [{place}]")
     table = _table(_ModuleTable, place, common, given)
     if table.hung == "restart" and table.restart == "never":
-        raise BadRobotFile(f'{place}.hung is "restart", and restart is "never": leave one of them out')
+        raise BadUserFile(f'{place}.hung is "restart", and restart is "never": leave one of them out')
     cwd = _path(folder, table.cwd)
     if not cwd.is_dir():
-        raise BadRobotFile(f"{place}.cwd: there is no folder {cwd}")
+        raise BadUserFile(f"{place}.cwd: there is no folder {cwd}")
     command, env = _words(place, table.command), _environment(address, table.env)
     if shutil.which(cwd / command[0] if "/" in command[0] else command[0], path=env["PATH"]) is None:
-        raise BadRobotFile(f"{place}.command: there is no program {command[0]} that can be run, seen from {cwd}")
+        raise BadUserFile(f"{place}.command: there is no program {command[0]} that can be run, seen from {cwd}")
     return [
         Launch(
             name=f"{name}.{number}" if table.copies > 1 else name, command=command, cwd=cwd, env=env, limits=table,
@@ -186,9 +174,9 @@ def _words(place: str, command: str | list[str]) -> list[str]:
     try:
         words = shlex.split(command) if isinstance(command, str) else command
     except ValueError as error:
-        raise BadRobotFile(f"{place}.command: {error}".lower()) from None
+        raise BadUserFile(f"{place}.command: {error}".lower()) from None
     if not words or not words[0]:
-        raise BadRobotFile(f"{place}.command is empty: say what starts the program")
+        raise BadUserFile(f"{place}.command is empty: say what starts the program")
     return words
 
 
@@ -207,31 +195,5 @@ _T = TypeVar("_T", bound=Limits)
 
 
 def _table(kind: type[_T], place: str, common: dict[str, Any], given: dict[str, Any]) -> _T:
-    _check(kind, place, given)
-    for field in msgspec.structs.fields(kind):
-        if field.required and field.name not in given:
-            raise BadRobotFile(f"{place}.{field.name} is missing: add {_wanted(kind, field.name)}")
-    return msgspec.convert({**common, **given}, kind)
-
-
-def _check(kind: type[Limits], place: str, given: dict[str, Any]) -> None:
-    """That each key is known and its value is what the key wants."""
-    hints = get_type_hints(kind, include_extras=True)
-    for key, value in given.items():
-        if key not in hints:
-            raise BadRobotFile(f"{place}.{key} is unknown: {_advice(key, sorted(hints))}")
-        try:
-            msgspec.convert(value, hints[key])
-        except msgspec.ValidationError:
-            shown = json.dumps(value, ensure_ascii=False, default=str)[:_LONGEST_SHOWN]
-            raise BadRobotFile(f"{place}.{key} must be {_wanted(kind, key)}, not {shown}") from None
-
-
-def _wanted(kind: type[Limits], key: str) -> str:
-    (meta,) = get_type_hints(kind, include_extras=True)[key].__metadata__
-    return str(meta.description)
-
-
-def _advice(name: str, known: list[str]) -> str:
-    nearest = get_close_matches(name, known, n=1)
-    return f"did you mean '{nearest[0]}'?" if nearest else f"there are {', '.join(known)}"
+    check_keys(kind, place, given)
+    return read_table(kind, place, {**common, **given})

@@ -103,6 +103,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "endpoint": set(),
         "keys": {"errors"},
         "user_file": set(),
+        "user_toml": set(),
         "waits": set(),
         "charts": set(),
         "coordination": set(),

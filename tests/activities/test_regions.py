@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from statemachine import State, StateChart
 from statemachine.io import create_machine_class_from_definition
 

@@ -7,7 +7,8 @@ from click.testing import CliRunner
 
 from tca_run.command import run
 from tca_run.restarts import Restarts, how_it_ended
-from tca_run.robot_file import BadRobotFile, Limits, RobotFile, load
+from tca_run.robot_file import Limits, RobotFile, load
+from tca_wire.user_toml import BadUserFile
 
 
 def loaded(folder: Path, text: str) -> RobotFile:
@@ -50,7 +51,7 @@ def loaded(folder: Path, text: str) -> RobotFile:
     ],
 )  # fmt: skip
 def test_a_wrong_file_says_which_key_and_what_to_do(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(BadRobotFile) as error:
+    with pytest.raises(BadUserFile) as error:
         loaded(tmp_path, text)
     assert str(error.value).startswith(str(tmp_path / "robot.toml"))
     assert [words for words in said.split("|") if words not in str(error.value)] == []
@@ -92,7 +93,7 @@ def test_what_a_file_starts(tmp_path: Path) -> None:
     assert (left.env["SIDE"], left.env["TCA_CENTRAL"]) == ("left", "ipc:///tmp/c.sock")
     assert [one.limits.restarts for one in robot.programs] == [1, 7, 7, 1]
     assert [one.name for one in robot.only(["legs"]).programs] == ["legs.1", "legs.2"]
-    with pytest.raises(BadRobotFile, match="--only leg: did you mean 'legs'"):
+    with pytest.raises(BadUserFile, match="--only leg: did you mean 'legs'"):
         robot.only(["leg"])
 
 

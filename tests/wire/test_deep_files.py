@@ -7,13 +7,14 @@ from typing import Any
 import pytest
 
 from tca_central.shell.permissions_file import PermissionsError, read_rules
-from tca_run.robot_file import BadRobotFile, load
+from tca_run.robot_file import load
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import read_client_key
+from tca_wire.user_toml import BadUserFile
 
 
 @pytest.mark.parametrize(
-    ("read", "error"), [(read_rules, PermissionsError), (load, BadRobotFile), (read_client_key, KeyRefused)]
+    ("read", "error"), [(read_rules, PermissionsError), (load, BadUserFile), (read_client_key, KeyRefused)]
 )
 def test_a_file_that_is_nested_too_deeply(tmp_path: Path, read: Callable[[Path], Any], error: type[Exception]) -> None:
     path = tmp_path / "file.toml"

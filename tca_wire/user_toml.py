@@ -1,0 +1,70 @@
+"""TOML files that users write: each key is checked, and an error says which one, and what to do."""
+
+import json
+import tomllib
+from collections.abc import Iterable
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+_LONGEST_SHOWN = 60
+
+
+class BadUserFile(Exception):
+    """A file of the user's can't be used: which key, and what to do."""
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a file. Raises BadUserFile."""
+    try:
+        return tomllib.loads(path.read_text())
+    except OSError as error:
+        raise BadUserFile(f"{path} can't be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadUserFile(f"{path}: {error}") from None
+
+
+_T = TypeVar("_T", bound=msgspec.Struct)
+
+
+def read_table(kind: type[_T], place: str, given: Any) -> _T:
+    """The table that stands at a place of the file; the type of each field of *kind* has a description. Raises
+    BadUserFile.
+    """
+    if not isinstance(given, dict):
+        raise BadUserFile(f"{place} must be a table: write [{place}]")
+    check_keys(kind, place, given)
+    for field in msgspec.structs.fields(kind):
+        if field.required and field.encode_name not in given:
+            raise BadUserFile(f"{place}.{field.encode_name} is missing: add {_wanted(field)}")
+    return msgspec.convert(given, kind)
+
+
+def check_keys(kind: type[msgspec.Struct], place: str, given: dict[str, Any]) -> None:
+    """That each key is known and its value is what the key wants. Raises BadUserFile."""
+    fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
+    for key, value in given.items():
+        if key not in fields:
+            raise BadUserFile(f"{place}.{key} is unknown: {advice(key, fields)}")
+        try:
+            msgspec.convert(value, fields[key].type)
+        except msgspec.ValidationError:
+            raise BadUserFile(f"{place}.{key} must be {_wanted(fields[key])}, not {shown(value)}") from None
+
+
+def shown(value: Any) -> str:
+    """A value of the file, for an error."""
+    return json.dumps(value, ensure_ascii=False, default=str)[:_LONGEST_SHOWN]
+
+
+def _wanted(field: msgspec.structs.FieldInfo) -> str:
+    (meta,) = field.type.__metadata__
+    return str(meta.description)
+
+
+def advice(name: str, known: Iterable[str]) -> str:
+    """The nearest of the names that there are, or all of them."""
+    nearest = get_close_matches(name, known := sorted(known), n=1)
+    return f"did you mean '{nearest[0]}'?" if nearest else f"there are {', '.join(known) or 'none'}"
