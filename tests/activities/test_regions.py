@@ -67,7 +67,7 @@ class Logging:
 
 
 def of_the_library(chart: Drawn, flags: set[str], log: list[str]) -> "StateChart[Any]":
-    def defined(number: int, is_first: bool) -> dict[str, Any]:
+    def defined(number: int, is_first: bool) -> Any:
         inside = [inner for inner, parent in enumerate(chart.parents) if parent == number]
         on: dict[str, list[dict[str, Any]]] = {}
         for arrow in chart.arrows:
