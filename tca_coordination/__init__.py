@@ -1,1 +1,32 @@
 """Coordination of a robot's activities by a state machine that looks ahead."""
+
+from tca_coordination.model.activities import Activity, Agent, Do
+from tca_coordination.model.automaton import Automaton, FlatAutomaton, LikelyArrow
+from tca_coordination.model.errors import UnsoundCoordination
+from tca_coordination.model.likelihoods import Learned, LikelihoodModel, Perceived, Prior, Weighted
+from tca_coordination.model.machine import Coordination
+from tca_coordination.model.situation import Fact, Situation
+from tca_coordination.model.statechart import Interpreter, TakenArrow
+from tca_coordination.model.states import AuthoredState, CompoundState
+
+__all__ = [
+    "Activity",
+    "Agent",
+    "AuthoredState",
+    "Automaton",
+    "CompoundState",
+    "Coordination",
+    "Do",
+    "Fact",
+    "FlatAutomaton",
+    "Interpreter",
+    "Learned",
+    "LikelihoodModel",
+    "LikelyArrow",
+    "Perceived",
+    "Prior",
+    "Situation",
+    "TakenArrow",
+    "UnsoundCoordination",
+    "Weighted",
+]

@@ -21,6 +21,11 @@ class ActivityKind(StrEnum):
     FINAL = "final"
     """Its compound is done; at the top, the machine has ended."""
 
+    @property
+    def is_container(self) -> bool:
+        """Whether it holds states."""
+        return self is ActivityKind.COMPOUND
+
 
 class CoordinationState(msgspec.Struct, frozen=True, omit_defaults=True):
     """A state of a machine. Its number is its place in ``CoordinationChart.states``."""
@@ -62,6 +67,10 @@ class CoordinationChart(msgspec.Struct, frozen=True):
         for arrow in self.arrows:
             if arrow.source not in numbers or arrow.target not in numbers:
                 raise ValueError(f"an arrow from {arrow.source} to {arrow.target}: there are {len(numbers)} states")
+
+    def inside(self, number: int) -> list[int]:
+        """The states that one holds, in their order."""
+        return [inner for inner, state in enumerate(self.states) if state.parent == number]
 
 
 class Foreseen(msgspec.Struct, frozen=True):

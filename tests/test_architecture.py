@@ -79,7 +79,7 @@ ONLY_IN = {
         "tca_bench/own/costs.py",
     },
     "pybullet": {"robots/ambler_sim/physics.py"},
-    "statemachine": {"tca_missions/charts/statechart.py"},
+    "statemachine": {"tca_coordination/model/statechart.py", "tca_missions/charts/statechart.py"},
     "perfetto": {"tca_tools/export/trace/packets.py"},
     "mcap": {"tca_tools/export/mcap_file.py"},
     "pyarrow": {"tca_tools/export/parquet_files.py"},
@@ -91,6 +91,7 @@ EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
     ("tca_tools/check/rerun.py", "tca_central"),  # whose inputs are handled again
     ("tca_missions/charts/drawing.py", "tca_tools"),  # pictures of state machines
+    ("tca_coordination/model/drawing.py", "tca_tools"),
     ("tca_tools/view/steering.py", "tca_live"),  # the page steers a running central as the commands do
 }
 
@@ -204,6 +205,13 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "components": {"activity"},
         "__init__": set(),
     },
+    "tca_coordination": {
+        "model": set(),
+        "preview": {"model"},
+        "running": {"model", "preview"},
+        "learning": {"model"},
+        "__init__": {"learning", "model", "preview", "running"},
+    },
     "tca_module": {
         "errors": set(),
         "checks": {"errors"},
@@ -226,7 +234,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "output": {"errors"},
         "options": {"output"},
         "command_line": {"errors"},
-        "drawing": {"errors", "terminal"},
+        "drawing": {"errors", "output", "terminal"},
         "run": {"errors"},
         "why": {"run", "terminal"},
         "analysis": {"run", "spans", "why"},
@@ -264,6 +272,7 @@ TWINS = (
     ("tca_module tca_wire", "the library's object, and the part of a packet", "Trouble"),
     ("robots robots", "where it is, of a robot with legs and of one that draws", "Pose"),
     ("robots tca_tools", "the task of a turtle, and a wait of a run", "Wait"),
+    ("tca_coordination tca_explorer", "how things are at one moment, in a run and in a scenario", "Situation"),
     ("tca_explorer tca_tools", "what is broken, in a scenario and in a run", "Violation"),
     ("tca_wire tca_wire tca_wire tca_wire", "the base of a file's headers", "_Header"),
 )  # fmt: skip

@@ -1,0 +1,50 @@
+"""What guards, costs and likelihoods may look at."""
+
+import json
+from collections.abc import Mapping
+from math import isnan
+from typing import Any
+
+from tca_module import MisuseError, Variable
+
+Fact = str | bool | int | float
+"""The value of a fact."""
+
+
+class Situation:
+    """How things are at one moment of a run. It is for reading only."""
+
+    def __init__(
+        self,
+        state: str = "",
+        facts: Mapping[str, Fact] | None = None,
+        variables: Mapping[str, Any] | None = None,
+        progress: float = 0.0,
+    ) -> None:
+        """*variables*: by name, all those that are watched; the value of one that was never set is None."""
+        self.state = state
+        """The label of the current state."""
+        self.facts = facts or {}
+        """What is known to hold. A fact that an activity is changing just now is absent."""
+        self.progress = progress
+        """Of the current activity, in [0, 1]."""
+        self._variables = variables or {}
+
+    def variable(self, variable: Variable[Any], default: Any = None) -> Any:
+        """The value of a variable; the default if it was never set. Raises MisuseError if it is not watched."""
+        if variable.name not in self._variables:
+            advice = f"give Coordination(..., watch=[...]) the variables that functions read, {variable.name!r} too"
+            raise MisuseError(f"{variable.title} is not watched: {advice}")
+        value = self._variables[variable.name]
+        return default if value is None else value
+
+    def confidence(self, variable: Variable[Any]) -> float | None:
+        """The value of a variable as a number in [0, 1]; None if it was never set."""
+        value = self.variable(variable)
+        return None if value is None or isnan(value) else min(max(float(value), 0.0), 1.0)
+
+
+def check_confidence(variable: Variable[Any], what: str) -> None:
+    """Raises MisuseError if a variable holds no number and no bool."""
+    if json.loads(variable.data.schema or "{}").get("type") not in ("boolean", "integer", "number"):
+        raise MisuseError(f"{what} wants a variable of bool or float: {variable.title} holds {variable.data}")

@@ -1,0 +1,214 @@
+"""A machine that can't be run is refused when it is built, in one line that says what to do."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tca_coordination import (
+    Activity,
+    Agent,
+    Coordination,
+    Do,
+    Fact,
+    Perceived,
+    Prior,
+    Situation,
+    UnsoundCoordination,
+    Weighted,
+)
+from tca_module import BadData, Command, Inform, MisuseError, Variable
+
+MOVE = Command("move", str, progress=float)
+LOOK = Command("look", progress=list[float])
+FREE = Variable("free", bool)
+NAME = Variable("name", str)
+ARM = Agent("arm")
+
+
+def move(**options: Any) -> Activity:
+    return Activity(Do(MOVE, "B", ARM), **options)
+
+
+def needing(needs: dict[str, Fact], makes: dict[str, Fact]) -> Activity:
+    return move(needs=needs, makes=makes)
+
+
+def holds(_: Situation) -> bool:
+    return True
+
+
+def _empty_compound(m: Coordination) -> None:
+    m.state("a", move()).to("b")
+    m.compound("b")
+
+
+def _twice(m: Coordination) -> None:
+    m.state("a")
+    m.final("a")
+
+
+def _unknown(m: Coordination) -> None:
+    m.state("a").to("home", "go")
+    m.state("b")
+
+
+def _of_another(m: Coordination) -> None:
+    with Coordination("other") as other:
+        there = other.state("there")
+        there.to(there, "go")
+    m.state("a").to(there, "go")
+
+
+def _never_reached(m: Coordination) -> None:
+    m.state("a").to("a", "go")
+    m.state("b").to("a", "go")
+    with m.compound("c"):
+        m.state("d").to("a", "go")
+
+
+def _dead_end(m: Coordination) -> None:
+    m.state("a").to("b", "go")
+    m.state("b", move())
+
+
+def _final_first(m: Coordination) -> None:
+    m.state("a").to("b", "go")
+    with m.compound("b") as b:
+        m.final("c")
+    b.to("a")
+
+
+def _leaves_final(m: Coordination) -> None:
+    m.state("a").to("b", "go")
+    m.final("b").to("a")
+
+
+def _waits_for_done(m: Coordination) -> None:
+    m.state("a").to("b")
+    m.final("b")
+
+
+def _compound_never_done(m: Coordination) -> None:
+    with m.compound("c") as c:
+        m.state("a").to("a", "go")
+    c.to("b")
+    m.final("b")
+
+
+def _compound_stuck(m: Coordination) -> None:
+    with m.compound("c") as c:
+        m.state("a", move()).to("e")
+        m.final("e")
+    c.to("b", when=FREE)
+    m.final("b")
+
+
+def _same_symbol(m: Coordination) -> None:
+    a = m.state("a", move())
+    a.to("b", when=lambda _: True)
+    a.to("a", when=lambda _: False)
+    m.final("b")
+
+
+def _hidden(m: Coordination) -> None:
+    a = m.state("a", move())
+    a.to("a")
+    a.to("b", when=FREE)
+    m.final("b")
+
+
+def _too_likely(m: Coordination) -> None:
+    with m.compound("c") as c:
+        a = m.state("a", move())
+        a.to("a", when=holds, likelihood=Prior(0.5))
+        a.to("b", likelihood=Weighted([(1, Prior(0.3)), (1, Prior(0.5))]))
+    c.to("b", "stop", likelihood=Prior(0.2))
+    m.final("b")
+
+
+def _no_probability(m: Coordination) -> None:
+    m.state("a", move()).to("a", likelihood=Prior(1.2))
+
+
+def _crowded(m: Coordination) -> None:
+    m.state("a", Activity(Do(MOVE, "B", ARM), Do(MOVE, "C", ARM))).to("a")
+
+
+def _two_arms(m: Coordination) -> None:
+    m.state("a", move()).to("b")
+    m.state("b", Activity(Do(MOVE, "B", Agent("arm", tasks=2)))).to("a")
+
+
+def _nobody_makes(m: Coordination) -> None:
+    m.state("a", needing({"arm": "B"}, {"arm": "C"})).to("a")
+
+
+def _circle(m: Coordination) -> None:
+    m.state("a", needing({}, {"w": 1})).to("b")
+    m.state("b", needing({"w": 1, "x": 1}, {"y": True})).to("c")
+    m.state("c", needing({"y": True}, {"z": 1})).to("d")
+    m.state("d", needing({"z": 1}, {"x": 1})).to("a")
+
+
+MACHINES: dict[Callable[[Coordination], None], str] = {
+    lambda _: None: "machine 'm' has no state: write them inside its with block",
+    _empty_compound: "compound 'b' holds no states: write them inside its with block",
+    _twice: "machine 'm' has two states 'a': give one of them another label",
+    _unknown: "'a'.to('home', on='go') names no state of this machine; there are 'a', 'b'",
+    _of_another: "'a'.to('there', on='go') names no state of this machine; there are 'a'",
+    _never_reached: "'b', 'c' and 'd' are never reached: write an arrow to each, or remove them",
+    _dead_end: "nothing leads on from 'b': write an arrow, or make it final(...)",
+    _final_first: "the final state 'c' comes first, so nothing is done: write it after others",
+    _leaves_final: "the final state 'b' has an arrow: write it to the compound around it",
+    _waits_for_done: "'a' has no activity, so it is never done: name the event that it waits for, .to(..., on=...)",
+    _compound_never_done: "compound 'c' is never done: write a final state inside it",
+    _compound_stuck: "compound 'c' can be done, and nothing leads on from there: give it an arrow for 'done' without a guard",
+    _same_symbol: "'a' has two arrows for 'done [<lambda>]': give one a guard, or two guards of one name a guard_name=",
+    _hidden: "'a': its arrow for 'done [free]' is never taken, as one for 'done' comes before it: write the one without a guard last",
+    _too_likely: "the likelihoods of 'a' are 1.1 together: 0.5 for 'done [holds]', 0.4 for 'done' and 0.2 for 'stop'; they must be 1 at most",
+    _no_probability: "Prior must be a number in [0, 1], not 1.2",
+    _crowded: "the activity of 'a' needs agent 'arm' for 2 tasks at once, and it takes 1: put the tasks into states of their own",
+    _two_arms: "agent 'arm' takes 1 task at once, and in 'b' 2: make one Agent and use it everywhere",
+    _nobody_makes: "'a' needs arm = 'B': no activity makes it so, and it does not hold at the start; give it in makes= of one, or in facts= of the machine",
+    _circle: "needs in a circle: 'b' needs x = 1, made by 'd'; 'd' needs z = 1, made by 'c'; 'c' needs y = True, made by 'b'; let one of these facts hold at the start",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("write", MACHINES, ids=lambda write: write.__name__)
+def test_unsound_machines(write: Callable[[Coordination], None]) -> None:
+    machine = Coordination("m")
+    with pytest.raises(UnsoundCoordination) as refused, machine:
+        write(machine)
+    assert str(refused.value) == MACHINES[write]
+
+
+MISUSES: dict[Callable[[Coordination], object], str] = {
+    lambda _: Coordination(""): "a machine needs a name, not ''",
+    lambda _: Coordination("n").state("a"): "machine 'n': its states are written inside its with block",
+    lambda _: Coordination("n").states: "machine 'n' is not built: that happens at the end of its with block",
+    lambda _: Coordination("n", facts={"arm": None}): "facts: 'arm' must be a str, bool or number, not None",  # type: ignore[dict-item]
+    lambda _: Agent("arm", tasks=0): "agent 'arm': tasks must be 1 or more, not 0",
+    lambda _: Do(Inform("told")): "Do wants a command or a goal, not Inform('told', None -> None)",  # type: ignore[arg-type]
+    lambda _: Do(MOVE, 7): "command 'move' wants data of type str: Expected `str`, got `int`",
+    lambda _: Activity(): "an activity needs a task, such as Do(MOVE, data, agent); a state that only waits needs none",
+    lambda _: Activity(Do(LOOK)): "command 'look' reports list: give Activity(..., progress=...), a function that makes a number of it",
+    lambda _: move(cost="high"): "Activity(move \"B\"): cost must be a number or a function, not 'high'",
+    lambda m: m.state(""): "machine 'm': the label of a state is text, not ''",
+    lambda m: m.state("a", MOVE): "state 'a': its activity must be an Activity(Do(...)), not Command('move', str -> None)",  # type: ignore[arg-type]
+    lambda m: m.state("a").to("b", ""): "'a'.to('b'): on must be the name of an event, not ''",
+    lambda m: m.state("a").to(7): "'a'.to(...) takes a state or its label, not 7",  # type: ignore[arg-type]
+    lambda m: m.state("a").to("b", when=NAME): "'a'.to('b', on='done'): when= wants a variable of bool or float: variable 'name' holds str",
+    lambda m: m.state("a").to("b", when=7): "'a'.to('b', on='done'): when must be a Variable or a function of the Situation, not 7",  # type: ignore[arg-type]
+    lambda m: m.state("a").to("b", likelihood=0.5): "a likelihood must be a model such as Prior(0.8), or a function, not 0.5",  # type: ignore[arg-type]
+    lambda _: Perceived(NAME): "Perceived wants a variable of bool or float: variable 'name' holds str",
+    lambda _: Weighted([]): "Weighted wants pairs of a weight above 0 and a model, such as [(2.0, Prior(0.8)), ...]",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("do", "text"), MISUSES.items())
+def test_misuses(do: Callable[[Coordination], object], text: str) -> None:
+    machine = Coordination("m")
+    with pytest.raises((MisuseError, BadData)) as refused, machine:
+        do(machine)
+    assert str(refused.value) == text
