@@ -78,17 +78,17 @@ def sun_over(pose: Pose) -> Camera:
 def develop(frame: Rendering, from_sun: Rendering, terrain: Terrain, trail: Sequence[Foot]) -> Pixels:
     """The finished picture, (height, width, 3). The renderer colours height fields badly, so ground is painted here."""
     image = frame.colours.astype(np.float64)
-    places = _places(frame)
-    light = _sunlight(places, terrain) * _lines(places) * _footprints(places, trail) * _shadow(places, from_sun)
+    places = ground_places(frame)
+    light = _sunlight(places, terrain) * _lines(places) * _footprints(places, trail) * shadow(places, from_sun)
     far = _haze(frame)
     image[frame.ground] = SOIL * (light * (1 - far))[:, None] + SKY_HORIZON * far[:, None]
     sky = ~(frame.ground | frame.objects)
     rows = np.linspace(0, 1, image.shape[0])[:, None, None]
     image[sky] = np.broadcast_to(SKY_TOP + (SKY_HORIZON - SKY_TOP) * np.sqrt(rows), image.shape)[sky]
-    return _halved(image)
+    return halved(image)
 
 
-def _places(frame: Rendering) -> Array:
+def ground_places(frame: Rendering) -> Array:
     """The world point (n, 3) seen in each ground pixel, from its depth."""
     row, column = np.nonzero(frame.ground)
     height, width = frame.ground.shape
@@ -111,12 +111,13 @@ def _sunlight(places: Array, terrain: Terrain) -> Array:
 
 def _lines(places: Array) -> Array:
     """Brightness: darker along contour lines and on the lines of a one-metre grid."""
-    contour = _near_multiple(places[:, 2], CONTOUR_EVERY, 0.006)
-    grid = _near_multiple(places[:, 0], 1.0, 0.012) | _near_multiple(places[:, 1], 1.0, 0.012)
+    contour = near_multiple(places[:, 2], CONTOUR_EVERY, 0.006)
+    grid = near_multiple(places[:, 0], 1.0, 0.012) | near_multiple(places[:, 1], 1.0, 0.012)
     return np.where(contour, 0.93, 1.0) * np.where(grid, 0.90, 1.0)
 
 
-def _near_multiple(values: Array, step: float, width: float) -> Mask:
+def near_multiple(values: Array, step: float, width: float) -> Mask:
+    """Where a value is nearer than *width* to a multiple of *step*."""
     near: Mask = np.abs(values - step * np.round(values / step)) < width
     return near
 
@@ -133,7 +134,7 @@ def _footprints(places: Array, trail: Sequence[Foot]) -> Array:
     return brightness
 
 
-def _shadow(places: Array, from_sun: Rendering) -> Array:
+def shadow(places: Array, from_sun: Rendering) -> Array:
     """Brightness: SHADOW where the sun sees an object instead of the ground, with soft edges."""
     height, width = from_sun.objects.shape
     x, y, _, w = from_sun.looking @ np.vstack([places.T, np.ones(len(places))])
@@ -158,7 +159,7 @@ def _haze(frame: Rendering) -> Array:
     return haze
 
 
-def _halved(image: Array) -> Pixels:
+def halved(image: Array) -> Pixels:
     """Half the size, each pixel the mean of four."""
     height, width, colours = image.shape
     blocks = image.reshape(height // 2, 2, width // 2, 2, colours)

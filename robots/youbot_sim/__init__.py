@@ -1,0 +1,1 @@
+"""A mobile manipulator like KUKA's youBot, which carries objects to boxes: the case study of preview coordination."""

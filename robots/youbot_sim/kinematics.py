@@ -1,0 +1,74 @@
+"""The arm: where its fingertips are, and which joint angles bring them somewhere. Closed forms; no simulator in here.
+
+Angles are zero where the arm stands upright; positive ones lean it forward. The joints are those of the data sheet: one
+that turns the arm, three that lean it, and one that turns the gripper.
+"""
+
+import math
+from dataclasses import dataclass
+
+from robots.youbot_sim.errors import PoseUnreachable
+from robots.youbot_sim.vocabulary import Joints
+
+MOUNT = 0.167
+"""How far ahead of the base's centre the arm turns."""
+
+SHOULDER_AHEAD, SHOULDER_HEIGHT = 0.033, 0.245
+UPPER, FORE, HAND = 0.155, 0.135, 0.2175
+"""Lengths of upper arm, forearm, and hand with gripper up to the fingertips."""
+
+LIMITS = tuple(
+    (math.radians(low), math.radians(high))
+    for low, high in ((-169.0, 169.0), (-65.0, 90.0), (-151.0, 146.0), (-102.5, 102.5), (-167.5, 167.5))
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """A pose of the fingertips, seen from where the arm turns: *azimuth* to the left, *reach* ahead, *height* above the
+    floor, and *lean* of the hand (0 upright, pi straight down).
+    """
+
+    azimuth: float
+    reach: float
+    height: float
+    lean: float
+
+
+def grip_of(joints: Joints) -> Grip:
+    """Where the fingertips are."""
+    azimuth, shoulder, elbow, wrist, _ = joints
+    leans = (shoulder, shoulder + elbow, shoulder + elbow + wrist)
+    links = tuple(zip((UPPER, FORE, HAND), leans, strict=True))
+    reach = SHOULDER_AHEAD + sum(length * math.sin(lean) for length, lean in links)
+    height = SHOULDER_HEIGHT + sum(length * math.cos(lean) for length, lean in links)
+    return Grip(azimuth, reach, height, leans[-1])
+
+
+def joints_for(grip: Grip) -> Joints:
+    """The joint angles for a pose, with the elbow up. Raises PoseUnreachable."""
+    ahead = grip.reach - SHOULDER_AHEAD - HAND * math.sin(grip.lean)
+    up = grip.height - SHOULDER_HEIGHT - HAND * math.cos(grip.lean)
+    bend = (ahead * ahead + up * up - UPPER * UPPER - FORE * FORE) / (2 * UPPER * FORE)
+    if not -1 <= bend <= 1:
+        raise PoseUnreachable(
+            f"{grip} is out of reach: the wrist would be {math.hypot(ahead, up):.3f} m from the shoulder"
+        )
+    elbow = math.acos(bend)
+    shoulder = math.atan2(ahead, up) - math.atan2(FORE * math.sin(elbow), UPPER + FORE * bend)
+    joints = (grip.azimuth, shoulder, elbow, grip.lean - shoulder - elbow, 0.0)
+    for number, (angle, (low, high)) in enumerate(zip(joints, LIMITS, strict=True), start=1):
+        if not low <= angle <= high:
+            raise PoseUnreachable(
+                f"{grip} is out of reach: joint {number} can't turn to {math.degrees(angle):.0f} degrees"
+            )
+    return joints
+
+
+def tip_in_world(base: Joints, arm: Joints) -> tuple[float, float, float]:
+    """The fingertips in the world, of a base at x, y, heading."""
+    x, y, heading = base
+    grip = grip_of(arm)
+    ahead, left = MOUNT + grip.reach * math.cos(grip.azimuth), grip.reach * math.sin(grip.azimuth)
+    cos, sin = math.cos(heading), math.sin(heading)
+    return x + cos * ahead - sin * left, y + sin * ahead + cos * left, grip.height

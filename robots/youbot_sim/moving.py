@@ -1,0 +1,83 @@
+"""A module that moves one group of joints: base, arm and gripper differ in nothing else."""
+
+from dataclasses import replace
+
+from robots.youbot_sim.messages import DID_NOT_ARRIVE, DRIVE, HALT, MEASURE, UNKNOWN_POSE
+from robots.youbot_sim.places import POSES
+from robots.youbot_sim.vocabulary import Drive, Group, Joints, Move
+from tca_module import Command, Module, Task
+
+REPORTS = 20
+"""A move tells so often how far it is."""
+
+TOLERANCE: dict[Group, float] = {"base": 0.02, "arm": 0.03, "gripper": 0.03}
+"""The fingers stop at what they hold."""
+
+INSTANT = 1e-6
+"""Seconds too short to wait for."""
+
+SETTLING = 0.05
+"""Seconds after which joints that lag behind are measured again."""
+
+PATIENCE = 20
+"""How often they are."""
+
+
+def make_module(group: Group, message: Command[Move, None]) -> Module:
+    """The module that moves *group* when it gets *message*."""
+    module = Module(group)
+
+    @module.handles(message, takes=["update", "cancel"])
+    def move(task: Task, wanted: Move) -> None:
+        goal = _goal(group, wanted)
+        try:
+            if _arrives(task, wanted.to, Drive(group, goal, wanted.speed)):
+                _settle(task, group, goal)
+                return
+        except BaseException:
+            with task.shielded():  # a killed one, too, leaves its joints at rest
+                _halt(task, group)
+            raise
+        _halt(task, group)
+        raise task.aborted()
+
+    return module
+
+
+def _goal(group: Group, wanted: Move) -> Joints:
+    if wanted.to not in POSES[group]:
+        raise UNKNOWN_POSE(wanted.to, f"the {group} knows {', '.join(POSES[group])}, not '{wanted.to}'")
+    return POSES[group][wanted.to]
+
+
+def _arrives(task: Task, to: str, drive: Drive) -> bool:
+    """Drive there, tell how far it is, and hear what clients want meanwhile; False if they want its end."""
+    motion, began, done = task.query(DRIVE, drive), task.time(), 0.0
+    task.report(0.0)
+    while (left := began + motion.seconds - task.time()) > INSTANT:
+        request = task.wait_for_request(min(motion.seconds / REPORTS, left))
+        share = done + (1 - done) * motion.share(task.time() - began)
+        if request is None:
+            task.report(min(share, 1.0))
+        elif request.transition == "cancel":
+            return False
+        elif request.goal.to != to:
+            request.reject(f"it goes to '{to}': cancel that first")
+        else:
+            request.accept()
+            motion, began, done = task.query(DRIVE, replace(drive, speed=request.goal.speed)), task.time(), share
+    return True
+
+
+def _halt(task: Task, group: Group) -> None:
+    task.sleep(task.query(HALT, group).seconds)
+
+
+def _settle(task: Task, group: Group, goal: Joints) -> None:
+    """Wait until the joints are there."""
+    for _ in range(PATIENCE):
+        missed = max(abs(a - b) for a, b in zip(task.query(MEASURE).joints(group), goal, strict=True))
+        if missed <= TOLERANCE[group]:
+            return
+        task.sleep(SETTLING)
+    raise DID_NOT_ARRIVE(missed, f"the {group} is {missed:.3f} away from its goal")

@@ -1,0 +1,38 @@
+"""From a raw rendering to a picture worth showing: where the camera stands, the floor with its lines, shadows."""
+
+import math
+
+import numpy as np
+
+from robots.ambler_sim.photograph import Camera, Pixels, Rendering, ground_places, halved, near_multiple, shadow
+
+SUN = (2.0, -3.0, 6.0)
+SUN_DISTANCE = 30.0
+FLOOR, WALL = np.array([222.0, 219.0, 211.0]), np.array([243.0, 243.0, 240.0])
+
+
+def camera_at(x: float, y: float, heading: float) -> Camera:
+    """To the right of the robot and a little ahead."""
+    around = heading - 0.95
+    eye = (x + 0.15 + 1.8 * math.cos(around), y + 1.8 * math.sin(around), 1.0)
+    return Camera(eye, (x + 0.2 * math.cos(heading), y + 0.2 * math.sin(heading), 0.2), 36.0, near=0.2, far=40.0)
+
+
+def sun_over(x: float, y: float) -> Camera:
+    """From the sun: what the robot hides from there lies in its shadow."""
+    dx, dy, dz = (SUN_DISTANCE * part / math.hypot(*SUN) for part in SUN)
+    return Camera((x + dx, y + dy, dz), (x, y, 0.0), 4.5, near=SUN_DISTANCE - 5, far=SUN_DISTANCE + 5)
+
+
+def develop(frame: Rendering, from_sun: Rendering) -> Pixels:
+    """The finished picture, half as large. Floor and background are painted here."""
+    image = frame.colours.astype(np.float64)
+    places = ground_places(frame)
+    lines = near_multiple(places[:, 0], 0.5, 0.004) | near_multiple(places[:, 1], 0.5, 0.004)
+    light = np.where(lines, 0.9, 1.0) * shadow(places, from_sun)
+    far = np.clip(np.hypot(places[:, 0] - frame.camera.eye[0], places[:, 1] - frame.camera.eye[1]) / 9.0, 0.0, 1.0)[
+        :, None
+    ]
+    image[frame.ground] = FLOOR * light[:, None] * (1 - far) + WALL * far
+    image[~(frame.ground | frame.objects)] = WALL
+    return halved(image)

@@ -1,0 +1,221 @@
+"""The robot in PyBullet: rigid bodies, motors, a grip by friction. The only file here that knows the engine."""
+
+import math
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pybullet
+
+from robots.ambler_sim.photograph import RENDERED, SHADOW_SIZE, Camera, Rendering, write_png
+from robots.youbot_sim import photograph
+from robots.youbot_sim.drives import START, Drives
+from robots.youbot_sim.kinematics import tip_in_world
+from robots.youbot_sim.places import BOXES, OBJECT, DropBox
+from robots.youbot_sim.urdf import EFFORT, Triple, youbot_urdf
+from robots.youbot_sim.vocabulary import GROUPS, Group, JointReadings, Joints, ObjectPlace
+
+Quadruple = tuple[float, float, float, float]
+
+TICK = 1 / 240
+GRAVITY = 9.81
+MASS = 0.15
+"""Of the object, kg."""
+
+NEAR = 0.05
+"""An object no farther from the fingertips than that is between them."""
+
+MOTORS: dict[Group, tuple[str, ...]] = {
+    "base": ("x", "y", "heading"),
+    "arm": ("arm1", "arm2", "arm3", "arm4", "arm5"),
+    "gripper": ("finger1", "finger2"),
+}
+FORCES = {"base": EFFORT["base"], "arm": EFFORT["arm"], "gripper": EFFORT["finger"]}
+WALLS, LID, OBJECT_COLOUR = (0.42, 0.56, 0.72, 1), (0.35, 0.38, 0.42, 1), (0.16, 0.62, 0.34, 1)
+
+
+class BulletManipulator:
+    """A simulated robot, its floor and boxes, in a physics world of its own."""
+
+    name = "pybullet"
+
+    def __init__(self) -> None:
+        self._world = pybullet.connect(pybullet.DIRECT)
+        pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=self._world)
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=TICK, physicsClientId=self._world)
+        self._floor = self._make_body((60.0, 60.0, 0.2), (0.0, 0.0, -0.1), WALLS)
+        for box in BOXES:
+            self._make_box(box)
+        self._robot = self._load_robot()
+        self._joints = self._joint_numbers()
+        for group in GROUPS:
+            for joint, value in zip(MOTORS[group], _per_motor(group, START[group]), strict=True):
+                pybullet.resetJointState(self._robot, self._joints[joint], value, physicsClientId=self._world)
+        self._time = 0.0
+        self._lid: int | None = None
+        self._object: int | None = None
+        self._hand: int | None = None  # a constraint: what holds the object while it is offered
+
+    def follow(self, drives: Drives, now: float) -> None:
+        """Step the world; its motors work towards what the drives want."""
+        while self._time + TICK <= now:
+            self._time += TICK
+            for group in GROUPS:
+                self._command(group, drives)
+            pybullet.stepSimulation(physicsClientId=self._world)
+        if self._hand is not None and self._has_gripped() and not drives.is_moving("gripper", now):
+            pybullet.removeConstraint(self._hand, physicsClientId=self._world)
+            self._hand = None
+
+    def measured(self) -> JointReadings:
+        """What encoders tell, and where the object really is."""
+        base, arm, fingers = (self._positions(group) for group in GROUPS)
+        return JointReadings(base, arm, (sum(fingers),), self._object_place(base, arm))
+
+    def offer(self) -> None:
+        """A new object, held in its place until the fingers have it."""
+        measured = self.measured()
+        place = tip_in_world(measured.base, measured.arm)
+        lean = sum(measured.arm[1:4])
+        turn = pybullet.getQuaternionFromEuler((0.0, lean, measured.base[2] + measured.arm[0]))
+        self._object = self._make_body(OBJECT, place, OBJECT_COLOUR, MASS, turn)
+        pybullet.changeDynamics(
+            self._object, -1, lateralFriction=2.0, spinningFriction=0.05, physicsClientId=self._world
+        )
+        self._hand = pybullet.createConstraint(
+            self._object, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), place,
+            childFrameOrientation=turn, physicsClientId=self._world,
+        )  # fmt: skip
+
+    def cover(self, *, is_covered: bool) -> None:
+        """Put a lid on box B, or take it off."""
+        if is_covered and self._lid is None:
+            box = BOXES[0]
+            side = box.size + 2 * box.wall
+            turn = pybullet.getQuaternionFromEuler((0, 0, box.heading))
+            self._lid = self._make_body((side, side, 0.012), (box.x, box.y, box.height + 0.006), LID, turn=turn)
+        elif not is_covered and self._lid is not None:
+            pybullet.removeBody(self._lid, physicsClientId=self._world)
+            self._lid = None
+
+    def picture(self, path: Path) -> Path:
+        """A photograph from the side and above, as PNG."""
+        x, y, heading = self._positions("base")
+        frame = self._frame(photograph.camera_at(x, y, heading), RENDERED)
+        from_sun = self._frame(photograph.sun_over(x, y), SHADOW_SIZE)
+        written = path.with_suffix(".png")
+        write_png(written, photograph.develop(frame, from_sun))
+        return written
+
+    def close(self) -> None:
+        """Leave the physics world."""
+        pybullet.disconnect(physicsClientId=self._world)
+
+    def _frame(self, camera: Camera, size: tuple[int, int]) -> Rendering:
+        """The image of a camera: colours, depths, and what is floor."""
+        width, height = size
+        view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
+        lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
+        image = pybullet.getCameraImage(
+            width,
+            height,
+            view,
+            lens,
+            shadow=0,  # the engine's own are too coarse
+            lightDirection=photograph.SUN,
+            lightAmbientCoeff=0.6,
+            lightDiffuseCoeff=0.5,
+            lightSpecularCoeff=0.05,
+            renderer=pybullet.ER_TINY_RENDERER,
+            physicsClientId=self._world,
+        )
+        colours, depths, bodies = (np.array(part).reshape(height, width, -1) for part in image[2:])
+        looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
+        ground, bodies = bodies[..., 0] == self._floor, bodies[..., 0]
+        rgb = colours.astype(np.uint8)[..., :3]
+        return Rendering(rgb, depths[..., 0], ground, ~ground & (bodies >= 0), looking, camera)
+
+    # --- motors and sensors ------------------------------------------------------------------------------------------
+
+    def _command(self, group: Group, drives: Drives) -> None:
+        motors = [self._joints[name] for name in MOTORS[group]]
+        pybullet.setJointMotorControlArray(
+            self._robot,
+            motors,
+            pybullet.POSITION_CONTROL,
+            targetPositions=_per_motor(group, drives.joints(group, self._time)),
+            targetVelocities=_per_motor(group, drives.rates(group, self._time)),
+            forces=[FORCES[group]] * len(motors),
+            positionGains=[0.3] * len(motors),
+            velocityGains=[1.0] * len(motors),
+            physicsClientId=self._world,
+        )
+
+    def _positions(self, group: Group) -> Joints:
+        motors = [self._joints[name] for name in MOTORS[group]]
+        return tuple(state[0] for state in pybullet.getJointStates(self._robot, motors, physicsClientId=self._world))
+
+    def _has_gripped(self) -> bool:
+        """Whether both fingers touch the object."""
+        touching = {
+            contact[3]
+            for contact in pybullet.getContactPoints(self._robot, self._object, physicsClientId=self._world)
+            if contact[9] > 0
+        }
+        return {self._joints["finger1"], self._joints["finger2"]} <= touching
+
+    def _object_place(self, base: Joints, arm: Joints) -> ObjectPlace:
+        if self._object is None:
+            return ObjectPlace.NOWHERE
+        if self._hand is not None:
+            return ObjectPlace.OFFERED
+        place, _ = pybullet.getBasePositionAndOrientation(self._object, physicsClientId=self._world)
+        if math.dist(place, tip_in_world(base, arm)) < NEAR:
+            return ObjectPlace.HELD
+        x, y, height = place
+        return next((box.place for box in BOXES if box.holds(x, y) and height < box.height), ObjectPlace.FLOOR)
+
+    # --- bodies ------------------------------------------------------------------------------------------------------
+
+    def _make_body(
+        self, size: Triple, place: Triple, colour: Quadruple, mass: float = 0.0, turn: Quadruple = (0, 0, 0, 1)
+    ) -> int:
+        """A solid block; one without mass does not move."""
+        half = [side / 2 for side in size]
+        shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._world)
+        look = pybullet.createVisualShape(
+            pybullet.GEOM_BOX, halfExtents=half, rgbaColor=colour, physicsClientId=self._world
+        )
+        body: int = pybullet.createMultiBody(mass, shape, look, place, turn, physicsClientId=self._world)
+        return body
+
+    def _make_box(self, box: DropBox) -> None:
+        """A bottom and four walls."""
+        turn = pybullet.getQuaternionFromEuler((0, 0, box.heading))
+        across, thick = box.size + 2 * box.wall, box.wall
+        offset, middle = (box.size + thick) / 2, box.height / 2
+        parts = [((across, across, thick), (0.0, 0.0, thick / 2))]
+        parts += [((thick, across, box.height), (side * offset, 0.0, middle)) for side in (1, -1)]
+        parts += [((across, thick, box.height), (0.0, side * offset, middle)) for side in (1, -1)]
+        cos, sin = math.cos(box.heading), math.sin(box.heading)
+        for size, (ahead, left, up) in parts:
+            place = (box.x + cos * ahead - sin * left, box.y + sin * ahead + cos * left, up)
+            self._make_body(size, place, WALLS, turn=turn)
+
+    def _load_robot(self) -> int:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "youbot.urdf")
+            file.write_text(youbot_urdf(), encoding="utf-8")
+            flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+            robot: int = pybullet.loadURDF(str(file), useFixedBase=True, flags=flags, physicsClientId=self._world)
+        return robot
+
+    def _joint_numbers(self) -> dict[str, int]:
+        count = pybullet.getNumJoints(self._robot, physicsClientId=self._world)
+        infos = [pybullet.getJointInfo(self._robot, joint, physicsClientId=self._world) for joint in range(count)]
+        return {info[1].decode(): info[0] for info in infos}
+
+
+def _per_motor(group: Group, joints: Joints) -> list[float]:
+    """Each finger does half of the gap between them."""
+    return [joints[0] / 2] * 2 if group == "gripper" else list(joints)

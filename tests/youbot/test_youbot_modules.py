@@ -1,0 +1,161 @@
+"""The robot's modules on a stepped clock: moves with progress, new speeds, cancels, kills; what perception believes."""
+
+import importlib.util
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from robots.youbot_sim import perception, simulator
+from robots.youbot_sim.messages import (
+    BOX_B_FREE,
+    MEASURE,
+    MOVE_ARM,
+    MOVE_BASE,
+    MOVE_GRIPPER,
+    OFFER_OBJECT,
+    UNKNOWN_POSE,
+)
+from robots.youbot_sim.motion import plan
+from robots.youbot_sim.moving import make_module
+from robots.youbot_sim.perception import believed
+from robots.youbot_sim.places import POSES
+from robots.youbot_sim.robot import Physics, make_robot
+from robots.youbot_sim.simulator import Lid, SimulatedRobot
+from robots.youbot_sim.vocabulary import Drive, JointReadings, Move, ObjectPlace
+from tca_module import Client, Outcome, Rejected, TaskFailed, connect
+from tca_module.testing import LocalCentral
+
+NO_PHYSICS = pytest.mark.skipif(importlib.util.find_spec("pybullet") is None, reason="PyBullet is not installed")
+
+
+@contextmanager
+def robot(backend: Physics = "kinematic", lid: Lid | None = None) -> Iterator[tuple[LocalCentral, Client]]:
+    """Simulator, base, arm, gripper and perception, and somebody who uses them."""
+    simulated = make_robot(backend)
+    with ExitStack() as stack:
+        central = stack.enter_context(LocalCentral(stepped=True))
+        for module in (
+            simulator.make_module(SimulatedRobot(simulated, lid or Lid()), has_steps=backend == "pybullet"),
+            make_module("base", MOVE_BASE),
+            make_module("arm", MOVE_ARM),
+            make_module("gripper", MOVE_GRIPPER),
+            perception.make_module(),
+        ):
+            module.central = central
+            stack.enter_context(module.running())
+        stack.callback(simulated.close)
+        yield central, stack.enter_context(connect("user", central))
+
+
+def arm_seconds(start: str, goal: str) -> float:
+    return plan(Drive("arm", POSES["arm"][goal]), POSES["arm"][start]).seconds
+
+
+def test_a_move_tells_its_progress_and_ends_at_its_goal() -> None:
+    with robot() as (central, user):
+        moving = user.command(MOVE_ARM, Move("box B"))
+        told = moving.progress(float)
+        central.advance(arm_seconds("home", "box B") - 0.01)
+        shares = told.arrived()
+        assert moving.state == "running"
+        central.advance(0.02)
+        assert moving.wait(timeout=5) is Outcome.DONE
+        assert user.query(MEASURE).arm == pytest.approx(POSES["arm"]["box B"])
+        assert shares[0] == 0.0
+        assert shares == sorted(shares)
+        assert 0.99 < shares[-1] <= 1.0
+
+
+def test_a_slow_move_takes_a_new_speed_and_no_other_goal() -> None:
+    with robot() as (central, user):
+        moving = user.command(MOVE_ARM, Move("box B", speed=0.2))
+        central.advance(1.0)
+        moving.update(Move("box B", speed=1.0))
+        with pytest.raises(Rejected, match="it goes to 'box B': cancel that first"):
+            moving.update(Move("tucked"))
+        central.advance(arm_seconds("home", "box B"))
+        assert moving.wait(timeout=5) is Outcome.DONE
+
+
+@pytest.mark.parametrize("way", ["cancel", "kill"])
+def test_a_move_that_is_stopped_comes_to_rest_before_it_ends(way: str) -> None:
+    with robot() as (central, user):
+        moving = user.command(MOVE_BASE, Move("B"))
+        central.advance(2.5)
+        before = user.query(MEASURE)
+        moving.cancel() if way == "cancel" else moving.kill()
+        following = user.command(MOVE_BASE, Move("A"))
+        central.advance(0.1)
+        assert user.query(MEASURE).base[0] > before.base[0]
+        central.advance(0.9)
+        assert moving.wait(timeout=5) is Outcome.KILLED
+        central.advance(10.0)
+        assert following.wait(timeout=5) is Outcome.DONE
+        assert user.query(MEASURE).base == pytest.approx(POSES["base"]["A"])
+
+
+def test_a_pose_that_the_arm_does_not_know_is_a_failure_with_its_reason() -> None:
+    with (
+        robot() as (_, user),
+        pytest.raises(TaskFailed, match="knows home, box B, box C, tucked, not 'lunch'") as failed,
+    ):
+        user.command(MOVE_ARM, Move("lunch")).result(timeout=5)
+    assert failed.value.failure == UNKNOWN_POSE.name
+
+
+def carried(backend: Physics, to: str, lid: Lid | None = None) -> list[JointReadings]:
+    """What is measured after each move of a delivery."""
+    found = []
+    with robot(backend, lid) as (central, user):
+        user.command(OFFER_OBJECT).wait(timeout=5)
+        for message, goal in (
+            (MOVE_GRIPPER, "closed"), (MOVE_BASE, to), (MOVE_ARM, f"box {to}"), (MOVE_GRIPPER, "open"), (MOVE_ARM, "tucked"),
+        ):  # fmt: skip
+            moving = user.command(message, Move(goal))
+            central.advance(7.0)
+            assert moving.wait(timeout=5) is Outcome.DONE
+            found.append(user.query(MEASURE))
+    return found
+
+
+@NO_PHYSICS
+@pytest.mark.parametrize("to", ["B", pytest.param("C", marks=pytest.mark.soak)])
+def test_the_backends_agree_on_what_is_carried_where(to: str) -> None:
+    without, real = carried("kinematic", to), carried("pybullet", to)
+    assert [one.object for one in real] == [one.object for one in without]
+    assert real[-1].object is (ObjectPlace.BOX_B if to == "B" else ObjectPlace.BOX_C)
+    for a, b in zip(without, real, strict=True):
+        assert a.base == pytest.approx(b.base, abs=0.005)
+        assert a.arm == pytest.approx(b.arm, abs=0.01)
+        assert a.gripper == pytest.approx(b.gripper, abs=0.002)
+
+
+def test_an_object_that_is_let_go_over_a_lid_is_not_in_the_box() -> None:
+    assert carried("kinematic", "B", Lid(starts_covered=True))[-1].object is ObjectPlace.FLOOR
+
+
+def test_perception_becomes_sure_look_by_look() -> None:
+    with robot(lid=Lid([1.0])) as (central, user):
+        central.advance(0.5)
+        assert user.get_variable(BOX_B_FREE) == 1.0
+        user.command(OFFER_OBJECT).wait(timeout=5)
+        central.advance(1.0)
+        seen = []
+        for _ in range(6):
+            central.advance(perception.PERIOD)
+            seen.append(user.get_variable(BOX_B_FREE))
+        assert seen == sorted(seen, reverse=True)
+        assert 0.0 < seen[1] < 0.5
+        assert seen[-1] == 0.0
+    assert believed(None, is_free=False) == 0.0
+
+
+@pytest.mark.parametrize("backend", ["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])])
+def test_a_picture(backend: Physics, tmp_path: Path) -> None:
+    simulated = make_robot(backend)
+    made = simulated.picture(tmp_path / "robot")
+    simulated.close()
+    assert made.suffix == (".svg" if backend == "kinematic" else ".png")
+    assert made.stat().st_size > 1000
