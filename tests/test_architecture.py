@@ -92,6 +92,7 @@ EXCEPTIONS = {
     ("tca_tools/check/rerun.py", "tca_central"),  # whose inputs are handled again
     ("tca_missions/charts/drawing.py", "tca_tools"),  # pictures of state machines
     ("tca_coordination/model/drawing.py", "tca_tools"),
+    ("tca_activities/models/drawing.py", "tca_tools"),  # pictures of models
     ("tca_tools/view/steering.py", "tca_live"),  # the page steers a running central as the commands do
 }
 
@@ -203,6 +204,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_activities": {
         "activity": set(),
         "components": {"activity"},
+        "models": {"components"},
         "__init__": set(),
     },
     "tca_coordination": {

@@ -1,0 +1,44 @@
+"""``tca generate``: from the model of an application to Python, or to a picture."""
+
+from pathlib import Path
+
+import click
+
+from tca_activities.models.drawing import KINDS, draw
+from tca_activities.models.reading import read_model
+from tca_activities.models.writing import write_code
+from tca_wire.text.printable import printable
+from tca_wire.user_toml import BadUserFile
+
+
+class _BadModel(click.ClickException):
+    exit_code = 2
+
+
+@click.command()
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Another folder; or a picture: .svg, .png, .pdf or .dot.",
+)
+def generate(model: Path, output: Path | None) -> None:
+    """Write the Python of an application of periodic activities, or draw it.
+
+    MODEL is a TOML file of components, ports, regions, states and activities. Into its folder go: generated.py and
+    application.py, written anew each time; and a file for each component, which is yours: it is written once.
+
+    The exit code is 2 when the model is wrong.
+    """
+    try:
+        read = read_model(model)
+        if output is not None and output.suffix in KINDS:
+            draw(read, output)
+            return
+        lines = write_code(read, output or model.parent)
+    except BadUserFile as error:
+        raise _BadModel(printable(str(error))) from None
+    except OSError as error:
+        raise click.ClickException(f"{error.filename}: can't be written: {error.strerror}") from None
+    click.echo("\n".join(lines))

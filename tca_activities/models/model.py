@@ -1,0 +1,102 @@
+"""The model of an application, as its file has it. Seconds of 0 are not said."""
+
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+Word = Annotated[str, Meta(min_length=1, description="a name in quotes")]
+Words = Annotated[list[str], Meta(description='a list of names in quotes, such as ["enabling.enabled"]')]
+Seconds = Annotated[float, Meta(gt=0, le=86400, description="a number of seconds above 0")]
+Table = Annotated[dict[str, Any], Meta(description="a table")]
+
+PLAIN_TYPES = ("bool", "float", "int", "str")
+
+
+class TypeModel(msgspec.Struct, frozen=True):
+    """A type of data that ports pass: fields with their types, or a class of a module."""
+
+    name: str
+    fields: dict[str, str] = {}
+    module: str = ""
+    """Of the class of that name, if it is imported."""
+
+
+class InputModel(msgspec.Struct, frozen=True):
+    """An input port."""
+
+    type: Word
+    keep: Annotated[int, Meta(ge=1, le=1_000_000, description="a whole number of values, 1 or more")] = 1
+
+
+class StateModel(msgspec.Struct, frozen=True, kw_only=True):
+    """A state of a region: a row of ``states``."""
+
+    name: Word
+    inside: Annotated[str, Meta(description="the name of the state that holds it")] = ""
+    initial: Annotated[bool, Meta(description="true or false")] = False
+    entry: Annotated[str, Meta(description="the name of a method")] = ""
+    exit: Annotated[str, Meta(description="the name of a method")] = ""
+    activity: Annotated[str, Meta(description="the name of a method")] = ""
+    period: Seconds = 0.0
+    estimate: Seconds = 0.0
+
+
+class TransitionModel(msgspec.Struct, frozen=True, kw_only=True):
+    """A transition of a region: a row of ``transitions``."""
+
+    source: Word = msgspec.field(name="from")
+    target: Word = msgspec.field(name="to")
+    on: Annotated[str, Meta(description="the name of an event")] = ""
+    when: Annotated[str, Meta(description="the name of a method")] = ""
+    needs: Words = []
+
+
+class RegionModel(msgspec.Struct, frozen=True, kw_only=True):
+    """A region."""
+
+    name: str
+    period: float
+    estimate: float
+    states: list[StateModel]
+    transitions: list[TransitionModel]
+
+
+class ComponentModel(msgspec.Struct, frozen=True, kw_only=True):
+    """A kind of component."""
+
+    name: str
+    period: float
+    estimate: float
+    data: dict[str, float | str | bool]
+    """The first values of its fields, whose types follow from them."""
+    inputs: dict[str, InputModel]
+    outputs: dict[str, str]
+    """Their types."""
+    regions: list[RegionModel]
+
+
+class InstanceModel(msgspec.Struct, frozen=True):
+    """A component of the application."""
+
+    name: str
+    component: str
+    data: dict[str, float | str | bool]
+    """First values that differ from those of its kind."""
+
+
+class ConnectionModel(msgspec.Struct, frozen=True):
+    """An output port, and an input port that gets what is set there."""
+
+    source: tuple[str, str]
+    target: tuple[str, str]
+
+
+class ApplicationModel(msgspec.Struct, frozen=True):
+    """All of a file."""
+
+    name: str
+    types: dict[str, TypeModel]
+    components: dict[str, ComponentModel]
+    instances: dict[str, InstanceModel]
+    connections: list[ConnectionModel]

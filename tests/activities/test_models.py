@@ -1,0 +1,254 @@
+"""A model is checked, drawn and turned into Python that runs; what is written by hand stays."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import tca_activities
+from tca_activities.models.command import generate
+from tca_activities.models.reading import read_model
+from tca_wire.user_toml import BadUserFile
+
+HERE = Path(__file__).parent
+MODEL = HERE / "cleaning.toml"
+TEXT = MODEL.read_text()
+
+
+needs_application = pytest.mark.skipif(not hasattr(tca_activities, "Application"), reason="not there yet")
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """In a folder of its own."""
+    path = tmp_path / "robot" / "cleaning.toml"
+    path.parent.mkdir()
+    path.write_text(TEXT)
+    return path
+
+
+def said(*arguments: object) -> Result:
+    return CliRunner().invoke(generate, list(map(str, arguments)))
+
+
+def python(folder: Path, *code: str) -> str:
+    done = subprocess.run(
+        [sys.executable, *code], cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(HERE.parent.parent)}, timeout=60,
+    )  # fmt: skip
+    assert not done.returncode, done.stderr
+    return done.stdout
+
+
+# --- bad models ----------------------------------------------------------------------------------------------------
+
+STATES = 'states = [{ name = "disabled" }, { name = "enabled" }]'
+BAD = [
+    ("[components.Joint]", "[component.Joint]"),
+    ("[types.Target]", "[Target]"),
+    (TEXT, "[components]"),
+    (TEXT, "instances = 3"),
+    (TEXT, "[components\n"),
+    ('speed = "float"', 'speed = "flaot"'),
+    ('speed = "float"', "speed = 1.0"),
+    ("[types.Target]", "[types.target]"),
+    ("[types.Target]", "[types]\nPose = 'robots:Place'\n[types.Target]"),
+    ('target = "Target"', 'target = "Tarbet"'),
+    ('target = "Target"', "target = 7"),
+    ('command = { type = "str", keep = 8 }', 'command = { type = "str", keep = 0 }'),
+    ('command = { type = "str", keep = 8 }', 'command = { type = "str", queue = 8 }'),
+    ('command = { type = "str", keep = 8 }', "command = { keep = 8 }"),
+    ('position = "float" }', 'post = "float" }'),
+    ('position = "float" }', 'limits = "float" }'),
+    ('position = "float" }', 'class = "float" }'),
+    ("[components.Panel]\nperiod = 0.1", "[components.Panel]"),
+    ("[components.Panel]", "[components.panel]"),
+    ("[components.Panel]", "[components.Application]"),
+    ("[components.Panel]", "[components.JOINT]\n[components.Panel]"),
+    ("length = 1.0", "length = [1.0]"),
+    ("[components.Joint.regions.limits]\nperiod = 0.02", "[components.Joint.regions.limits]"),
+    ("[components.Joint.regions.limits]\nperiod = 0.02", "[components.Joint.regions.limits]\nperiod = 0"),
+    (STATES, "states = []"),
+    (STATES, 'states = ["disabled", "enabled"]'),
+    (STATES, 'states = [{ name = "disabled" }, { name = "enabled" }, { name = "enabled" }]'),
+    (STATES, 'states = [{ name = "disabled" }, { name = "enabled" }, { name = "broken" }]'),
+    (STATES, 'states = [{ name = "disabled" }, { name = "en.abled" }]'),
+    (STATES, 'states = [{ name = "disabled" }, { label = "enabled" }]'),
+    (STATES, 'states = [{ name = "disabled", initial = true }, { name = "enabled", initial = true }]'),
+    (STATES, 'states = [{ name = "disabled" }, { name = "enabled", period = 0.1 }]'),
+    (STATES, 'states = [{ name = "disabled" }, { name = "enabled", entry = "is_near" }]'),
+    (STATES, 'states = [{ name = "disabled" }, { name = "enabled", entry = "take_target" }]'),
+    (STATES, 'states = [{ name = "disabled" }, { name = "enabled", entry = "Hold on" }]'),
+    ('activity = "search", period = 0.02', 'activity = "search"'),
+    ('activity = "search", period = 0.02', 'activity = "search", period = -0.02'),
+    ('activity = "search", period = 0.02', 'activity = "search", period = "20 ms"'),
+    ('inside = "moving", activity = "move_fast"', 'inside = "slow", activity = "move_fast"'),
+    ('to = "enabled", on = "enable"', 'to = "enable", on = "enable"'),
+    ('from = "disabled", to', 'from = "of", to'),
+    ('from = "disabled", to', "to"),
+    (', on = "enable"', ""),
+    ('needs = ["enabling.enabled"]', 'needs = ["enabling.on"]'),
+    ('needs = ["enabling.enabled"]', 'needs = ["enabled"]'),
+    ('needs = ["enabling.enabled"]', 'needs = "enabling.enabled"'),
+    ('x = "Joint"', 'x = "Joind"'),
+    ('x = "Joint"', "x = 5"),
+    ('x = "Joint"', 'X = "Joint"'),
+    ("length = 2.0", "lenght = 2.0"),
+    ("length = 2.0", 'length = "long"'),
+    ('panel.target_x = "x.target"', 'panel.target = "x.target"'),
+    ('panel.target_x = "x.target"', 'panel.target_x = "z.target"'),
+    ('panel.target_x = "x.target"', 'panel.target_x = "x.goal"'),
+    ('panel.target_x = "x.target"', 'panel.target_x = "x.command"'),
+    ('panel.target_x = "x.target"', 'panel.target_x = "x.position"'),
+    ('panel.target_x = "x.target"', 'panel.x = "x.position"'),
+    ('panel.target_x = "x.target"', 'panel.target_x = "target"'),
+    ('x.position = "panel.x"', 'x = "panel.x"'),
+]
+
+
+def test_each_bad_model_has_its_line(tmp_path: Path, rewrite: bool) -> None:
+    path, lines = tmp_path / "cleaning.toml", []
+    for old, new in BAD:
+        assert old in TEXT, old
+        path.write_text(TEXT.replace(old, new, 1))
+        with pytest.raises(BadUserFile) as error:
+            read_model(path)
+        written = "" if old is TEXT else "{} -> ".format(old.replace("\n", " / "))
+        lines += [f"{written}{new!r}".replace("\\n", " / "), f"    {error.value}".replace(f"{tmp_path}/", ""), ""]
+    approved = HERE / "bad_models.txt"
+    if rewrite:
+        approved.write_text("\n".join(lines))
+    assert "\n".join(lines) == approved.read_text()
+
+
+def test_the_command_says_it_in_a_line(tmp_path: Path) -> None:
+    shown = said(tmp_path / "no.toml")
+    assert (shown.exit_code, shown.output) == (
+        2,
+        f"Error: {tmp_path}/no.toml can't be read: No such file or directory\n",
+    )
+
+
+# --- code ----------------------------------------------------------------------------------------------------------
+
+TRY = """
+from tca_activities.components import initialise
+from application import Components
+components = Components()
+initialise(components.all)
+components.panel.all_joints.set("enable")
+for component in components.all:
+    for activity in component.activities():
+        activity.tick()
+print(components.x.movement.path, components.x.position.value)
+with components.y.turn:
+    print(components.y.data)
+"""
+
+
+@needs_application
+def test_what_is_generated_runs_at_once(model: Path) -> None:
+    assert said(model).output.splitlines() == [
+        f"{model.parent}/{name}: written" for name in ("generated.py", "application.py", "joint.py", "panel.py")
+    ]
+    assert python(model.parent, "-c", TRY).splitlines() == [
+        "('stopped',) None",
+        "JointData(position=0.0, length=2.0, mode='off', steps=0, on=False)",
+    ]
+
+
+@needs_application
+def test_what_is_written_by_hand_stays(model: Path) -> None:
+    said(model)
+    by_hand = model.parent / "joint.py"
+    by_hand.write_text(
+        by_hand.read_text().replace(
+            "def take_command(self, value: str) -> None:",
+            "def take_command(self, value: str) -> None:\n        self.post(value)\n\n    def mine(self) -> None:",
+        )
+    )
+    before = {file: file.read_bytes() for file in model.parent.glob("*.py")}
+    assert [line.partition(": ")[2] for line in said(model).output.splitlines()] == ["as it was"] * 2 + [
+        "left alone"
+    ] * 2
+    assert {file: file.read_bytes() for file in model.parent.glob("*.py")} == before
+
+    model.write_text(
+        TEXT.replace('{ name = "enabled" }', '{ name = "enabled", entry = "brake_off" }').replace(
+            '"is_near"', '"is_close"'
+        )
+    )
+    output = said(model).output
+    assert f"{by_hand}: left alone; class Joint lacks brake_off, is_close. Add:" in output
+    assert by_hand.read_bytes() == before[by_hand]
+    (added,) = output.split("Add:\n")[1].split(f"{model.parent}/panel.py")[:1]
+    by_hand.write_text(by_hand.read_text() + added)
+    assert python(model.parent, "-c", TRY)
+
+
+def test_files_of_others_stay(model: Path) -> None:
+    other = model.parent / "generated.py"
+    other.write_text("mine = 1\n")
+    shown = said(model)
+    assert (shown.exit_code, shown.output.partition(": ")[2]) == (
+        2, f"{other} exists already, and was not made by tca generate: rename it, or choose a folder with -o FOLDER\n",
+    )  # fmt: skip
+    assert sorted(file.name for file in model.parent.iterdir()) == ["cleaning.toml", "generated.py"]
+    folder = model.parent / "code"
+    assert not said(model, "-o", folder).exit_code
+    (folder / "joint.py").write_text("class Joint(:\n")
+    assert said(model, "-o", folder).output == f"Error: {folder}/joint.py, line 1: can't be read: invalid syntax\n"
+    (folder / "joint.py").write_text("class Elbow: ...\n")
+    assert "joint.py: left alone; it has no class Joint, which is needed" in said(model, "-o", folder).output
+
+
+@needs_application
+def test_a_package_imports_its_own_name(model: Path) -> None:
+    (model.parent / "__init__.py").touch()
+    said(model)
+    assert "from robot.generated import JointBase, Target" in (model.parent / "joint.py").read_text()
+    python(model.parent.parent, "-c", TRY.replace("from app", "from robot.app"))
+
+
+def test_its_style_is_that_of_formatters(model: Path) -> None:
+    said(model)
+    ruff = Path(sys.executable).parent / "ruff"
+    for length in (88, 120):
+        options = ["--isolated", f"--config=line-length={length}"]
+        done = subprocess.run([ruff, "format", "--check", *options, model.parent], capture_output=True, check=False)
+        assert not done.returncode, done.stderr
+    checked = subprocess.run(
+        [ruff, "check", "--config", HERE.parent.parent / "pyproject.toml", "--ignore=INP001", model.parent],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert not checked.returncode, checked.stdout
+
+
+@pytest.mark.soak
+def test_its_types_are_right(model: Path) -> None:
+    said(model)
+    python(model.parent, "-m", "mypy", "--strict", ".")
+
+
+# --- pictures ------------------------------------------------------------------------------------------------------
+
+
+def test_a_model_is_drawn(model: Path) -> None:
+    picture = model.with_suffix(".svg")
+    assert not said(model, "-o", picture).exit_code
+    shown = picture.read_text()
+    words = [
+        "Joint",
+        "movement",
+        "moving",
+        "move_fast every 10 ms",
+        "in: command (str), keeps 8",
+        "[is_near]",
+        "length = 2.0",
+    ]
+    assert [word for word in words if word not in shown] == []
