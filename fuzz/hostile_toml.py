@@ -9,6 +9,7 @@ from typing import Any
 
 from fuzz.choices import Choices
 from fuzz.grammar import TEXTS, damaged
+from tca_activities.models.reading import read_model
 from tca_central.shell.permissions_file import PermissionsError, read_rules, users_in
 from tca_run.robot_file import load
 from tca_wire.errors import KeyRefused
@@ -53,7 +54,7 @@ def _read_rules(path: Path) -> None:
 
 
 _READERS: tuple[tuple[Callable[[Path], Any], type[Exception]], ...] = (
-    (_read_rules, PermissionsError), (load, BadUserFile), (read_client_key, KeyRefused),
+    (_read_rules, PermissionsError), (load, BadUserFile), (read_model, BadUserFile), (read_client_key, KeyRefused),
 )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ _STATE = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
 _OF_COMPONENTS = {name for name in {*dir(Component), *vars(Component("", dict))} if not name.startswith("__")}
 FILES = ("generated", "application")
 """Modules that are written anew each time."""
-_TAKEN = {"Component", "ABC", *dir(builtins)}
+_TAKEN = {"ABC", "Any", "Callable", "Component", "Components", "Event", *dir(builtins)}
 
 
 def check_name(place: str, name: str) -> None:

@@ -65,12 +65,13 @@ def read_model(path: Path) -> ApplicationModel:
     if not re.fullmatch(r"[\w.-]+", path.stem):
         raise BadUserFile(f"{path}: choose another name for the file, of letters, digits, '.', '-' and '_'")
     try:
-        return _application(path.stem, tables)
+        return model_of(path.stem, tables)
     except BadUserFile as error:
         raise BadUserFile(f"{path}: {error}") from None
 
 
-def _application(name: str, tables: dict[str, Any]) -> ApplicationModel:
+def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
+    """The model that the tables of a file hold. Raises BadUserFile."""
     file = _tables(tables)
     types: dict[str, TypeModel] = {}
     for kind, fields in file.types.items():

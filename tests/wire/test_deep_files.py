@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from tca_activities.models.reading import read_model
 from tca_central.shell.permissions_file import PermissionsError, read_rules
 from tca_run.robot_file import load
 from tca_wire.errors import KeyRefused
@@ -14,7 +15,8 @@ from tca_wire.user_toml import BadUserFile
 
 
 @pytest.mark.parametrize(
-    ("read", "error"), [(read_rules, PermissionsError), (load, BadUserFile), (read_client_key, KeyRefused)]
+    ("read", "error"),
+    [(read_rules, PermissionsError), (load, BadUserFile), (read_model, BadUserFile), (read_client_key, KeyRefused)],
 )
 def test_a_file_that_is_nested_too_deeply(tmp_path: Path, read: Callable[[Path], Any], error: type[Exception]) -> None:
     path = tmp_path / "file.toml"

@@ -1,0 +1,69 @@
+"""Models with random faults: each is refused with a line, or its components run and it can be drawn."""
+
+import tomllib
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tca_activities.components import initialise
+from tca_activities.models.code import application, generated, skeleton
+from tca_activities.models.dot import model_dot
+from tca_activities.models.reading import model_of
+from tca_wire.user_toml import BadUserFile
+
+TABLES = tomllib.loads((Path(__file__).parent / "cleaning.toml").read_text())
+WORDS = (
+    "", "x", "panel", "Joint", "Target", "position", "target", "moving", "stopped", "fast", "enabling.enabled", "move",
+    "search", "tell", "self", "region", "name", "data", "float", "int", "class", "going home", 'a"b', "a\\", "é", "Any",
+    "List", "collections:Counter", "x.target", "take_target", "machine", "states", "Callable", "dataclass",
+)  # fmt: skip
+VALUES: list[Any] = [*WORDS, 0, 1, -1, 0.5, 10**30, float("inf"), float("nan"), True, [], ["x"], {}, {"type": "str"}]
+
+
+def places(node: Any) -> list[tuple[Any, Any]]:
+    """All containers of the model, each with each of its keys."""
+    keys = list(node) if isinstance(node, dict) else list(range(len(node))) if isinstance(node, list) else []
+    return [(node, key) for key in keys] + [place for key in keys for place in places(node[key])]
+
+
+@st.composite
+def faulty(draw: st.DrawFn) -> dict[str, Any]:
+    tables = deepcopy(TABLES)
+    for _ in range(draw(st.integers(1, 2))):
+        node, key = draw(st.sampled_from(places(tables)))
+        alike = [where[other] for where, other in places(TABLES) if type(where[other]) is type(node[key])]
+        match draw(st.integers(0, 7)):
+            case 0:
+                del node[key]
+            case 1 if isinstance(node, dict):
+                node[draw(st.sampled_from(WORDS))] = node.pop(key)
+            case 2 if isinstance(node, dict):
+                node[draw(st.sampled_from(WORDS))] = deepcopy(node[key])
+            case 3:
+                node[key] = deepcopy(draw(st.sampled_from(VALUES)))
+            case _:
+                node[key] = deepcopy(draw(st.sampled_from(alike)))
+    return tables
+
+
+@settings(max_examples=60)
+@given(faulty())
+def test_a_model_is_refused_or_runs(tables: dict[str, Any]) -> None:
+    try:
+        model = model_of("cleaning", tables)
+    except BadUserFile:
+        return
+    assert model_dot(model)
+    compile(application(model, ""), "application.py", "exec")
+    modules = [generated(model), *(skeleton(one, set(model.types), "") for one in model.components.values())]
+    names: dict[str, Any] = {"__name__": "generated"}
+    for module in modules:
+        ours = "\n".join(line for line in module.splitlines() if not line.startswith("from generated"))
+        exec(compile(ours, "module.py", "exec", dont_inherit=True), names)
+    made = [names[name]("x") for name in model.components]
+    for component in made:
+        assert component.activities() or not (component.inputs or component.regions)
+    initialise(made)
