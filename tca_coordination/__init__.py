@@ -8,14 +8,19 @@ from tca_coordination.model.machine import Coordination
 from tca_coordination.model.situation import Fact, Situation
 from tca_coordination.model.statechart import Interpreter, TakenArrow
 from tca_coordination.model.states import AuthoredState, CompoundState
+from tca_coordination.preview.policy import Candidate, Continuous, Discrete, Policy, expected_gain, progress_only
+from tca_coordination.preview.walk import PreviewLimits, most_likely
 
 __all__ = [
     "Activity",
     "Agent",
     "AuthoredState",
     "Automaton",
+    "Candidate",
     "CompoundState",
+    "Continuous",
     "Coordination",
+    "Discrete",
     "Do",
     "Fact",
     "FlatAutomaton",
@@ -24,9 +29,14 @@ __all__ = [
     "LikelihoodModel",
     "LikelyArrow",
     "Perceived",
+    "Policy",
+    "PreviewLimits",
     "Prior",
     "Situation",
     "TakenArrow",
     "UnsoundCoordination",
     "Weighted",
+    "expected_gain",
+    "most_likely",
+    "progress_only",
 ]

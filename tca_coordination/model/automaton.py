@@ -31,6 +31,9 @@ class Automaton(Protocol):
     def activity(self, state: int) -> Activity | None:
         """The activity of a leaf, if it has one."""
 
+    def waits(self, state: int) -> bool:
+        """Whether the machine waits for an event in a leaf; in another one without an activity it does not rest."""
+
 
 def arrows_of(leaf: AuthoredState) -> list[AuthoredArrow]:
     """The arrows by which a leaf may be left: its own and those of the compounds around it, from the inside out. A
@@ -76,6 +79,10 @@ class FlatAutomaton:
     def activity(self, state: int) -> Activity | None:
         """The activity of a leaf, if it has one."""
         return self._states[state].activity
+
+    def waits(self, state: int) -> bool:
+        """Whether the machine waits for an event in a leaf; in another one without an activity it does not rest."""
+        return self._states[state].kind is ActivityKind.WAIT
 
     def _evaluated(self, leaf: AuthoredState) -> list[LikelyArrow]:
         arrows = arrows_of(leaf)

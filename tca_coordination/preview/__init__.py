@@ -1,0 +1,1 @@
+"""Looking ahead: the states that are likely to follow, and which of their activities may start now. Pure."""

@@ -1,0 +1,125 @@
+"""Whether an activity may run before its turn, by the facts that hold, are needed and are made."""
+
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
+from typing import NamedTuple
+
+from tca_coordination.model.activities import Activity
+from tca_coordination.model.automaton import Automaton
+from tca_coordination.model.situation import Fact
+
+
+class Reason(StrEnum):
+    """What speaks against an activity before its turn."""
+
+    NOT_FORESEEN = "not foreseen"
+    """Its state is not on the preview list any more."""
+    REPEATED = "repeated"
+    """Its state is the current one, or stands earlier in the list: the machine comes back to it."""
+    NEEDS = "needs"
+    """A fact that it needs does not hold now; of one that is done: what it has made does not hold any more."""
+    CONFLICT = "conflict"
+    """An activity that comes before it, or that runs, makes or needs the same variable; or its tasks of last time have
+    not ended.
+    """
+    BRANCH = "branch"
+    """On another branch, a state may need what it changes, and it can't be undone."""
+    AGENT = "agent"
+    """An agent of it has no place left."""
+    UTILITY = "utility"
+    """The policy finds it not worth while."""
+    FAILED = "failed"
+    """It has been tried ahead, and has failed."""
+
+
+class Objection(NamedTuple):
+    """What speaks against the activity of a state."""
+
+    state: int
+    reason: Reason
+    name: str = ""
+    """Of the variable or agent that it is about."""
+    other: int = -1
+    """The state of the activity with which it is in conflict."""
+
+
+class Clash(NamedTuple):
+    """A variable that two activities may not both have, and the state of the other one."""
+
+    variable: str
+    state: int
+
+
+class Reservations:
+    """The variables of activities that come first or run: later ones leave them alone."""
+
+    def __init__(self) -> None:
+        self._needed: dict[str, int] = {}  # by variable, the state whose activity needs it
+        self._made: dict[str, int] = {}
+        self._being_made: dict[str, int] = {}  # of these, what is not done
+
+    def add(self, state: int, needs: Iterable[str], makes: Iterable[str], *, is_done: bool = False) -> None:
+        """Reserve the variables of an activity. One that is *done* keeps what it has made, for others to build on."""
+        for variable in needs:
+            self._needed.setdefault(variable, state)
+        for variable in makes:
+            self._made.setdefault(variable, state)
+            if not is_done:
+                self._being_made.setdefault(variable, state)
+
+    def clash(self, needs: Iterable[str], makes: Iterable[str]) -> Clash | None:
+        """The first variable that stands against an activity, if any."""
+        for variable in makes:
+            for reserved in (self._made, self._needed):
+                if variable in reserved:
+                    return Clash(variable, reserved[variable])
+        for variable in needs:
+            if variable in self._being_made:
+                return Clash(variable, self._being_made[variable])
+        return None
+
+
+def missing(wanted: Mapping[str, Fact], facts: Mapping[str, Fact], *, but: Iterable[str] = ()) -> str | None:
+    """The first variable that has not the wanted value, if any; those of *but* may have any."""
+    for variable, value in wanted.items():
+        if variable not in but and (variable not in facts or facts[variable] != value):
+            return variable
+    return None
+
+
+def harmed(activity: Activity, needed: frozenset[str]) -> str | None:
+    """The first variable that an activity changes and that a branch needs as it is, if any."""
+    return next((variable for variable in activity.makes if variable in needed), None)
+
+
+def needed_later(automaton: Automaton, initial: int) -> dict[int, frozenset[str]]:
+    """For each state that can be reached, the variables that a branch after it may need as they are: on some path, of
+    whatever likelihood, a state needs the variable before any makes it anew.
+
+    These are the live variables of a program, as compilers find them. They depend on the structure of a machine only.
+    """
+    followers = _followers(automaton, initial)
+    entering: dict[int, frozenset[str]] = dict.fromkeys(followers, frozenset())
+    later: dict[int, frozenset[str]] = dict(entering)
+    is_stable = False
+    while not is_stable:
+        is_stable = True
+        for state in reversed(followers):  # needs travel against the arrows
+            later[state] = frozenset().union(*(entering[follower] for follower in followers[state]))
+            activity = automaton.activity(state)
+            needs = later[state] if activity is None else activity.needs.keys() | (later[state] - activity.makes.keys())
+            if needs != entering[state]:
+                entering[state] = frozenset(needs)
+                is_stable = False
+    return later
+
+
+def _followers(automaton: Automaton, initial: int) -> dict[int, set[int]]:
+    found: dict[int, set[int]] = {}
+    waiting = [initial]
+    while waiting:
+        state = waiting.pop()
+        if state not in found:
+            found[state] = {arrow.target for arrow in automaton.arcs(state)}
+            waiting += found[state]
+    return found

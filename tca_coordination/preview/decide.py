@@ -1,0 +1,269 @@
+"""What to do ahead, as things are: the one question that a coordinator asks at every event."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from tca_coordination.model.activities import Activity
+from tca_coordination.model.automaton import Automaton
+from tca_coordination.model.situation import Fact, Situation
+from tca_coordination.preview.agents import Places
+from tca_coordination.preview.conflicts import Objection, Reason, Reservations, harmed, missing
+from tca_coordination.preview.policy import Candidate, Policy
+from tca_coordination.preview.walk import PreviewLimits, most_likely
+from tca_wire.coordination import Foreseen
+
+
+class WorkPhase(StrEnum):
+    """How far the activity of a state is that is not the current one."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    STOPPING = "stopping"
+    """It has been told to stop, and has not ended yet."""
+    RESTORING = "restoring"
+    """What undoes it is running."""
+
+
+@dataclass(frozen=True)
+class EarlyWork:
+    """An activity beside the current one."""
+
+    state: int
+    phase: WorkPhase = WorkPhase.RUNNING
+    progress: float = 0.0
+    share: float = 1.0
+    """Of full speed."""
+
+
+@dataclass(frozen=True)
+class Present:
+    """How a run stands."""
+
+    current: int
+    """The state that the machine is in. Its activity is none of the early work."""
+    facts: Mapping[str, Fact]
+    """As the robot is, with what early work has changed; what is being changed is absent."""
+    situation: Situation
+    """As the machine without a preview would see it. Its progress is that of the current activity."""
+    is_done: bool = False
+    """Whether the current activity has been done, and the machine waits for something else."""
+    work: Sequence[EarlyWork] = ()
+    spoilt: Collection[str] = frozenset()
+    """Variables that early work has changed in vain, and that have not been restored or made anew."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """The activity of a state, and the share of full speed at which it runs from now on."""
+
+    state: int
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What follows from how a run stands."""
+
+    preview: list[Foreseen]
+    starts: list[Start] = field(default_factory=list)
+    """Activities that start now, before their turn."""
+    speeds: list[Start] = field(default_factory=list)
+    """Activities that run ahead, and get another speed."""
+    stops: list[Objection] = field(default_factory=list)
+    """Early work that is of no use any more, whether it runs, is done or has failed."""
+    refused: list[Objection] = field(default_factory=list)
+    """Activities of the list that do not start now, and why."""
+
+
+def decide(
+    automaton: Automaton,
+    present: Present,
+    policy: Policy,
+    needed: Mapping[int, frozenset[str]],
+    limits: PreviewLimits,
+) -> Decision:
+    """The preview list, and what is started and stopped by it. *needed*: as ``needed_later`` found it."""
+    decision = Decision(most_likely(automaton, present.current, limits))
+    _Deciding(automaton, present, policy, needed[present.current], decision).decide()
+    return decision
+
+
+class _Deciding:
+    """One decision: the states of the list have their turns, the next one first."""
+
+    def __init__(
+        self, automaton: Automaton, present: Present, policy: Policy, needed: frozenset[str], decision: Decision
+    ) -> None:
+        self.automaton = automaton
+        self.present = present
+        self.policy = policy
+        self.needed = needed
+        self.decision = decision
+        self.work = {work.state: work for work in present.work}
+        self.before = Reservations()  # by what comes first
+        self.running = Reservations()  # by all that runs, in whatever order
+        self.allotted = Places()  # by turn
+        self.held = Places()  # as it is now, whoever's turn it is
+        self._reserve()
+
+    def decide(self) -> None:
+        seen = {self.present.current}
+        progress = self._progress_of_current()
+        for index, foreseen in enumerate(self.decision.preview, start=1):
+            state = foreseen.state
+            activity = self.automaton.activity(state)
+            if activity is not None:
+                if state in seen:
+                    self.decision.refused.append(Objection(state, Reason.REPEATED))
+                else:
+                    self._turn(self._candidate(index, foreseen, activity, progress), activity)
+                    work = self.work.get(state)
+                    is_done = work is not None and work.phase is WorkPhase.DONE
+                    self.before.add(state, activity.needs, activity.makes, is_done=is_done)
+            seen.add(state)
+            progress = self._progress(state, progress)
+        for work in self.present.work:
+            if work.state not in seen and work.phase not in (WorkPhase.STOPPING, WorkPhase.RESTORING):
+                self.decision.stops.append(Objection(work.state, Reason.NOT_FORESEEN))
+
+    # --- what is reserved ------------------------------------------------------------------------------------------
+
+    def _reserve(self) -> None:
+        """For the current activity, which goes first, and for all that runs."""
+        current = self.automaton.activity(self.present.current)
+        if current is not None and not self.present.is_done:
+            self.before.add(self.present.current, current.needs, current.makes)
+            self.allotted.take(current.tasks)
+            self.held.take(current.tasks)
+        for work in self.present.work:
+            activity = self._activity(work.state)
+            if work.phase is WorkPhase.RUNNING:
+                self.running.add(work.state, activity.needs, activity.makes)
+                self.held.take(activity.tasks)
+            elif work.phase is WorkPhase.STOPPING:
+                self.before.add(work.state, activity.needs, activity.makes)
+                self.held.take(activity.tasks)
+            elif work.phase is WorkPhase.RESTORING:
+                self.before.add(work.state, (), activity.makes)
+                self.held.take(activity.undo)
+
+    def _activity(self, state: int) -> Activity:
+        activity = self.automaton.activity(state)
+        assert activity is not None, f"state {state} has early work, and no activity"
+        return activity
+
+    # --- progress --------------------------------------------------------------------------------------------------
+
+    def _progress_of_current(self) -> float:
+        if self.automaton.activity(self.present.current) is None:
+            return 0.0
+        return 1.0 if self.present.is_done else self.present.situation.progress
+
+    def _progress(self, state: int, before: float) -> float:
+        """Of the activity of a foreseen state; that of the state before if the machine does not rest in it."""
+        if self.automaton.activity(state) is None:
+            return 0.0 if self.automaton.waits(state) else before
+        work = self.work.get(state)
+        if work is None:
+            return 0.0
+        return {WorkPhase.RUNNING: work.progress, WorkPhase.DONE: 1.0}.get(work.phase, 0.0)
+
+    # --- one activity ----------------------------------------------------------------------------------------------
+
+    def _candidate(self, index: int, foreseen: Foreseen, activity: Activity, before: float) -> Candidate:
+        work = self.work.get(foreseen.state)
+        runs = work is not None and work.phase is WorkPhase.RUNNING
+        cost = activity.cost(self.present.situation)
+        return Candidate(
+            state=foreseen.state,
+            index=index,
+            likelihood=foreseen.likelihood,
+            probability=foreseen.probability,
+            progress_before=before,
+            cost=cost,
+            undo_cost=cost if harmed(activity, self.needed) else 0.0,
+            progress=work.progress if work is not None and runs else 0.0,
+            share=work.share if work is not None and runs else 0.0,
+        )
+
+    def _turn(self, candidate: Candidate, activity: Activity) -> None:
+        """Start it, let it go on, stop it or refuse it."""
+        state = candidate.state
+        work = self.work.get(state)
+        if work is None:
+            self._begin(candidate, activity)
+        elif work.phase is WorkPhase.RUNNING:
+            self._go_on(candidate, activity)
+        elif work.phase is WorkPhase.DONE:
+            if objection := self._objection_to_result(state, activity):
+                self.decision.stops.append(objection)
+        elif work.phase is WorkPhase.FAILED:
+            self.decision.refused.append(Objection(state, Reason.FAILED))
+        else:
+            self.decision.refused.append(Objection(state, Reason.CONFLICT, other=state))
+
+    def _begin(self, candidate: Candidate, activity: Activity) -> None:
+        state = candidate.state
+        objection = self._objection(state, activity) or self._objection_to_start(state, activity)
+        share = 0.0 if objection else self._share(candidate, activity)
+        if not objection and not share:
+            objection = Objection(state, Reason.UTILITY)
+        if not objection and (agent := self.allotted.full(activity.tasks)):
+            objection = Objection(state, Reason.AGENT, agent.name)
+        if objection:
+            self.decision.refused.append(objection)
+            return
+        self.allotted.take(activity.tasks)
+        if agent := self.held.full(activity.tasks):  # what runs there has to end first
+            self.decision.refused.append(Objection(state, Reason.AGENT, agent.name))
+            return
+        self.held.take(activity.tasks)
+        self.decision.starts.append(Start(state, share))
+
+    def _go_on(self, candidate: Candidate, activity: Activity) -> None:
+        state = candidate.state
+        objection = self._objection(state, activity, but=activity.makes)
+        share = 0.0 if objection else self._share(candidate, activity)
+        if not objection and not share:
+            objection = Objection(state, Reason.UTILITY)
+        if not objection and (agent := self.allotted.full(activity.tasks)):
+            objection = Objection(state, Reason.AGENT, agent.name)
+        if objection:
+            self.decision.stops.append(objection)
+            return
+        self.allotted.take(activity.tasks)
+        if share != candidate.share:
+            self.decision.speeds.append(Start(state, share))
+
+    def _share(self, candidate: Candidate, activity: Activity) -> float:
+        share = self.policy.share(candidate)
+        return share if activity.slow is not None or share == 1 else 0.0
+
+    # --- objections ------------------------------------------------------------------------------------------------
+
+    def _objection(self, state: int, activity: Activity, but: Mapping[str, Fact] | None = None) -> Objection | None:
+        """What speaks against an activity that is to run now."""
+        if variable := missing(activity.needs, self.present.facts, but=but or {}):
+            return Objection(state, Reason.NEEDS, variable)
+        if clash := self.before.clash(activity.needs, activity.makes):
+            return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
+        return None
+
+    def _objection_to_start(self, state: int, activity: Activity) -> Objection | None:
+        """What speaks against an activity that does not run yet."""
+        if clash := self.running.clash(activity.needs, activity.makes):
+            return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
+        variable = harmed(activity, self.needed)
+        if variable is not None and (not activity.undo or activity.makes.keys() & self.present.spoilt):
+            return Objection(state, Reason.BRANCH, variable)
+        return None
+
+    def _objection_to_result(self, state: int, activity: Activity) -> Objection | None:
+        """What speaks against building on an activity that is done."""
+        if variable := missing(activity.makes, self.present.facts):
+            return Objection(state, Reason.NEEDS, variable)
+        if clash := self.before.clash((), activity.makes):
+            return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
+        return None

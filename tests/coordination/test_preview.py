@@ -1,0 +1,318 @@
+"""A robot brings an object to box B, or to C if B is occupied: what it foresees, and what it does ahead."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from tca_coordination import (
+    Activity,
+    Agent,
+    Candidate,
+    Continuous,
+    Coordination,
+    Discrete,
+    Do,
+    Fact,
+    Perceived,
+    Policy,
+    PreviewLimits,
+    Prior,
+    Situation,
+    expected_gain,
+    most_likely,
+    progress_only,
+)
+from tca_coordination.preview.conflicts import Objection, Reason, needed_later
+from tca_coordination.preview.decide import Decision, EarlyWork, Present, Start, WorkPhase, decide
+from tca_module import Command, MisuseError, Variable
+from tca_wire.coordination import Foreseen
+
+MOVE_BASE = Command("move base", str, progress=float)
+MOVE_ARM = Command("move arm", str, progress=float)
+MOVE_GRIPPER = Command("move gripper", str)
+BOX_B_FREE = Variable("box B is free", float)
+BASE, ARM, GRIPPER = Agent("base"), Agent("arm"), Agent("gripper")
+START: dict[str, Fact] = {"base": "A", "arm": "home", "holding": True}
+
+
+def base(place: str) -> Activity:
+    return Activity(Do(MOVE_BASE, place, BASE), makes={"base": place}, cost=1.0)
+
+
+def arm(pose: str, *, can_undo: bool = False) -> Activity:
+    undo = Do(MOVE_ARM, "home", ARM) if can_undo else ()
+    return Activity(Do(MOVE_ARM, pose, ARM), makes={"arm": pose}, cost=0.2, undo=undo)
+
+
+def drop(place: str) -> Activity:
+    return Activity(
+        Do(MOVE_GRIPPER, "open", GRIPPER), needs={"arm": place, "base": place}, makes={"holding": False}, cost=5.0
+    )
+
+
+with Coordination("deliver", facts=START) as DELIVER:
+    waiting = DELIVER.state("waiting")
+    to_b = DELIVER.state("going to B", base("B"))
+    with DELIVER.compound("at B") as at_b:
+        arm_b = DELIVER.state("arm to B", arm("B"))
+        drop_b = DELIVER.state("dropping at B", drop("B"))
+        drop_b_done = DELIVER.final("dropped at B")
+        arm_b.to(drop_b)
+        drop_b.to(drop_b_done)
+    to_c = DELIVER.state("going to C", base("C"))
+    arm_c = DELIVER.state("arm to C", arm("C"))
+    drop_c = DELIVER.state("dropping at C", drop("C"))
+    tuck = DELIVER.state("tucking", arm("tucked"))
+    to_a = DELIVER.state("going to A", base("A"))
+    home = DELIVER.state("homing", arm("home"))
+    waiting.to(to_b, on="object given")
+    to_b.to(at_b, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
+    to_b.to(to_c, likelihood=Perceived(BOX_B_FREE, negated=True))
+    at_b.to(tuck)
+    to_c.to(arm_c)
+    arm_c.to(drop_c)
+    drop_c.to(tuck)
+    tuck.to(to_a)
+    to_a.to(home)
+    home.to(waiting)
+
+LABELS = [state.label for state in DELIVER.states]
+
+
+def number(label: str) -> int:
+    return LABELS.index(label)
+
+
+def situation(free: float | None = 1.0, progress: float = 0.0) -> Situation:
+    return Situation("", START, {BOX_B_FREE.name: free}, progress)
+
+
+def foreseen(current: str, free: float | None = 1.0, limits: PreviewLimits | None = None) -> list[str]:
+    found = most_likely(DELIVER.automaton(situation(free)), number(current), limits or PreviewLimits())
+    return [LABELS[one.state] for one in found]
+
+
+def decided(
+    current: str,
+    facts: dict[str, Fact] | None = None,
+    work: Sequence[EarlyWork] = (),
+    *,
+    machine: Coordination = DELIVER,
+    free: float = 1.0,
+    progress: float = 0.6,
+    is_done: bool = False,
+    policy: Policy | None = None,
+) -> Decision:
+    automaton = machine.automaton(situation(free, progress))
+    present = Present(
+        [state.label for state in machine.states].index(current),
+        START if facts is None else facts,
+        situation(free, progress),
+        is_done,
+        work,
+    )
+    needed = needed_later(automaton, automaton.initial)
+    return decide(automaton, present, policy or Discrete(0.5, progress_only), needed, PreviewLimits())
+
+
+def ahead(label: str, phase: WorkPhase = WorkPhase.RUNNING, progress: float = 0.0) -> EarlyWork:
+    return EarlyWork(number(label), phase, progress)
+
+
+# --- what is foreseen --------------------------------------------------------------------------------------------------
+
+
+def test_the_likely_way_is_foreseen_up_to_the_state_that_waits() -> None:
+    way_back = ["tucking", "going to A", "homing", "waiting"]
+    assert foreseen("going to B") == ["arm to B", "dropping at B", "dropped at B", *way_back]
+    assert foreseen("going to B", free=0.3) == ["going to C", "arm to C", "dropping at C", *way_back]
+    assert foreseen("going to B", free=None) == [], "nobody knows"
+    assert foreseen("waiting") == [], "an event of others is not foreseen"
+
+
+def test_probabilities_are_those_of_the_path() -> None:
+    first, second, *_ = most_likely(DELIVER.automaton(situation(0.75)), number("going to B"))
+    assert first == Foreseen(number("arm to B"), 0.75, 0.75)
+    assert second == Foreseen(number("dropping at B"), 1.0, 0.75)
+
+
+def test_a_list_ends_at_its_horizon() -> None:
+    assert foreseen("going to B", limits=PreviewLimits(horizon=2)) == ["arm to B", "dropping at B"]
+
+
+def test_thresholds_make_states_steady() -> None:
+    with Coordination("doubt") as doubt:
+        first, second, third = (doubt.state(label, arm(label)) for label in ("one", "two", "three"))
+        first.to(second, likelihood=Prior(0.7))
+        second.to(third, likelihood=Prior(0.4))
+        third.to(first)
+    automaton = doubt.automaton(Situation())
+    lengths = [len(most_likely(automaton, 0, PreviewLimits(final))) for final in (0.3, 0.6, 0.7)]
+    assert lengths == [0, 1, 2]
+    assert len(most_likely(automaton, 0, PreviewLimits(0.9, transition=0.4))) == 1
+
+
+def test_a_machine_without_a_steady_state_is_followed_once_round() -> None:
+    with Coordination("round") as machine:
+        labels = ("one", "two", "three")
+        states = [machine.state(label, arm(label)) for label in labels]
+        for state, following in zip(states, [*states[1:], states[0]], strict=True):
+            state.to(following)
+    automaton = machine.automaton(Situation())
+    assert [one.state for one in most_likely(automaton, 1)] == [2, 0]
+    assert [one.state for one in most_likely(automaton, 1, PreviewLimits(horizon=4))] == [2, 0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"final": 0.0}, "final must be above 0, and 1 at most, not 0.0"),
+        ({"transition": 1.0}, "transition must be 0 or more, and less than 1, not 1.0"),
+        ({"horizon": 0}, "horizon must be 1 or more, or None for no limit, not 0"),
+    ],
+)
+def test_limits_that_make_no_sense_are_refused(wrong: dict[str, float], told: str) -> None:
+    with pytest.raises(MisuseError, match=told):
+        PreviewLimits(**wrong)  # type: ignore[arg-type]
+
+
+# --- what starts, and what does not ------------------------------------------------------------------------------------
+
+
+def test_the_arm_moves_while_the_base_is_under_way() -> None:
+    decision = decided("going to B")
+    assert decision.starts == [Start(number("arm to B"))]
+    assert decision.refused == [
+        Objection(number("dropping at B"), Reason.NEEDS, "arm"),
+        Objection(number("tucking"), Reason.CONFLICT, "arm", number("arm to B")),
+        Objection(number("going to A"), Reason.CONFLICT, "base", number("going to B")),
+        Objection(number("homing"), Reason.CONFLICT, "arm", number("arm to B")),
+    ]
+
+
+def test_nothing_starts_before_its_utility_is_enough() -> None:
+    early = decided("going to B", progress=0.4)
+    assert early.starts == []
+    assert early.refused[0] == Objection(number("arm to B"), Reason.UTILITY)
+
+
+def test_what_is_done_ahead_is_what_the_next_one_builds_on() -> None:
+    facts: dict[str, Fact] = {"base": "B", "arm": "B", "holding": True}
+    decision = decided("going to B", facts, [ahead("arm to B", WorkPhase.DONE)], is_done=True)
+    assert (decision.starts, decision.stops) == ([Start(number("dropping at B"))], [])
+
+
+def test_a_wrong_prediction_stops_the_arm_and_then_sends_it_elsewhere() -> None:
+    without_arm: dict[str, Fact] = {"base": "A", "holding": True}
+    occupied = decided("going to C", without_arm, [ahead("arm to B")])
+    assert occupied.stops == [Objection(number("arm to B"), Reason.NOT_FORESEEN)]
+    assert occupied.starts == [], "the arm has not stopped yet"
+    assert occupied.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
+
+    stopping = decided("going to C", without_arm, [ahead("arm to B", WorkPhase.STOPPING)])
+    assert (stopping.starts, stopping.stops) == ([], [])
+
+    assert decided("going to C", without_arm).starts == [Start(number("arm to C"))]
+
+
+def test_a_result_that_is_no_longer_foreseen_is_wasted() -> None:
+    decision = decided("going to C", {**START, "arm": "B"}, [ahead("arm to B", WorkPhase.DONE)])
+    assert decision.stops == [Objection(number("arm to B"), Reason.NOT_FORESEEN)]
+    assert decision.starts == [Start(number("arm to C"))]
+
+
+def test_what_failed_ahead_is_left_to_its_turn() -> None:
+    decision = decided("going to B", {"base": "A", "holding": True}, [ahead("arm to B", WorkPhase.FAILED)])
+    assert decision.refused[0] == Objection(number("arm to B"), Reason.FAILED)
+    assert (decision.starts, decision.stops) == ([], [])
+
+
+def watched(undo: bool) -> Coordination:
+    """A machine with a branch that needs the arm where it is at the start."""
+    with Coordination("watched", facts=START) as machine:
+        going = machine.state("going to B", base("B"))
+        reach = machine.state("arm to B", arm("B", can_undo=undo))
+        greet = machine.state("greeting", Activity(Do(MOVE_GRIPPER, "wave", GRIPPER), needs={"arm": "home"}))
+        end = machine.final("end")
+        going.to(reach)
+        going.to(greet, on="somebody comes")
+        greet.to(reach)
+        reach.to(end)
+    return machine
+
+
+def test_a_branch_that_needs_the_old_value_forbids_what_cannot_be_undone() -> None:
+    refused = decided("going to B", machine=watched(undo=False))
+    assert refused.starts == []
+    assert refused.refused == [Objection(1, Reason.BRANCH, "arm")]
+    assert decided("going to B", machine=watched(undo=True)).starts == [Start(1)]
+
+
+def test_the_agent_of_the_current_activity_is_its_own() -> None:
+    with Coordination("one arm", facts=START) as machine:
+        look = machine.state("looking", Activity(Do(MOVE_ARM, "look", ARM)))
+        point = machine.state("pointing", Activity(Do(MOVE_ARM, "point", ARM)))
+        look.to(point)
+        point.to(look)
+    assert decided("looking", machine=machine).refused == [Objection(1, Reason.AGENT, "arm")]
+    two = Agent("arm", tasks=2)
+    with Coordination("a solver", facts=START) as machine:
+        look = machine.state("looking", Activity(Do(MOVE_ARM, "look", two)))
+        point = machine.state("pointing", Activity(Do(MOVE_ARM, "point", two)))
+        grip = machine.state("gripping", Activity(Do(MOVE_ARM, "grip", two)))
+        look.to(point)
+        point.to(grip)
+        grip.to(look)
+    always = Discrete(0.0, progress_only)
+    decision = decided("looking", machine=machine, policy=always)
+    assert (decision.starts, decision.refused) == ([Start(1)], [Objection(2, Reason.AGENT, "arm")])
+    later = decided("looking", machine=machine, policy=always, work=[EarlyWork(2)])
+    assert later.stops == [Objection(2, Reason.AGENT, "arm")], "an earlier one comes before one that runs"
+    assert later.starts == [], "but only when that has ended"
+
+
+# --- policies ----------------------------------------------------------------------------------------------------------
+
+LIKELY = Candidate(state=1, index=1, likelihood=0.9, probability=0.9, progress_before=0.5, cost=0.4, undo_cost=0.6)
+
+
+def test_the_expected_gain_counts_what_is_lost_if_the_prediction_is_wrong() -> None:
+    assert expected_gain(LIKELY) == pytest.approx(0.9 * 0.5 - 0.1 * (0.4 + 0.6))
+    half_done = Candidate(1, 1, 0.9, 0.9, 0.5, 0.4, 0.6, progress=0.5, share=1.0)
+    assert expected_gain(half_done) == pytest.approx(0.9 * 0.5 - 0.1 * 0.5 * (0.4 + 0.6))
+
+
+def test_an_activity_that_runs_is_not_asked_again_whether_it_is_too_early() -> None:
+    policy = Discrete(0.5)
+    assert policy.share(LIKELY) == 0
+    assert policy.share(Candidate(1, 1, 0.9, 0.9, 0.5, 0.4, 0.6, share=1.0)) == 1
+    assert policy.share(Candidate(1, 1, 0.3, 0.3, 0.9, 0.4, 0.6, share=1.0)) == 0, "but its path is unlikely now"
+
+
+def test_a_continuous_policy_begins_slowly() -> None:
+    policy = Continuous(0.2, 0.7, progress_only)
+    shares = [policy.share(Candidate(1, 1, 1, 1, before, 0)) for before in (0.1, 0.2, 0.3, 0.46, 0.7, 1.0)]
+    assert shares == [0, 0, 0.1, 0.5, 1, 1]
+
+
+def test_speeds_follow_the_utility() -> None:
+    slow = Activity(Do(MOVE_ARM, "B", ARM), slow=lambda pose, share: f"{pose} at {share:.0%}")
+    with Coordination("slow", facts=START) as machine:
+        going = machine.state("going to B", base("B"))
+        reach = machine.state("arm to B", slow)
+        look = machine.state("looking", Activity(Do(MOVE_GRIPPER, "B", GRIPPER)))
+        going.to(reach)
+        reach.to(look)
+        look.to(going)
+    policy = Continuous(0.0, 1.0, progress_only)
+    assert decided("going to B", machine=machine, progress=0.35, policy=policy).starts == [Start(1, 0.3)]
+    runs = [EarlyWork(1, share=0.3, progress=0.9)]
+    decision = decided("going to B", machine=machine, progress=0.75, policy=policy, work=runs)
+    assert decision.speeds == [Start(1, 0.7)]
+    assert decision.refused == [Objection(2, Reason.UTILITY)], "it has no slow way, so it waits for its full utility"
+
+
+@pytest.mark.parametrize("make", [lambda: Discrete(float("nan")), lambda: Continuous(0.5, 0.5)])
+def test_policies_that_make_no_sense_are_refused(make: object) -> None:
+    with pytest.raises(MisuseError, match="must be"):
+        make()  # type: ignore[operator]
