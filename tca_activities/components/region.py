@@ -22,6 +22,10 @@ class RegionChange(NamedTuple):
     event: str
     """Empty: the transition has none."""
 
+    def __str__(self) -> str:
+        by = f" ({self.event})" if self.event else ""
+        return f"{self.component}.{self.region}: {self.source or 'start'} to {self.target}{by}"
+
 
 class Region(StateList):
     """One of the orthogonal regions of a component."""

@@ -187,8 +187,12 @@ def _application(model: ApplicationModel, package: str) -> Iterator[str]:
 _MAIN = """
 
 def main() -> None:
-    \"\"\"Run the application until Ctrl-C.\"\"\"
-    with Application({}, Components().all), suppress(KeyboardInterrupt):
+    \"\"\"Run the application until Ctrl-C, and print the changes of its regions.\"\"\"
+    components = Components().all
+    for component in components:
+        for region in component.regions.values():
+            region.on_transition(print)
+    with Application({}, components), suppress(KeyboardInterrupt):
         Event().wait()
 
 

@@ -40,5 +40,5 @@ def generate(model: Path, output: Path | None) -> None:
     except BadUserFile as error:
         raise _BadModel(printable(str(error))) from None
     except OSError as error:
-        raise click.ClickException(f"{error.filename}: can't be written: {error.strerror}") from None
+        raise click.ClickException(f"{error.filename}: {error.strerror}") from None
     click.echo("\n".join(lines))
