@@ -1,0 +1,122 @@
+"""Random machines: what python-statemachine does with events is what the flat automaton foresees, and that one is a
+deterministic probabilistic automaton (definition 1 of the paper).
+"""
+
+from math import fsum
+from typing import Any
+
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from tca_coordination import (
+    Activity,
+    AuthoredState,
+    Coordination,
+    Do,
+    FlatAutomaton,
+    LikelyArrow,
+    Prior,
+    Situation,
+    TakenArrow,
+    UnsoundCoordination,
+)
+from tca_module import Command
+from tca_wire.coordination import ActivityKind
+
+MOVE = Command("move")
+MOST_ARE_REFUSED = settings(suppress_health_check=[HealthCheck.filter_too_much])
+LABELS = [f"s{number}" for number in range(9)]
+EVENTS = ["done", "failed", "go", "go on"]
+GUARDS = ["g0", "g1"]
+"""A guard is a fact that holds."""
+
+
+def write(machine: Coordination, data: st.DataObject, labels: list[str], depth: int) -> list[AuthoredState]:
+    """Some states, inside one another."""
+    made: list[AuthoredState] = []
+    for number in range(data.draw(st.integers(2, 4))):
+        if not labels:
+            break
+        label = labels.pop()
+        kinds = ["activity", "wait", *(["final"] if number and depth else []), *(["compound"] * 3 if depth < 2 else [])]
+        match data.draw(st.sampled_from(kinds)):
+            case "final":
+                made.append(machine.final(label))
+            case "compound":
+                with machine.compound(label) as compound:
+                    made += [compound, *write(machine, data, labels, depth + 1)]
+            case kind:
+                made.append(machine.state(label, Activity(Do(MOVE)) if kind == "activity" else None))
+    return made
+
+
+def write_arrows(states: list[AuthoredState], data: st.DataObject) -> None:
+    """To each state a way that keeps the machine sound, and some more that may not."""
+    for state in states:
+        if state.kind is ActivityKind.FINAL:
+            continue
+        can_be_done = state.kind is ActivityKind.ACTIVITY or any(
+            other.parent is state and other.kind is ActivityKind.FINAL for other in states
+        )
+        events = data.draw(st.sets(st.sampled_from(EVENTS[0 if can_be_done else 2 :]), min_size=1))
+        for event in sorted(events | ({"done"} if can_be_done else set())):
+            guards: list[str | None] = [*data.draw(st.sets(st.sampled_from(GUARDS), max_size=1)), None]
+            for guard in guards:
+                target = data.draw(st.sampled_from(states))
+                likelihood = Prior(data.draw(st.sampled_from([0.0, 0.2, 0.4]))) if data.draw(st.booleans()) else None
+                when = None if guard is None else (lambda now, name=guard: now.facts[name])
+                state.to(target, event, when=when, likelihood=likelihood, guard_name=guard or "")
+
+
+def drawn(data: st.DataObject) -> Coordination:
+    """A machine that is not refused."""
+    try:
+        with Coordination("random") as machine:
+            write_arrows(write(machine, data, list(reversed(LABELS)), 0), data)
+    except UnsoundCoordination:
+        assume(False)
+    return machine
+
+
+def foreseen(machine: Coordination, leaf: int, event: str, facts: dict[str, Any]) -> list[TakenArrow]:
+    """The arrows of the automaton that an event takes."""
+
+    def is_taken(arrow: LikelyArrow, event: str) -> bool:
+        return arrow.symbol in (event, *(f"{event} [{guard}]" for guard in GUARDS if facts[guard]))
+
+    automaton = machine.automaton(Situation())
+    taken = []
+    while arrow := next((arrow for arrow in automaton.arcs(leaf) if is_taken(arrow, event)), None):
+        taken.append(TakenArrow(leaf, arrow.symbol, arrow.target))
+        leaf, event = arrow.target, "done"
+        if machine.states[leaf].kind is not ActivityKind.FINAL:
+            break
+    return taken
+
+
+@MOST_ARE_REFUSED
+@given(st.data())
+def test_a_machine_does_what_its_automaton_foresees(data: st.DataObject) -> None:
+    machine = drawn(data)
+    run = machine.interpreter()
+    assert run.current == machine.automaton(Situation()).initial
+    for event in data.draw(st.lists(st.sampled_from(EVENTS), min_size=8, max_size=20)):
+        facts = {guard: data.draw(st.booleans()) for guard in GUARDS}
+        expected = foreseen(machine, run.current, event, facts)
+        assert run.take(event, Situation("", facts)) == expected
+        assert run.current == (expected[-1].after if expected else run.current)
+        assert machine.states[run.current].kind in (ActivityKind.ACTIVITY, ActivityKind.WAIT)
+
+
+@MOST_ARE_REFUSED
+@given(st.data())
+def test_a_machine_is_a_deterministic_probabilistic_automaton(data: st.DataObject) -> None:
+    machine = drawn(data)
+    automaton: FlatAutomaton = machine.automaton(Situation())
+    for state in machine.states:
+        if state.kind is not ActivityKind.COMPOUND:
+            arcs = automaton.arcs(state.number)
+            assert len({arc.symbol for arc in arcs}) == len(arcs), "one transition for each symbol"
+            assert all(arc.likelihood >= 0 for arc in arcs)
+            assert fsum(arc.likelihood for arc in arcs) <= 1 + 1e-9
+            assert all(machine.states[arc.target].kind is not ActivityKind.COMPOUND for arc in arcs)
