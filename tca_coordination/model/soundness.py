@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from math import fsum
 
@@ -28,6 +29,7 @@ def check(states: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
     for leaf in leaves:
         _check_way_out(leaf)
         _check_constants(leaf)
+    _check_ends(leaves)
     _check_reached(states)
     _check_capacities(leaves)
     _check_needs(leaves, facts)
@@ -114,6 +116,20 @@ def _check_constants(leaf: AuthoredState) -> None:
         )
 
 
+def _check_ends(leaves: list[AuthoredState]) -> None:
+    """The end of a compound may lead to that of another, but not in a circle: nothing would be done for ever."""
+    ends = [leaf for leaf in leaves if leaf.kind is ActivityKind.FINAL]
+    after = {end: [to for arrow in arrows_of(end) if (to := arrow.target.leaf) in ends] for end in ends}
+    try:
+        TopologicalSorter(after).prepare()
+    except CycleError as error:
+        circle = listed([repr(state) for state in dict.fromkeys(error.args[1])])
+        msg = (
+            f"the arrows for 'done' of the compounds that end with {circle} lead in a circle, and nothing is done in it"
+        )
+        raise UnsoundCoordination(f"{msg}: let one of them lead to a state with an activity, or that waits") from None
+
+
 def _check_reached(states: list[AuthoredState]) -> None:
     reached, todo = {states[0].leaf}, [states[0].leaf]
     while todo:
@@ -140,9 +156,12 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
         for fact in activity.needs.items() - can_hold - makers.keys():
             msg = f"{leaf!r} needs {_fact(fact)}: no activity makes it so, and it does not hold at the start"
             raise UnsoundCoordination(f"{msg}; give it in makes= of one, or in facts= of the machine")
-    while able := [leaf for leaf, activity in blocked.items() if activity.needs.items() <= can_hold]:
-        for leaf in able:
-            can_hold |= blocked.pop(leaf).makes.items()
+    met = len(blocked) + 1
+    while met > len(blocked):
+        met = len(blocked)
+        for leaf, activity in list(blocked.items()):
+            if activity.needs.items() <= can_hold:
+                can_hold |= blocked.pop(leaf).makes.items()
     if blocked:
         lacking = {leaf: min(activity.needs.items() - can_hold) for leaf, activity in blocked.items()}
         circle = _circle({leaf: makers[fact] for leaf, fact in lacking.items()})

@@ -98,6 +98,7 @@ def foreseen(machine: Coordination, leaf: int, event: str, facts: dict[str, Any]
 @given(st.data())
 def test_a_machine_does_what_its_automaton_foresees(data: st.DataObject) -> None:
     machine = drawn(data)
+    check_definition(machine, machine.automaton(Situation()))
     run = machine.interpreter()
     assert run.current == machine.automaton(Situation()).initial
     for event in data.draw(st.lists(st.sampled_from(EVENTS), min_size=8, max_size=20)):
@@ -108,11 +109,7 @@ def test_a_machine_does_what_its_automaton_foresees(data: st.DataObject) -> None
         assert machine.states[run.current].kind in (ActivityKind.ACTIVITY, ActivityKind.WAIT)
 
 
-@MOST_ARE_REFUSED
-@given(st.data())
-def test_a_machine_is_a_deterministic_probabilistic_automaton(data: st.DataObject) -> None:
-    machine = drawn(data)
-    automaton: FlatAutomaton = machine.automaton(Situation())
+def check_definition(machine: Coordination, automaton: FlatAutomaton) -> None:
     for state in machine.states:
         if state.kind is not ActivityKind.COMPOUND:
             arcs = automaton.arcs(state.number)

@@ -104,6 +104,18 @@ def _compound_stuck(m: Coordination) -> None:
     m.final("b")
 
 
+def _ends_for_ever(m: Coordination) -> None:
+    with m.compound("c") as c:
+        m.state("a", move()).to("e")
+        m.final("e")
+    with m.compound("d") as d:
+        m.state("b", move()).to("f")
+        m.final("f")
+    c.to("f")
+    d.to("e", when=FREE)
+    d.to("a")
+
+
 def _same_symbol(m: Coordination) -> None:
     a = m.state("a", move())
     a.to("b", when=lambda _: True)
@@ -164,6 +176,7 @@ MACHINES: dict[Callable[[Coordination], None], str] = {
     _waits_for_done: "'a' has no activity, so it is never done: name the event that it waits for, .to(..., on=...)",
     _compound_never_done: "compound 'c' is never done: write a final state inside it",
     _compound_stuck: "compound 'c' can be done, and nothing leads on from there: give it an arrow for 'done' without a guard",
+    _ends_for_ever: "the arrows for 'done' of the compounds that end with 'e' and 'f' lead in a circle, and nothing is done in it: let one of them lead to a state with an activity, or that waits",
     _same_symbol: "'a' has two arrows for 'done [<lambda>]': give one a guard, or two guards of one name a guard_name=",
     _hidden: "'a': its arrow for 'done [free]' is never taken, as one for 'done' comes before it: write the one without a guard last",
     _too_likely: "the likelihoods of 'a' are 1.1 together: 0.5 for 'done [holds]', 0.4 for 'done' and 0.2 for 'stop'; they must be 1 at most",
