@@ -205,6 +205,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "activity": set(),
         "components": {"activity"},
         "models": {"components"},
+        "central_ports": {"components"},
         "__init__": set(),
     },
     "tca_coordination": {
