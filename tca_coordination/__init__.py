@@ -10,8 +10,11 @@ from tca_coordination.model.statechart import Interpreter, TakenArrow
 from tca_coordination.model.states import AuthoredState, CompoundState
 from tca_coordination.preview.policy import Candidate, Continuous, Discrete, Policy, expected_gain, progress_only
 from tca_coordination.preview.walk import PreviewLimits, most_likely
+from tca_coordination.running.coordinator import Coordinator
+from tca_coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
 
 __all__ = [
+    "COORDINATION_EVENT",
     "Activity",
     "Agent",
     "AuthoredState",
@@ -20,6 +23,8 @@ __all__ = [
     "CompoundState",
     "Continuous",
     "Coordination",
+    "CoordinationEnd",
+    "Coordinator",
     "Discrete",
     "Do",
     "Fact",
@@ -28,6 +33,7 @@ __all__ = [
     "Learned",
     "LikelihoodModel",
     "LikelyArrow",
+    "MachineEvent",
     "Perceived",
     "Policy",
     "PreviewLimits",

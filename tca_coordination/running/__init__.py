@@ -1,0 +1,1 @@
+"""The coordinator: a machine with a preview, as a task."""

@@ -1,0 +1,260 @@
+"""The activities that a run has started: the current one, those ahead of their states, and what they leave behind.
+
+Two accounts of facts are kept. The plain ones are changed by activities whose states were entered: guards and
+likelihoods see these, as they would without a preview. The present ones are how the robot is now.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+
+from tca_coordination.model.activities import Activity
+from tca_coordination.model.situation import Fact, Situation
+from tca_coordination.preview.decide import EarlyWork, Present, WorkPhase
+from tca_coordination.running.facts import KnownFacts
+from tca_coordination.running.failures import FailureNotes
+from tca_coordination.running.work import ActivityTask, StartedActivity
+from tca_module import Change, Task
+from tca_wire.coordination import RoleChange, TaskRole
+
+
+class ActivitiesAtWork:
+    """All activities of a run that were started and are not over, or have left something behind."""
+
+    def __init__(
+        self, facts: Mapping[str, Fact], task: Task, failures: FailureNotes, patience: float,
+        put: Callable[[Callable[[], object]], object],
+    ) -> None:  # fmt: skip
+        """*put*: takes what has happened, for the thread of the run."""
+        self.current: StartedActivity | None = None
+        """The activity of the current state, if it has begun."""
+        self.kept = self.wasted = 0
+        """Tasks that were ahead: kept, and wasted."""
+        self._plain = KnownFacts(facts)
+        self._now = KnownFacts(facts)
+        self._task = task
+        self._failures = failures
+        self._patience = patience
+        self._put = put
+        self._ahead: dict[int, StartedActivity] = {}
+        self._ending: list[StartedActivity] = []
+        """Told to stop, and not over yet."""
+        self._restoring: tuple[StartedActivity, StartedActivity] | None = None
+        """The tasks that undo something, and the activity that has changed it."""
+        self._spoilers: list[StartedActivity] = []
+        """Wasted activities, oldest first, that have changed facts which nobody has made anew or restored."""
+        self._news: list[StartedActivity] = []
+        """Those whose role has changed, and nobody has been told."""
+
+    # --- how things are --------------------------------------------------------------------------------------------
+
+    @property
+    def plain_facts(self) -> Mapping[str, Fact]:
+        """What holds as far as entered states have changed it."""
+        return dict(self._plain.known)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing runs any more."""
+        return all(work.is_over for work in self._all())
+
+    def present(self, state: int, situation: Situation) -> Present:
+        """How the run stands in that state."""
+        work = [EarlyWork(one.state, _phase(one), one.progress, one.share) for one in self._ahead.values()]
+        work += [EarlyWork(one.state, WorkPhase.STOPPING, one.progress, one.share) for one in self._ending]
+        if self._restoring is not None:
+            work.append(EarlyWork(self._restoring[1].state, WorkPhase.RESTORING))
+        spoilt = frozenset().union(*(one.spoilt for one in self._spoilers))
+        is_done = self.current is not None and self.current.is_done
+        return Present(state, dict(self._now.known), situation, is_done, work, spoilt)
+
+    def _all(self) -> Iterator[StartedActivity]:
+        if self.current is not None:
+            yield self.current
+        yield from self._ahead.values()
+        yield from self._ending
+        if self._restoring is not None:
+            yield self._restoring[0]
+
+    def role_changes(self) -> list[RoleChange]:
+        """The roles that have changed since this was asked last."""
+        found = [change for work in self._news for change in work.roles()]
+        self._news.clear()
+        return found
+
+    # --- the current activity --------------------------------------------------------------------------------------
+
+    def begin(self, state: int, activity: Activity) -> str:
+        """Start the activity of the current state, unless something is in its way: work that is about to end, or
+        something to be restored first. Why it can never begin, in words; or "".
+        """
+        if any(one.conflicts_with(activity) or one.state == state for one in self._all() if not one.is_over):
+            return ""
+        if self._restoring is not None or (self._now.unmet(activity) and self._restore(activity)):
+            return ""
+        if self._now.unmet(activity):
+            return self._now.unmet_in_words(activity)
+        self.current = work = StartedActivity(state, activity, TaskRole.CURRENT, self._now.begin(activity))
+        self._plain.begin(activity)
+        self._start(work, 0)
+        return ""
+
+    def leave(self, why: str) -> None:
+        """The current state is left: what still runs of its activity has to end."""
+        if self.current is not None and not self.current.is_over:
+            self._end(self.current, why)
+        self.current = None
+
+    def enter(self, state: int) -> bool:
+        """A state is entered. Work ahead of it is its activity now; what has failed is sent anew. Whether there is such
+        work.
+        """
+        work = self._ahead.pop(state, None)
+        if work is None:
+            return False
+        if work.failed_task is not None:
+            self._ending += [work] * (not work.is_over)
+            return False
+        self.current = work
+        self.kept += len(work.tasks)
+        self._set_role(work, TaskRole.KEPT)
+        work.share = 1.0
+        self._plain.begin(work.activity)
+        if work.is_finished:
+            self._finish_entered(work.activity)
+        return True
+
+    def _finish_entered(self, activity: Activity) -> None:
+        """An activity whose state was entered is done."""
+        self._plain.finish(activity)
+        for spoiler in self._spoilers:
+            spoiler.spoilt -= activity.makes.keys()
+        self._forget_spoilers()
+
+    # --- ahead -----------------------------------------------------------------------------------------------------
+
+    def begin_ahead(self, state: int, activity: Activity, share: float, priority: int) -> None:
+        """Start the activity of a state that is foreseen, at a share of its full speed."""
+        work = StartedActivity(state, activity, TaskRole.AHEAD, self._now.begin(activity))
+        work.share = share
+        self._ahead[state] = work
+        self._start(work, priority)
+
+    def change_speed(self, state: int, share: float) -> None:
+        """Work ahead is to run at another share of its full speed."""
+        self._ahead[state].share = share
+
+    def adapt_speeds(self) -> None:
+        """Tell handlers of new speeds, where they can be told now."""
+        for work in (*self._ahead.values(), *([self.current] if self.current is not None else [])):
+            if work.activity.slow is not None:
+                work.adapt_speed()
+
+    def drop(self, state: int, why: str) -> None:
+        """What was done ahead of a state is of no use."""
+        work = self._ahead.pop(state)
+        self._waste(work)
+        if not work.is_over:
+            self._end(work, why)
+
+    def _waste(self, work: StartedActivity) -> None:
+        if work.role is TaskRole.WASTED:
+            return
+        self.wasted += len(work.tasks)
+        self._set_role(work, TaskRole.WASTED)
+        work.spoilt = set(work.activity.makes)
+        self._spoilers.append(work)
+        self._forget_spoilers()
+
+    def _forget_spoilers(self) -> None:
+        self._spoilers = [one for one in self._spoilers if one.spoilt]
+
+    def _restore(self, activity: Activity) -> bool:
+        """Undo what wasted work has changed of that which an activity needs, the last change first; whether there is
+        something to undo.
+        """
+        unmet = self._now.unmet(activity).keys()
+        for spoiler in reversed(self._spoilers):
+            if spoiler.activity.undo and not spoiler.spoilt.isdisjoint(unmet):
+                work = StartedActivity(spoiler.state, spoiler.activity, TaskRole.RESTORING, {})
+                self._restoring = work, spoiler
+                self._now.begin(spoiler.activity)
+                work.start(self._task, spoiler.activity.undo, 0, self._heard)
+                self._news.append(work)
+                return True
+        return False
+
+    # --- tasks -----------------------------------------------------------------------------------------------------
+
+    def _start(self, work: StartedActivity, priority: int) -> None:
+        work.start(self._task, work.activity.tasks, priority, self._heard)
+        self._news.append(work)
+
+    def _set_role(self, work: StartedActivity, role: TaskRole) -> None:
+        work.role = role
+        self._news.append(work)
+
+    def _heard(self, task: ActivityTask, change: Change) -> None:
+        """A task has changed; this is called in the midst of other things."""
+        self._put(lambda: self._note(task, change))
+
+    def _note(self, task: ActivityTask, change: Change) -> None:
+        task.note(change, self._failures)
+        if not change.is_over:
+            return
+        for work in list(self._all()):
+            if task in work.tasks:
+                self._note_end(work)
+
+    def _note_end(self, work: StartedActivity) -> None:
+        """A task of an activity has ended."""
+        if self._restoring is not None and work is self._restoring[0]:
+            self._note_restored(*self._restoring)
+            return
+        if work.is_done and not work.is_finished:
+            work.is_finished = True
+            self._now.finish(work.activity)
+            if work is self.current:
+                self._finish_entered(work.activity)
+        if work.failed_task is not None and work.kill_at is None:  # the others have to end, too
+            if work is not self.current:
+                self._waste(work)
+            work.request_end("another task of its activity has failed", self._task.time() + self._patience)
+        if work.is_over and work in self._ending:
+            self._ending.remove(work)
+
+    def _note_restored(self, work: StartedActivity, spoiler: StartedActivity) -> None:
+        if not work.is_over:
+            return
+        self._restoring = None
+        if work.is_done:
+            self._now.known |= {name: value for name, value in spoiler.before.items() if name in spoiler.spoilt}
+        spoiler.spoilt.clear()
+        self._forget_spoilers()
+
+    # --- ends ------------------------------------------------------------------------------------------------------
+
+    def _end(self, work: StartedActivity, why: str) -> None:
+        self._ending.append(work)
+        work.request_end(why, self._task.time() + self._patience)
+
+    @property
+    def kill_due(self) -> float | None:
+        """When the patience with something that is to end is over."""
+        return min((one.kill_at for one in self._all() if one.kill_at is not None and not one.is_over), default=None)
+
+    def kill_late(self) -> None:
+        """Kill what was asked to end, and has not ended in time."""
+        for work in self._all():
+            if work.kill_at is not None and work.kill_at <= self._task.time():
+                work.kill_at = float("inf")
+                work.kill(f"it has not ended within {self._patience:g} s")
+
+    def kill_all(self, why: str) -> None:
+        """Kill everything."""
+        for work in self._all():
+            work.kill(why)
+
+
+def _phase(work: StartedActivity) -> WorkPhase:
+    if work.failed_task is not None:
+        return WorkPhase.FAILED if work.is_over else WorkPhase.STOPPING
+    return WorkPhase.DONE if work.is_done else WorkPhase.RUNNING

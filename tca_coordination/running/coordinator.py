@@ -1,0 +1,109 @@
+"""Coordinator: a machine whose runs are tasks of a module."""
+
+from contextlib import suppress
+from typing import Any
+
+from tca_coordination.model.machine import Coordination
+from tca_coordination.preview.policy import Policy
+from tca_coordination.preview.walk import PreviewLimits
+from tca_coordination.running.failures import FailureNotes
+from tca_coordination.running.look_ahead import LookAhead
+from tca_coordination.running.messages import COORDINATION_EVENT, CoordinationEnd, MachineEvent
+from tca_coordination.running.run import CoordinationRun
+from tca_module import Command, MisuseError, Module, Sender, Task, TcaError, Variable
+from tca_wire.coordination import CoordinationChart, CoordinationReport
+
+_PATIENCE = 5.0
+
+
+class Coordinator:
+    """Runs a machine, with the tasks of its activities as commands under its own, and those of likely states ahead.
+
+    ::
+
+        coordinator = Coordinator(deliver, policy=Discrete(threshold=0.5))
+        module = Module("coordinator")
+        coordinator.handle_in(module)
+        with module.running():
+            print(coordinator.run(module))
+    """
+
+    def __init__(
+        self, machine: Coordination, *, policy: Policy | None = None, limits: PreviewLimits | None = None,
+        patience: float = _PATIENCE,
+    ) -> None:  # fmt: skip
+        """*policy*: when activities start ahead of their states; None: never, without a preview. *limits*: where a
+        preview ends. *patience*: seconds after which a task is killed that was asked to end and has not.
+        """
+        self.machine = machine
+        self.chart = machine.chart
+        """The machine as data: those of its command."""
+        self.message = Command(
+            f"coordinate {machine.name}", CoordinationChart, result=CoordinationEnd, progress=CoordinationReport
+        )
+        """The command that runs the machine."""
+        self._look_ahead = LookAhead(machine, policy, limits or PreviewLimits()) if policy is not None else None
+        self._patience = patience
+        self._failures = FailureNotes(self.message.name)
+        self._run: CoordinationRun | None = None
+
+    def __repr__(self) -> str:
+        return f"the coordinator of {self.machine!r}"
+
+    def handle_in(self, module: Module) -> None:
+        """Have a module run the machine, one run at a time. It watches the machine's variables, too; so a module has
+        one coordinator.
+        """
+        news = f"news of {self.machine.name}"
+        module.handles(self.message, resource=self.message.name, refuses=["update"])(self._coordinate)
+        self._failures.handle_in(module, self.message, news)
+        module.handles(COORDINATION_EVENT, resource=news)(self._note_event)
+        for variable in self.machine.variables:
+            self._watch(module, variable, news)
+
+    def run(self, sender: Sender) -> CoordinationEnd:
+        """Run the machine, and wait for its end; a run that is not waited for any more is killed. Raises TaskFailed,
+        TaskKilled.
+        """
+        run = sender.command(self.message, self.chart, sequential=False)
+        try:
+            return run.result()
+        except BaseException:
+            with suppress(TcaError):
+                run.kill("it is not waited for any more")
+            raise
+
+    def post(self, event: str) -> None:
+        """Tell the machine of an event; from any thread of the process in which it runs. A machine that does not run,
+        or has no arrow for the event in its current state, does nothing.
+        """
+        if event not in self.machine.events:
+            known = ", ".join(f"'{name}'" for name in sorted(self.machine.events)) or "none"
+            raise MisuseError(f"{self.machine!r} has no event {event!r:.60}; it has {known}")
+        self._tell(event)
+
+    def _tell(self, event: str) -> None:
+        if (run := self._run) is not None:
+            run.note_event(event)
+
+    # --- handlers --------------------------------------------------------------------------------------------------
+
+    def _coordinate(self, task: Task, chart: CoordinationChart) -> CoordinationEnd:
+        if chart != self.chart:
+            raise task.rejected(f"{self.machine!r} has another structure here: start the program anew that sends it")
+        self._run = CoordinationRun(self.machine, self._look_ahead, task, self._failures, self._patience)
+        try:
+            return self._run.until_end()
+        finally:
+            self._run = None
+
+    def _note_event(self, _: Task, told: MachineEvent) -> None:
+        if told.machine == self.machine.name:
+            self._tell(told.event)
+
+    def _watch(self, module: Module, variable: Variable[Any], resource: str) -> None:
+        def note(_: Task, value: Any) -> None:
+            if (run := self._run) is not None:
+                run.note_variable(variable.name, value)
+
+        module.handles(variable, resource=resource)(note)

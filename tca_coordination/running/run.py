@@ -1,0 +1,200 @@
+"""One run of a machine: it hears of tasks, variables and events, and starts and stops activities.
+
+All happens in the thread that handles the coordinator's task. It waits for whatever comes first; then the machine goes
+on as far as it can, and looks ahead anew.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from tca_coordination.model.activities import Activity
+from tca_coordination.model.machine import Coordination
+from tca_coordination.model.situation import Situation
+from tca_coordination.model.statechart import TakenArrow
+from tca_coordination.model.states import DONE, FAILED
+from tca_coordination.preview.decide import Decision
+from tca_coordination.running.activities_at_work import ActivitiesAtWork
+from tca_coordination.running.failures import FailureNotes
+from tca_coordination.running.look_ahead import LookAhead
+from tca_coordination.running.messages import ACTIVITY_STOPPED, NEEDS_NOT_MET, CoordinationEnd
+from tca_module import Task, TcaError
+from tca_wire.coordination import CoordinationReport, Foreseen
+
+
+class CoordinationRun:
+    """A machine at work, as a task."""
+
+    def __init__(
+        self, machine: Coordination, look_ahead: LookAhead | None, task: Task, failures: FailureNotes, patience: float
+    ) -> None:
+        self._machine = machine
+        self._look_ahead = look_ahead
+        self._task = task
+        self._interpreter = machine.interpreter()
+        self._heard = deque[Callable[[], object]]()
+        self._events = deque[str]()
+        self._variables: dict[str, Any] = {}
+        self._work = ActivitiesAtWork(machine.facts, task, failures, patience, self._heard.append)
+        self._unmet = ""
+        """Why the current activity can't begin, in words; "" if it can."""
+        self._is_entered = False
+        """Its activity has begun or waits to begin, if it has one."""
+        self._taken: list[TakenArrow] = []
+        """Transitions of which nobody has been told."""
+        self._told: CoordinationReport | None = None
+        self._transitions = 0
+
+    # --- what happens ----------------------------------------------------------------------------------------------
+
+    def note_event(self, event: str) -> None:
+        """An event has happened. From any thread."""
+        self._hear(lambda: self._events.append(event))
+
+    def note_variable(self, name: str, value: Any) -> None:
+        """A variable has a new value. From any thread."""
+        self._hear(lambda: self._variables.update({name: value}))
+
+    def _hear(self, happening: Callable[[], object]) -> None:
+        self._heard.append(happening)
+        self._task.wake()
+
+    def until_end(self) -> CoordinationEnd:
+        """Run the machine until it has ended. Nothing that it has started runs on, whatever happens."""
+        try:
+            for variable in self._machine.variables:
+                self._variables[variable.name] = self._task.get_variable(variable, None)
+            while not self._is_over():
+                self._go_on()
+                self._wait()
+        except BaseException:
+            with suppress(TcaError):  # without central there is nothing to stop, and it ends them itself
+                self._work.kill_all(f"{self._machine!r} has ended")
+            raise
+        label = self._machine.states[self._interpreter.current].label
+        return CoordinationEnd(label, self._transitions, self._work.kept, self._work.wasted)
+
+    def _is_over(self) -> bool:
+        return self._interpreter.is_ended and self._told is not None and self._work.is_over
+
+    def _wait(self) -> None:
+        """Wait until something has happened; and take it in."""
+        if not self._is_over():
+            due = self._work.kill_due
+            timeout = None if due is None else max(0.0, due - self._task.time())
+            self._task.wait_until(lambda: bool(self._heard), timeout)
+        while self._heard:
+            self._heard.popleft()()
+        self._work.kill_late()
+
+    # --- what comes of it ------------------------------------------------------------------------------------------
+
+    def _go_on(self) -> None:
+        """Let the machine go on as far as it can; then look ahead."""
+        while True:
+            while self._move():
+                pass
+            decision = self._decide()
+            for stop in decision.stops:
+                self._work.drop(stop.state, f"{self._machine!r}: {stop.reason}")
+            self._begin_current()
+            if not (self._unmet or self._events):
+                break
+            self._report(decision.preview)
+        self._begin_ahead(decision)
+        self._report(decision.preview)
+
+    def _decide(self) -> Decision:
+        if self._look_ahead is None:
+            return Decision([])
+        situation = self._situation()
+        present = self._work.present(self._interpreter.current, situation)
+        return self._look_ahead.decide(self._machine.automaton(situation), present)
+
+    def _situation(self) -> Situation:
+        current = self._work.current
+        return Situation(
+            self._machine.states[self._interpreter.current].label,
+            self._work.plain_facts,
+            self._variables,
+            current.progress if current is not None else 0.0,
+        )
+
+    def _activity(self, state: int) -> Activity | None:
+        return self._machine.states[state].activity
+
+    def _begin_current(self) -> None:
+        """Start the activity of the current state, if it has one and nothing is in its way any more."""
+        activity = self._activity(self._interpreter.current)
+        if activity is not None and self._work.current is None:
+            self._unmet = self._work.begin(self._interpreter.current, activity)
+        self._is_entered = True
+
+    def _begin_ahead(self, decision: Decision) -> None:
+        places = {one.state: place for place, one in enumerate(decision.preview, 1)}
+        for start in decision.starts:
+            activity = self._activity(start.state)
+            assert activity is not None
+            self._work.begin_ahead(start.state, activity, start.share, -places[start.state])
+        for change in decision.speeds:
+            self._work.change_speed(change.state, change.share)
+        self._work.adapt_speeds()
+
+    def _move(self) -> bool:
+        """Take one transition, if there is one; whether there was. What a state does is tried before it is left."""
+        if not self._is_entered:
+            return False
+        current = self._work.current
+        if self._unmet or (current is not None and current.failed_task is not None):
+            return self._take(FAILED) or self._fail()
+        if current is not None and current.is_done and self._take(DONE):
+            return True
+        while self._events:
+            if self._take(self._events.popleft()):
+                return True
+        return False
+
+    def _take(self, event: str) -> bool:
+        taken = self._interpreter.take(event, self._situation())
+        if not taken:
+            return False
+        self._unmet = ""
+        self._taken += taken
+        self._transitions += len(taken)
+        self._work.leave(f"{self._machine!r} has left its state")
+        self._is_entered = self._work.enter(self._interpreter.current)
+        return True
+
+    def _fail(self) -> bool:
+        """The current activity has failed, and the machine has no arrow for that."""
+        label = self._machine.states[self._interpreter.current].label
+        if self._unmet:
+            raise NEEDS_NOT_MET(text=f"'{label}' can't begin: {self._unmet}")
+        assert self._work.current is not None
+        failed = self._work.current.failed_task
+        assert failed is not None
+        if failed.failure is not None:
+            raise failed.failure.error_of(failed.sent)
+        raise ACTIVITY_STOPPED(text=f"'{label}': {failed.sent} was killed: {failed.killed}")
+
+    # --- what is told ----------------------------------------------------------------------------------------------
+
+    def _report(self, preview: list[Foreseen]) -> None:
+        news = self._work.role_changes()
+        for arrow in self._taken[:-1]:
+            self._task.report(CoordinationReport(arrow.after, arrow.symbol, arrow.before))
+        last = self._taken[-1] if self._taken else TakenArrow(-1, "", -1)
+        self._taken.clear()
+        report = CoordinationReport(
+            self._interpreter.current, last.symbol, last.before, [_rounded(one) for one in preview], news
+        )
+        told = self._told
+        if last.symbol or news or told is None or told.preview != report.preview:
+            self._task.report(report)
+            self._told = report
+
+
+def _rounded(foreseen: Foreseen) -> Foreseen:
+    """Likelihoods that change all the time are no news at each change."""
+    return Foreseen(foreseen.state, round(foreseen.likelihood, 3), round(foreseen.probability, 3))

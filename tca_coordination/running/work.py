@@ -1,0 +1,155 @@
+"""An activity that was started: its tasks, how far they are, and what they are to the machine."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from tca_coordination.model.activities import Activity, Do
+from tca_coordination.model.situation import Fact
+from tca_coordination.running.failures import FailureNotes, NotedFailure
+from tca_module import Change, Command, MisuseError, Refused, SentTask, Task
+from tca_wire.coordination import RoleChange, TaskRole
+
+Heard = Callable[["ActivityTask", Change], object]
+"""Is called with each change of a task."""
+
+
+class ActivityTask:
+    """A task of an activity that was started."""
+
+    def __init__(self, under: Task, do: Do, activity: Activity, share: float, priority: int, heard: Heard) -> None:
+        """*share*: of its full speed."""
+        self.do = do
+        self.progress = 0.0
+        self.is_over = False
+        self.failure: NotedFailure | None = None
+        self.killed = ""
+        """By whom and why, in words; "" if it was not."""
+        self._activity = activity
+        self._share = share
+        send: Any = under.command if isinstance(do.message, Command) else under.goal
+        self.sent: SentTask[Any] = send(do.message, self._data(share), sequential=False, priority=priority)
+        self.sent.on_change(lambda change: heard(self, change))
+        self._reports = self.sent.progress() if do.message.progress.kind is not type(None) else None
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether it ended otherwise than done."""
+        return self.failure is not None or bool(self.killed)
+
+    def note(self, change: Change, failures: FailureNotes) -> None:
+        """Its state has changed, or it has told of its progress."""
+        if self._reports is not None:
+            for report in self._reports.arrived():
+                self.progress = self._activity.progress(report)
+        if not change.is_over or self.is_over:
+            return
+        self.is_over, self.progress = True, 1.0
+        self.failure = failures.take(self.sent.id)
+        if change.state != self.do.message.life_cycle.done:
+            self.killed = change.text or "its end was not seen"
+
+    def run_at(self, share: float) -> None:
+        """Have it run at another share of its full speed. A handler that does not agree goes on as before."""
+        if self.is_over or share == self._share:
+            return
+        try:
+            self.sent.update_send(self._data(share))
+        except Refused:  # not now: it has yet to begin, or to take over the speed before
+            return
+        self._share = share
+
+    def _data(self, share: float) -> Any:
+        slow = self._activity.slow
+        return self.do.data if share == 1 or slow is None else slow(self.do.data, share)
+
+    def request_end(self, why: str) -> None:
+        """Ask its handler to end it."""
+        if self.is_over:
+            return
+        try:
+            self.sent.cancel(why)
+        except MisuseError:  # its life cycle has no such transition
+            self.sent.kill(why)
+
+
+class StartedActivity:
+    """An activity that was started: when its state was entered, ahead of that, or to undo what another has changed."""
+
+    def __init__(self, state: int, activity: Activity, role: TaskRole, before: dict[str, Fact]) -> None:
+        self.state = state
+        self.activity = activity
+        self.role = role
+        self.before = before
+        """What it changes, as it was."""
+        self.spoilt = set[str]()
+        """The facts that it has changed in vain, and that have not been made anew or restored since."""
+        self.share = 1.0
+        """Of its full speed."""
+        self.tasks: list[ActivityTask] = []
+        self.kill_at: float | None = None
+        """It has been asked to end; at that moment it is killed."""
+        self.is_finished = False
+        """What it makes is known to hold."""
+
+    def start(self, under: Task, tasks: Sequence[Do], priority: int, heard: Heard) -> None:
+        """Send its tasks."""
+        activity, share = self.activity, self.share
+        self.tasks = [ActivityTask(under, do, activity, share, priority, heard) for do in tasks]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all of its tasks have ended."""
+        return all(task.is_over for task in self.tasks)
+
+    @property
+    def failed_task(self) -> ActivityTask | None:
+        """A task that ended otherwise than done."""
+        return next((task for task in self.tasks if task.has_failed), None)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all of its tasks are done."""
+        return self.is_over and self.failed_task is None
+
+    @property
+    def progress(self) -> float:
+        """The least of its tasks' progress."""
+        return min(task.progress for task in self.tasks)
+
+    def adapt_speed(self) -> None:
+        """Tell its tasks of its speed."""
+        for task in self.tasks:
+            task.run_at(self.share)
+
+    def request_end(self, why: str, kill_at: float) -> None:
+        """Ask for the end of its tasks; those that go on are killed at that moment."""
+        if self.kill_at is None and not self.is_over:
+            self.kill_at = kill_at
+            for task in self.tasks:
+                task.request_end(why)
+
+    def kill(self, why: str) -> None:
+        """End its tasks, whatever their handlers say."""
+        for task in self.tasks:
+            if not task.is_over:
+                task.sent.kill(why)
+
+    def roles(self) -> list[RoleChange]:
+        """What its tasks are to the machine, from now on."""
+        return [
+            RoleChange(task.sent.id, self.state, "+".join(agent.name for agent in task.do.agents), self.role)
+            for task in self.tasks
+        ]
+
+    def conflicts_with(self, activity: Activity) -> bool:
+        """Whether an activity may not begin before this one has ended: they share an agent or a fact."""
+        return not self.is_over and (
+            not _busy(self).isdisjoint(agent for do in activity.tasks for agent in do.agents)
+            or not self.activity.makes.keys().isdisjoint(activity.needs.keys() | activity.makes.keys())
+            or not self.activity.needs.keys().isdisjoint(activity.makes.keys())
+        )
+
+
+def _busy(work: StartedActivity) -> set[Any]:
+    """The agents that take no further task."""
+    return {agent for task in work.tasks if not task.is_over for agent in task.do.agents if agent.tasks == 1}

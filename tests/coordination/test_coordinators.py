@@ -1,0 +1,258 @@
+"""What a coordinator does whatever its policy: failures, events, guards that wait, ends, and what it refuses."""
+
+import pytest
+from coordination.delivery_robot import (
+    ARM,
+    BASE,
+    BOX_B_FREE,
+    FINGERS,
+    GRIPPER,
+    MOVE_ARM,
+    MOVE_BASE,
+    STUCK,
+    arm,
+    base,
+    delivery,
+    opened,
+    play,
+)
+
+from tca_coordination import Activity, Coordination, Coordinator, Discrete, Do
+from tca_module import Command, ExceptionHandler, MisuseError, Module, Outcome, Recovery, Task, TaskFailed
+
+ALWAYS = Discrete(0.2, utility=lambda candidate: candidate.probability)
+SIMPLE = {"base": "A", "arm": "home"}
+
+
+def test_a_failure_without_an_arrow_is_that_of_the_run() -> None:
+    with Coordination("reach", facts=SIMPLE) as machine:
+        machine.state("reaching", arm("stuck")).to(machine.final("end"))
+    with play(machine, None) as run:
+        ran = run.begin()
+        run.central.advance(2)
+        with pytest.raises(TaskFailed) as failed:
+            ran.result(timeout=5)
+        assert failed.value.failure == STUCK.name
+        assert failed.value.data_as(STUCK) == 0.5
+        assert run.user.tasks() == []
+
+
+def test_an_exception_handler_of_the_run_is_asked_first() -> None:
+    again = ExceptionHandler("again", float)
+    expert = Module("expert")
+
+    @expert.handles(again)
+    def try_again(task: Task, _: float) -> None:
+        assert task.trouble.failing.message == MOVE_ARM.name
+        task.trouble.failing.retry(MOVE_ARM, "home")
+
+    with Coordination("reach", facts=SIMPLE) as machine:
+        machine.state("reaching", arm("stuck")).to(machine.final("end"))
+    with play(machine, None) as run:
+        expert.central = run.central
+        with expert.running():
+            ran = run.begin(on_failure=[Recovery(STUCK, again)])
+            run.central.advance(5)
+            assert ran.result(timeout=5).state == "end"
+
+
+def test_a_failure_below_a_task_is_that_of_its_activity() -> None:
+    robot = Module("robot")
+    part = Command("part of it")
+
+    @robot.handles(MOVE_ARM, resource="arm")
+    def move(task: Task, _: str) -> None:
+        task.command(part)
+        task.sleep(5)
+
+    @robot.handles(part, resource="part")
+    def fail(_: Task) -> None:
+        raise STUCK(2.5, "it is heavy")
+
+    with Coordination("reach", facts=SIMPLE) as machine:
+        machine.state("reaching", arm("box B")).to(machine.final("end"))
+    with play(machine, None, robot) as run:
+        ran = run.begin()
+        with pytest.raises(TaskFailed, match="it is heavy"):
+            ran.result(timeout=5)
+
+
+def test_a_task_that_somebody_kills_has_failed() -> None:
+    with Coordination("reach", facts=SIMPLE) as machine:
+        machine.state("reaching", arm("box B")).to(machine.final("end"))
+    with play(machine, None) as run:
+        ran = run.begin()
+        run.user.tasks(MOVE_ARM)[0].kill("not now")
+        run.central.until_quiet()
+        with pytest.raises(TaskFailed, match=r"activity stopped.*'reaching'.*was killed: not now"):
+            ran.result(timeout=5)
+
+
+def lost() -> Coordination:
+    """The arm moves, or fails to; what comes then needs that it has moved."""
+    with Coordination("lost", facts=SIMPLE) as machine:
+        reach = machine.state("reaching", arm("stuck"))
+        grasp = machine.state("grasping", opened(arm="stuck"))
+        end, given_up = machine.final("end"), machine.state("giving up", base("A"))
+        reach.to(grasp)
+        reach.to(grasp, on="failed")
+        grasp.to(end)
+        given_up.to(end)
+        reach.to(given_up, on="give up")
+    return machine
+
+
+def test_a_state_whose_needs_are_not_met_fails() -> None:
+    with play(lost(), None) as run:
+        ran = run.begin()
+        run.central.advance(2)
+        with pytest.raises(TaskFailed, match="'grasping' can't begin: 'arm' must be 'stuck' and is unknown"):
+            ran.result(timeout=5)
+
+
+def test_a_state_whose_needs_are_not_met_is_left_by_its_arrow() -> None:
+    with Coordination("careful", facts=SIMPLE) as machine:
+        reach = machine.state("reaching", arm("stuck"))
+        grasp = machine.state("grasping", opened(arm="stuck"))
+        stow = machine.state("stowing", arm("home"))
+        end = machine.final("end")
+        reach.to(grasp)
+        reach.to(grasp, on="failed")
+        grasp.to(end)
+        grasp.to(stow, on="failed")
+        stow.to(end)
+    with play(machine, ALWAYS) as run:
+        ran = run.begin()
+        run.central.advance(10)
+        assert run.happened() == [
+            "0 arm to stuck: current",
+            "0.5 arm to stuck: failed",
+            "0.5 -> grasping (failed)",
+            "0.5 -> stowing (failed)",
+            "0.5 arm to home: current",
+            "3.5 arm to home: done",
+            "3.5 -> end (done)",
+        ]
+        assert ran.result(timeout=5).state == "end"
+
+
+def test_an_event_ends_an_activity_and_the_next_waits_for_its_agent() -> None:
+    robot = Module("robot")
+
+    @robot.handles(MOVE_BASE, resource="base", takes=["cancel"])
+    def drive(task: Task, _: str) -> None:
+        task.wait_for_request()
+        task.sleep(2)  # it takes a while to stand still
+        raise task.aborted()
+
+    @robot.handles(GRIPPER, resource="horn")
+    def honk(task: Task, _: str) -> None:
+        task.sleep(1)
+
+    with Coordination("drive", facts=SIMPLE) as machine:
+        there, look = machine.state("there", base("B")), machine.state("look", Activity(Do(GRIPPER, "horn", BASE)))
+        end = machine.final("end")
+        there.to(end)
+        there.to(look, on="noise")
+        look.to(end)
+    with play(machine, None, robot) as run:
+        run.begin()
+        run.central.advance(1)
+        run.event("noise")
+        run.central.advance(10)
+        assert run.happened() == [
+            "0 base to B: current",
+            "1 -> look (noise)",
+            "3 base to B: killed",
+            "3 gripper horn: current",
+            "4 gripper horn: done",
+            "4 -> end (done)",
+        ]
+
+
+def test_patience_with_a_task_that_goes_on() -> None:
+    robot = Module("robot")
+
+    @robot.handles(MOVE_BASE, resource="base", refuses=["cancel"])
+    def drive(task: Task, _: str) -> None:
+        task.sleep(100)
+
+    with Coordination("drive", facts=SIMPLE) as machine:
+        there, end = machine.state("there", base("B")), machine.final("end")
+        there.to(end)
+        there.to(end, on="noise")
+    with play(machine, None, robot, patience=2.0) as run:
+        ran = run.begin()
+        run.event("noise")
+        run.central.advance(10)
+        assert run.happened() == ["0 base to B: current", "0 -> end (noise)", "2 base to B: killed"]
+        assert ran.wait(timeout=5) is Outcome.DONE
+
+
+def test_a_guard_is_asked_again_when_a_variable_changes() -> None:
+    with Coordination("gate", facts=SIMPLE) as machine:
+        there, end = machine.state("there", base("B")), machine.final("end")
+        there.to(end, when=BOX_B_FREE)
+    with play(machine, None) as run:
+        ran = run.begin()
+        run.central.advance(10)
+        assert ran.state == "running"
+        run.box_b(0.2)
+        assert ran.state == "running"
+        run.box_b(0.9)
+        assert ran.wait(timeout=5) is Outcome.DONE
+
+
+def test_tasks_of_one_activity_run_together_and_fail_together() -> None:
+    both = Activity(Do(MOVE_BASE, "B", BASE), Do(MOVE_ARM, "stuck", ARM), Do(GRIPPER, "open", FINGERS))
+    with Coordination("both", facts=SIMPLE) as machine:
+        work, end = machine.state("work", both), machine.final("end")
+        work.to(end)
+        work.to(end, on="failed")
+    with play(machine, None) as run:
+        run.begin()
+        run.central.advance(10)
+        assert run.happened() == [
+            "0 base to B: current",
+            "0 arm to stuck: current",
+            "0 gripper open: current",
+            "0.5 arm to stuck: failed",
+            "0.5 base to B: killed",
+            "0.5 gripper open: killed",
+            "0.5 -> end (failed)",
+        ]
+
+
+def test_an_event_that_nothing_leads_on_by_is_forgotten() -> None:
+    with play(delivery(), None) as run:
+        run.event("object given")  # nothing runs
+        run.box_b(0.0)
+        run.begin()
+        run.event("box kicked")
+        assert run.happened() == []
+        run.coordinator.post("object given")
+        run.central.until_quiet()
+        assert run.happened() == ["0 -> going to B (object given)", "0 base to B: current"]
+        with pytest.raises(MisuseError, match="has no event 'kick'; it has 'object given'"):
+            run.coordinator.post("kick")
+
+
+def test_another_machine_of_that_name_is_rejected() -> None:
+    with Coordination("deliver", facts=SIMPLE) as other:
+        other.state("there", base("B")).to(other.final("end"))
+    with play(delivery(), None) as run:
+        ran = run.user.command(run.coordinator.message, Coordinator(other).chart)
+        with pytest.raises(TaskFailed, match="machine 'deliver' has another structure here"):
+            ran.result(timeout=5)
+
+
+def test_run_waits_for_the_end() -> None:
+    with Coordination("nothing") as machine:
+        machine.state("open", opened()).to(machine.final("end"))
+    robot = Module("robot")
+
+    @robot.handles(GRIPPER)
+    def do(_: Task, __: str) -> None: ...
+
+    with play(machine, None, robot) as run:
+        assert run.coordinator.run(run.user).state == "end"

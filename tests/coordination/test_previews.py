@@ -1,0 +1,324 @@
+"""Runs with a preview: what is done ahead, kept, dropped and undone; told as stories on a stepped clock."""
+
+from coordination.delivery_robot import (
+    ARM,
+    BOX_B_FREE,
+    MOVE_ARM,
+    MOVE_BASE,
+    STUCK,
+    arm,
+    base,
+    delivery,
+    opened,
+    play,
+)
+
+from tca_coordination import Activity, Continuous, Coordination, Discrete, Do, Perceived, Prior
+from tca_module import ExceptionHandler, Module, Outcome, Task, connect
+
+AS_SOON_AS_LIKELY = Discrete(0.2, utility=lambda candidate: candidate.probability)
+
+
+def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coordination:
+    """The base goes to B; then one activity follows if box B is free, and else the other one."""
+    with Coordination("fork", facts={"base": "A", "arm": "home"}) as machine:
+        to_b = machine.state("to B", first or base("B"))
+        if_free, if_taken = machine.state("free", free), machine.state("taken", taken)
+        end = machine.final("end")
+        to_b.to(if_free, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
+        to_b.to(if_taken, likelihood=Perceived(BOX_B_FREE, negated=True))
+        if_free.to(if_taken, on="failed")
+        for state in (if_free, if_taken):
+            state.to(end)
+    return machine
+
+
+def test_the_arm_moves_while_the_base_drives() -> None:
+    with play(delivery()) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.event("object given")
+        run.central.advance(30)
+        assert run.happened() == [
+            "0 -> going to B (object given)",
+            "0 base to B: current",
+            "2 arm to box B: ahead",
+            "5 arm to box B: done",
+            "8 base to B: done",
+            "8 -> arm to box B (done [box B is free])",
+            "8 -> dropping in B (done)",
+            "8 arm to box B: kept",
+            "8 gripper open: current",
+            "9 gripper open: done",
+            "9 -> tucking (done)",
+            "9 arm to tuck: current",
+            "12 arm to tuck: done",
+            "12 -> going back (done)",
+            "12 base to A: current",
+            "20 base to A: done",
+            "20 -> end (done)",
+        ]
+        end = ran.result(timeout=5)
+        assert (end.state, end.transitions, end.kept, end.wasted) == ("end", 6, 1, 0)
+
+
+def test_without_a_policy_nothing_is_ahead() -> None:
+    with play(delivery(), None) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.event("object given")
+        run.central.advance(30)
+        assert [line for line in run.happened() if line.startswith(("8 ", "11 "))] == [
+            "8 base to B: done",
+            "8 -> arm to box B (done [box B is free])",
+            "8 arm to box B: current",
+            "11 arm to box B: done",
+            "11 -> dropping in B (done)",
+            "11 gripper open: current",
+        ]
+        assert ran.result(timeout=5).kept == 0
+
+
+def test_a_box_that_is_taken_on_the_way_replaces_what_is_ahead() -> None:
+    with play(delivery(), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.event("object given")
+        run.central.advance(1)
+        run.box_b(0.0)
+        run.central.advance(40)
+        assert run.happened()[:13] == [
+            "0 -> going to B (object given)",
+            "0 base to B: current",
+            "0 arm to box B: ahead",
+            "1 arm to box B: killed",
+            "1 arm to box B: wasted",
+            "1 arm to box C: ahead",
+            "4 arm to box C: done",
+            "8 base to B: done",
+            "8 -> going to C (done)",
+            "8 base to C: current",
+            "16 base to C: done",
+            "16 -> arm to box C (done)",
+            "16 -> dropping in C (done)",
+        ]
+        end = ran.result(timeout=5)
+        assert (end.kept, end.wasted) == (1, 1)
+
+
+def test_what_a_state_needs_as_it_was_is_undone() -> None:
+    ahead = arm("box B", undo=Do(MOVE_ARM, "home", ARM))
+    with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(4)
+        run.box_b(0.0)
+        run.central.advance(20)
+        assert run.happened() == [
+            "0 base to B: current",
+            "0 arm to box B: ahead",
+            "3 arm to box B: done",
+            "4 arm to box B: wasted",
+            "8 base to B: done",
+            "8 -> taken (done)",
+            "8 arm to home: restoring",
+            "11 arm to home: done",
+            "11 gripper open: current",
+            "12 gripper open: done",
+            "12 -> end (done)",
+        ]
+        assert ran.result(timeout=5).wasted == 1
+
+
+def test_what_cannot_be_undone_is_not_begun() -> None:
+    with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        run.begin()
+        run.central.advance(20)
+        assert "8 arm to box B: current" in run.happened()
+
+
+def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
+    robot = Module("robot")
+    speeds: list[tuple[float, str]] = []
+
+    @robot.handles(MOVE_BASE, resource="base")
+    def drive(task: Task, _: str) -> None:
+        task.sleep(4)
+        task.report(0.5)
+        task.sleep(4)
+
+    @robot.handles(MOVE_ARM, resource="arm", takes=["update"])
+    def move(task: Task, speed: str) -> None:
+        speeds.append((task.time(), speed))
+        if request := task.wait_for_request(10):
+            speeds.append((task.time(), request.goal))
+            request.accept()
+
+    ahead = arm("full speed", slow=lambda _, share: f"at {share:g}")
+    policy = Continuous(0.0, 1.0, utility=lambda candidate: candidate.progress_before)
+    with play(fork(ahead, opened()), policy, robot) as run:
+        run.box_b(1.0)
+        run.begin()
+        run.central.advance(20)
+    assert speeds == [(4.0, "at 0.5"), (8.0, "full speed")]
+
+
+def test_a_failure_ahead_is_none_of_the_run() -> None:
+    with play(fork(arm("stuck"), arm("home")), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(20)
+        assert run.happened() == [
+            "0 base to B: current",
+            "0 arm to stuck: ahead",
+            "0.5 arm to stuck: failed",
+            "0.5 arm to stuck: wasted",
+            "8 base to B: done",
+            "8 -> free (done [box B is free])",
+            "8 arm to stuck: current",
+            "8.5 arm to stuck: failed",
+            "8.5 -> taken (failed)",
+            "8.5 arm to home: current",
+            "11.5 arm to home: done",
+            "11.5 -> end (done)",
+        ]
+        assert ran.result(timeout=5).wasted == 1
+
+
+def test_an_exception_handler_lets_a_task_try_again_ahead() -> None:
+    around = ExceptionHandler("go around", float)
+    expert = Module("expert")
+
+    @expert.handles(around)
+    def go_around(task: Task, _: float) -> None:
+        task.trouble.failing.retry(MOVE_ARM, "box B")
+
+    with play(fork(arm("stuck"), arm("home")), AS_SOON_AS_LIKELY) as run:
+        expert.central = run.central
+        with expert.running():
+            run.user.on_failure(STUCK, around, of=MOVE_ARM)
+            run.box_b(1.0)
+            ran = run.begin()
+            run.central.advance(20)
+            assert run.happened()[2:] == [
+                "0.5 arm to stuck: failed",
+                "8 base to B: done",
+                "8 -> free (done [box B is free])",
+                "8 -> end (done)",
+                "8 arm to stuck: kept",
+            ]
+            assert ran.result(timeout=5).kept == 1
+
+
+def test_a_kill_ends_all_that_runs() -> None:
+    with play(delivery(), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.event("object given")
+        run.central.advance(1)
+        ran.kill("enough")
+        run.central.until_quiet()
+        assert ran.wait(timeout=5) is Outcome.KILLED
+        assert run.user.tasks() == []
+
+
+def test_the_end_of_the_module_ends_all_that_runs() -> None:
+    with play(delivery(), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        with connect("another", run.central) as other:
+            ran = other.command(run.coordinator.message, run.coordinator.chart)
+            run.central.until_quiet()
+            run.event("object given")
+            assert [task.message for task in other.tasks()] == ["coordinate deliver", "base to", "arm to"]
+            run.module.stop()
+            run.central.until_quiet()
+            assert ran.wait(timeout=5) is Outcome.FAILED
+            assert other.tasks() == []
+
+
+def test_work_ahead_inside_a_compound() -> None:
+    with Coordination("tour", facts={"base": "A", "arm": "home"}) as machine:
+        with machine.compound("fetching") as fetching:
+            to_b = machine.state("to B", base("B"))
+            reach = machine.state("reach", arm("shelf"))
+            have = machine.final("have it")
+        bring = machine.state("bring", opened(arm="shelf", base="B"))
+        rest = machine.state("rest", arm("home"))
+        end = machine.final("end")
+        to_b.to(reach)
+        reach.to(have)
+        fetching.to(bring)
+        fetching.to(rest, on="forget it")
+        bring.to(end)
+        rest.to(end)
+    with play(machine, AS_SOON_AS_LIKELY) as run:
+        ran = run.begin()
+        run.central.advance(20)
+        assert run.happened() == [
+            "0 base to B: current",
+            "0 arm to shelf: ahead",
+            "3 arm to shelf: done",
+            "8 base to B: done",
+            "8 -> reach (done)",
+            "8 -> have it (done)",
+            "8 -> bring (done)",
+            "8 arm to shelf: kept",
+            "8 gripper open: current",
+            "9 gripper open: done",
+            "9 -> end (done)",
+        ]
+        assert ran.result(timeout=5).transitions == 4
+    with play(machine, AS_SOON_AS_LIKELY) as run:
+        ran = run.begin()
+        run.central.advance(1)
+        run.event("forget it")
+        run.central.advance(20)
+        assert run.happened() == [
+            "0 base to B: current",
+            "0 arm to shelf: ahead",
+            "1 base to B: killed",
+            "1 arm to shelf: killed",
+            "1 -> rest (forget it)",
+            "1 arm to shelf: wasted",
+            "1 arm to home: current",
+            "4 arm to home: done",
+            "4 -> end (done)",
+        ]
+
+
+def test_the_likely_way_round_again() -> None:
+    """A loop: what is ahead once may be ahead the next time, too."""
+    with Coordination("rounds", facts={"base": "A", "arm": "home"}) as machine:
+        there = machine.state("there", base("B"))
+        grasp = machine.state("grasp", arm("down"))
+        lift = machine.state("lift", arm("up", needs={"arm": "down"}))
+        back = machine.state("back", base("A"))
+        end = machine.final("end")
+        there.to(grasp)
+        grasp.to(lift)
+        lift.to(back)
+        back.to(there, likelihood=Prior(0.9))
+        for state in (there, grasp, lift, back):
+            state.to(end, on="enough")
+    with play(machine, AS_SOON_AS_LIKELY) as run:
+        run.begin()
+        run.central.advance(40)
+        run.event("enough")
+        assert [line for line in run.happened() if not line.endswith(("done", "done)", "current"))] == [
+            "0 arm to down: ahead",
+            "8 arm to down: kept",
+            "8 base to A: ahead",
+            "11 base to A: kept",
+            "11 arm to down: ahead",
+            "24 arm to down: kept",
+            "24 base to A: ahead",
+            "27 base to A: kept",
+            "27 arm to down: ahead",
+            "40 arm to down: kept",
+            "40 base to A: ahead",
+            "40 arm to up: killed",
+            "40 base to A: killed",
+            "40 -> end (enough)",
+            "40 base to A: wasted",
+        ]
