@@ -153,8 +153,8 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
             makers.setdefault(fact, leaf)
     can_hold = set(facts.items())
     for leaf, activity in blocked.items():
-        for fact in activity.needs.items() - can_hold - makers.keys():
-            msg = f"{leaf!r} needs {_fact(fact)}: no activity makes it so, and it does not hold at the start"
+        if lost := next((fact for fact in activity.needs.items() if fact not in can_hold and fact not in makers), None):
+            msg = f"{leaf!r} needs {_fact(lost)}: no activity makes it so, and it does not hold at the start"
             raise UnsoundCoordination(f"{msg}; give it in makes= of one, or in facts= of the machine")
     met = len(blocked) + 1
     while met > len(blocked):
@@ -163,7 +163,10 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
             if activity.needs.items() <= can_hold:
                 can_hold |= blocked.pop(leaf).makes.items()
     if blocked:
-        lacking = {leaf: min(activity.needs.items() - can_hold) for leaf, activity in blocked.items()}
+        lacking = {
+            leaf: next(fact for fact in activity.needs.items() if fact not in can_hold)
+            for leaf, activity in blocked.items()
+        }
         circle = _circle({leaf: makers[fact] for leaf, fact in lacking.items()})
         steps = [f"{leaf!r} needs {_fact(lacking[leaf])}, made by {maker!r}" for leaf, maker in pairwise(circle)]
         raise UnsoundCoordination(f"needs in a circle: {'; '.join(steps)}; let one of these facts hold at the start")

@@ -1,9 +1,9 @@
 """A coordination machine as a picture, in the language of Graphviz.
 
 States are boxes with their tasks, and compounds are frames around them. A dot is where a machine or a compound begins;
-a ring is a final state. As in the paper, the current state is green, and those that it foresees are yellow, with the
-likelihoods at the arrows that lead to them. In the SVG the state of number 3 has the id "state-3", and the class
-"current" or "foreseen".
+a double frame is a final state. As in the paper, the current state is green, and those that it foresees are yellow,
+with the likelihoods at the arrows that lead to them. In the SVG the state of number 3 has the id "state-3", and the
+class "current" or "foreseen".
 """
 
 from collections.abc import Iterator
@@ -54,7 +54,7 @@ class _Picture:
         fill = f', fillcolor="{_FILLS[place]}"' if place else ""
         name = text(state.label, LONGEST_NAME)
         if state.kind is ActivityKind.FINAL:
-            looks = f"shape=circle, peripheries=2, width=0.12, fixedsize=true, fontsize=10, label=<>, xlabel=<{name}>"
+            looks = f"peripheries=2, fontsize=10, label=<{name}>"
         else:
             tasks = [
                 f'<font point-size="9" color="{FAINT}">{text(task, _LONGEST_TASK)}{self._agents(agents)}</font>'
@@ -82,7 +82,7 @@ class _Picture:
             if likely := self._likelihood(arrow):
                 words += f"<br/><b>{likely}</b>"
                 looks += [f'color="{_LIKELY}"', f'fontcolor="{_LIKELY}"', "penwidth=2"]
-            looks.append(f"label=<{words}>")
+            looks.append(f"label=<&#160;{words}&#160;>")
             if arrow.target > arrow.source:
                 yield self._drawn(source, target, [*looks, *frames(self.states, arrow.source, arrow.target)])
             else:  # what is written first stands above
