@@ -20,8 +20,8 @@ from typing import Any
 from benchmarks import central
 from tca_missions import Environment, PeriodicTask, Status, TaskServer
 from tca_missions.serving import run
-from tca_missions.serving.period import Period
 from tca_module import connect
+from tca_module.period import Period
 
 _WARM_UP = 1.0  # seconds
 

@@ -206,7 +206,12 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "components": {"activity"},
         "models": {"components"},
         "central_ports": {"components"},
-        "__init__": set(),
+        "reports": set(),
+        "processing": {"activity"},
+        "analysis": set(),
+        "figures": {"analysis", "processing", "reports"},
+        "application": {"analysis", "components", "figures", "processing", "reports"},
+        "__init__": {"analysis", "application", "processing"},
     },
     "tca_coordination": {
         "model": set(),
@@ -217,6 +222,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     },
     "tca_module": {
         "errors": set(),
+        "period": set(),
         "checks": {"errors"},
         "sockets": {"errors"},
         "session": {"errors"},

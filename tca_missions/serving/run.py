@@ -15,8 +15,8 @@ from tca_missions.outcomes import (
     TaskStatus,
 )
 from tca_missions.serving.definition import Definition, PeriodicTask, ServedTask
-from tca_missions.serving.period import Period
 from tca_module import Callback, FailureRaised, Task
+from tca_module.period import Period
 
 StartTimer = Callable[[float, Callable[[Callback], object]], Callback]
 """Has a function called after so many seconds, in another thread."""

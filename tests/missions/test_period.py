@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from missions.gripper import Gripper, serving
 
 from tca_missions import PeriodicTask, Status, parameter
-from tca_missions.serving.period import Period
+from tca_module.period import Period
 
 
 class Slow(PeriodicTask[Gripper]):

@@ -1,4 +1,4 @@
-"""When a periodic task is due: at multiples of its period, without drift."""
+"""When something periodic is due: at multiples of its period, without drift."""
 
 import math
 
@@ -6,7 +6,7 @@ _EXACT = 1e-9  # seconds: so much comes of rounding
 
 
 class Period:
-    """The times at which a task is due. Times, in seconds, are passed in."""
+    """The times at which a task, or an activity, is due. Times, in seconds, are passed in."""
 
     def __init__(self, start: float, seconds: float) -> None:
         """The first iteration is at *start*."""
@@ -15,6 +15,7 @@ class Period:
         self.missed = 0  #: number of iterations that ended after the next was due, and of those left out
         self._start = start
         self._turn = 0
+        self._before = start - seconds  # when the iteration before the present one was due
 
     def next(self, now: float, seconds: float) -> float:
         """The present iteration ends: when the next is due. One that is late begins at once; whole periods that have
@@ -25,6 +26,16 @@ class Period:
         late = now - self._start - (self._turn + 1) * seconds
         left_out = max(0, math.floor(late / seconds))
         self.missed += left_out + (late > _EXACT)
+        self._before = self.due
         self._turn += 1 + left_out
         self.due = self._start + self._turn * seconds
         return self.due
+
+    def change(self, now: float, seconds: float) -> None:
+        """A new length of the period, from the iteration before the present one on. It moves the present one only if
+        that is not due yet: then to no time that is past.
+        """
+        if self.due > now:
+            self.due = max(now, self._before + seconds)
+            self._start, self._turn = self.due, 0
+            self.seconds = seconds

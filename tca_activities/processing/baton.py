@@ -1,0 +1,125 @@
+"""Processors as threads. The one that has the baton ticks one activity, or waits until the next is due. Then it hands
+the baton to the processor that the schedule names.
+"""
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator
+
+from tca_activities.processing.schedule import Processor, Schedule
+from tca_activities.processing.ticking import tick
+from tca_module import MisuseError
+
+
+class ActivityProcessor:
+    """A processor's thread."""
+
+    def __init__(self, baton: "Baton", processor: Processor) -> None:
+        self.processor = processor
+        self.turn = threading.Condition(baton.lock)
+        self.thread = threading.Thread(target=baton.work, args=[self], name=f"processor {processor.name}", daemon=True)
+
+
+class Baton:
+    """Runs a schedule: each processor has a thread, and one at a time has the baton."""
+
+    def __init__(self) -> None:
+        self.schedule = Schedule()
+        self.lock = threading.RLock()
+        self.is_running = False
+        self._threads: dict[Processor, ActivityProcessor] = {}
+        self._leaving: list[threading.Thread] = []
+        self._holder: ActivityProcessor | None = None
+
+    def clock(self) -> float:
+        """The time by which activities are due."""
+        return time.monotonic()
+
+    @contextlib.contextmanager
+    def changing(self) -> Iterator[Schedule]:
+        """A block that changes the schedule, while it runs too. A tick goes on meanwhile; the next begins after it."""
+        with self.lock:
+            try:
+                yield self.schedule
+            finally:
+                self.schedule.change_order()
+                if self.is_running:
+                    self._match_threads()
+                    self._hand_on()
+
+    def start(self) -> None:
+        """Begin to tick: all activities are due."""
+        for thread in self._leaving:
+            if thread is threading.current_thread():
+                raise MisuseError("start() is not for the activity that has just called stop(): use another thread")
+            thread.join()
+        with self.lock:
+            self._leaving.clear()
+            if not self.is_running:
+                self.is_running = True
+                self.schedule.start(self.clock())
+                self._match_threads()
+                self._hand_on()
+
+    def stop(self) -> None:
+        """Tick no more. A tick that runs is waited for, unless it calls this itself."""
+        with self.lock:
+            self.is_running = False
+            for each in list(self._threads.values()):
+                self._dismiss(each)
+        for thread in self._leaving:
+            if thread is not threading.current_thread():
+                thread.join()
+
+    def work(self, mine: ActivityProcessor) -> None:
+        """The life of a thread."""
+        with self.lock:
+            while self._wait_for_turn(mine):
+                one = self.schedule.begin(mine.processor, self.clock())
+                self.lock.release()
+                try:
+                    error = tick(one.activity)
+                finally:
+                    self.lock.acquire()
+                self.schedule.end(self.clock(), error)
+            if self.is_running:
+                self._hand_on()
+
+    def _wait_for_turn(self, mine: ActivityProcessor) -> bool:
+        """Until an activity of this processor is to be ticked; False: it has been dismissed."""
+        while self._threads.get(mine.processor) is mine:
+            seconds: float | None = None
+            if self._holder is mine:
+                now = self.clock()
+                turn = self.schedule.next_turn(now)
+                if turn is not None and turn.processor is mine.processor:
+                    seconds = turn.at - now
+                    if seconds <= 0:
+                        return True
+                else:
+                    self._hand_on()
+            mine.turn.wait(seconds)
+        return False
+
+    def _hand_on(self) -> None:
+        """Between ticks: give the baton to the processor that is next."""
+        if self.schedule.ticked is None:
+            turn = self.schedule.next_turn(self.clock())
+            self._holder = self._threads[turn.processor] if turn else None
+            if self._holder is not None:
+                self._holder.turn.notify()
+
+    def _match_threads(self) -> None:
+        """A thread for each processor, and none for those that are gone."""
+        for processor in set(self._threads) - set(self.schedule.processors):
+            self._dismiss(self._threads[processor])
+        for processor in self.schedule.processors:
+            if processor not in self._threads:
+                self._threads[processor] = ActivityProcessor(self, processor)
+                self._threads[processor].thread.start()
+
+    def _dismiss(self, each: ActivityProcessor) -> None:
+        del self._threads[each.processor]
+        self._leaving = [thread for thread in self._leaving if thread.is_alive()] + [each.thread]
+        each.turn.notify()

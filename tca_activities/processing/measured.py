@@ -1,0 +1,75 @@
+"""What is measured of activities and processors while they run. Pure: times are passed in."""
+
+import math
+
+_WINDOW = 1.0  # seconds over which the load is taken
+
+
+class TickTimes:
+    """Times of ticks since the last change of the allocation."""
+
+    def __init__(self) -> None:
+        self.response = 0.0  #: the longest from being due to the end
+        self._longest_delay, self._shortest_delay = -math.inf, math.inf  # from being due to the beginning
+
+    @property
+    def jitter(self) -> float:
+        """By how much the beginnings of ticks vary against the times at which they are due."""
+        return max(0.0, self._longest_delay - self._shortest_delay)
+
+    def add(self, due: float, began: float, ended: float) -> None:
+        """Take in a tick."""
+        self.response = max(self.response, ended - due)
+        self._longest_delay = max(self._longest_delay, began - due)
+        self._shortest_delay = min(self._shortest_delay, began - due)
+
+
+class Execution:
+    """How long the ticks of an activity take."""
+
+    def __init__(self) -> None:
+        self.ticks = 0
+        self.errors = 0
+        self.error = ""
+        self.longest = 0.0
+        self._total = 0.0
+
+    @property
+    def mean(self) -> float:
+        """Seconds a tick."""
+        return self._total / self.ticks if self.ticks else 0.0
+
+    def add(self, seconds: float, error: str) -> None:
+        """Take in a tick, and the error that it raised, if any."""
+        self.ticks += 1
+        self._total += seconds
+        self.longest = max(self.longest, seconds)
+        if error:
+            self.errors += 1
+            self.error = error
+
+
+class Load:
+    """The share of time that is used, in the last second."""
+
+    def __init__(self, now: float) -> None:
+        self._since = now
+        self._used = 0.0
+        self._share: float | None = None
+
+    def add(self, now: float, seconds: float) -> None:
+        """So much was used, until now."""
+        self._used += seconds
+        self._roll(now)
+
+    def share(self, now: float) -> float:
+        """Between 0 and 1."""
+        self._roll(now)
+        if self._share is None:
+            return self._used / (now - self._since) if now > self._since else 0.0
+        return self._share
+
+    def _roll(self, now: float) -> None:
+        if now - self._since >= _WINDOW:
+            self._share = self._used / (now - self._since)
+            self._since, self._used = now, 0.0

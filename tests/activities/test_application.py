@@ -1,0 +1,283 @@
+"""Applications: components whose activities are allocated to threads, and allocated anew while they run."""
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import pytest
+from activities.joint import Joint, Target
+
+from tca_activities import Application, VirtualBaton, automatic, one_each, one_for_all
+from tca_activities.components import Component
+from tca_module import MisuseError
+
+
+class Counts:
+    def __init__(self) -> None:
+        self.ticks = [0, 0, 0]
+
+
+class Counter(Component[Counts]):
+    """Three activities that count their ticks."""
+
+    def __init__(self, name: str, *, estimate: float | None = None) -> None:
+        super().__init__(name, Counts)
+        self.inside = 0
+        self.most_inside = 0
+        self.enough = threading.Event()
+        self.on_tick: Callable[[int], object] = lambda _number: None
+        for number, period in enumerate((0.001, 0.002, 0.004)):
+            region = self.region(f"r{number}", period=0.01, estimate=estimate)
+            region.state("on", activity=partial(self.count, number), period=period, estimate=estimate)
+
+    def count(self, number: int) -> None:
+        self.inside += 1
+        self.most_inside = max(self.inside, self.most_inside)
+        self.data.ticks[number] += 1
+        self.on_tick(number)
+        self.inside -= 1
+        if min(self.data.ticks) >= 10:
+            self.enough.set()
+
+
+def ticks(application: Application) -> dict[str, int]:
+    return {one.name: one.ticks for one in application.figures().activities}
+
+
+def allocated(application: Application) -> dict[str, list[str]]:
+    return {one.name: [each.name for each in one.activities] for one in application.allocation().processors}
+
+
+# --- with threads ---------------------------------------------------------------------------------------------------
+
+
+def test_activities_are_ticked_one_at_a_time_whatever_is_changed() -> None:
+    counter, other = Counter("c"), Counter("d")
+    threads = set()
+    counter.on_tick = lambda _: threads.add(threading.current_thread().name)
+    application = Application("test", [counter, other], one_each)
+    with application.running():
+        for _ in range(5):
+            application.allocate(one_for_all)
+            application.move("c.r0.on", "extra")
+            application.set_priority("extra", 3)
+            application.set_period("c.r2.on", 0.003)
+            application.allocate(one_each)
+        assert counter.enough.wait(20)
+        assert other.enough.wait(20)
+    assert (counter.most_inside, other.most_inside) == (1, 1)
+    assert {f"processor c.r{number}.on" for number in range(3)} <= threads
+    after = ticks(application)
+    assert min(after.values()) >= 1
+    assert ticks(application) == after
+    assert not [one.name for one in threading.enumerate() if one.name.startswith("processor ")]
+
+
+def test_it_starts_and_stops_as_often_as_wanted() -> None:
+    counter = Counter("c")
+    application = Application("test", [counter], one_each)
+    told: list[bool] = []
+    application.on_change(lambda: told.append(application.is_running))
+    for _ in range(3):
+        counter.enough.clear()
+        with application.running():
+            assert counter.enough.wait(20)
+            with pytest.raises(
+                MisuseError, match=r"Application 'test' is running: call stop\(\) before initialise\(\)"
+            ):
+                application.initialise()
+    application.start()  # goes on where it was
+    application.start()
+    application.stop()
+    application.stop()
+    assert told == [True, False] * 3 + [True, True, False, False]
+
+
+def test_an_activity_that_raises_harms_no_other(caplog: pytest.LogCaptureFixture) -> None:
+    counter = Counter("c")
+
+    def fail(number: int) -> None:
+        if number == 1:
+            counter.inside -= 1
+            raise SystemExit("no more")
+
+    counter.on_tick = fail
+    application = Application("test", [counter], one_each)
+    with application.running():
+        assert counter.enough.wait(20)
+    figures = {one.name: one for one in application.figures().activities}
+    assert figures["c.r1.on"].errors == figures["c.r1.on"].ticks >= 10
+    assert figures["c.r1.on"].error == "SystemExit: no more"
+    assert figures["c.r0.on"].errors == 0
+    assert "a tick of activity 'c.r1.on' failed" in caplog.text
+
+
+def test_an_activity_may_stop_the_application() -> None:
+    counter = Counter("c")
+    refused: list[str] = []
+
+    def stop(_number: int) -> None:
+        counter.on_tick = lambda _: None
+        application.stop()
+        try:
+            application.start()
+        except MisuseError as error:
+            refused.append(str(error))
+        counter.enough.set()
+
+    counter.on_tick = stop
+    application = Application("test", [counter], one_each)
+    application.initialise()
+    application.start()
+    assert counter.enough.wait(20)
+    assert not application.is_running
+    assert refused == ["start() is not for the activity that has just called stop(): use another thread"]
+    with application.running():  # waits until the activity is done
+        assert sum(ticks(application).values()) >= 1
+
+
+def test_the_baton_is_handed_on_while_a_tick_runs_for_long() -> None:
+    counter, slow = Counter("c"), Counter("slow")
+    inside, leave = threading.Event(), threading.Event()
+
+    def block(_number: int) -> None:
+        inside.set()
+        leave.wait(20)
+
+    slow.on_tick = block
+    application = Application("test", [slow, counter], one_each)
+    application.initialise()
+    application.start()
+    assert inside.wait(20)
+    application.allocate(one_for_all)  # nobody waits for the tick
+    application.move("c.r0.on", "own")
+    assert set(allocated(application)) == {"all", "own"}
+    slow.on_tick = lambda _: None
+    leave.set()
+    assert counter.enough.wait(20)
+    application.stop()
+
+
+# --- in virtual time ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def baton() -> VirtualBaton:
+    return VirtualBaton()
+
+
+def test_a_joint_moves_under_any_policy(baton: VirtualBaton) -> None:
+    joint = Joint()
+    application = Application("test", [joint], one_each, baton=baton)
+    with application.running():
+        joint.command.put("enable")
+        baton.run(0.02)
+        joint.command.put("reference")
+        baton.run(0.2)
+        joint.target.put(Target(0.9))
+        baton.run(0.05)
+        assert joint.regions["movement"].path == ("moving", "fast")
+        application.allocate(one_for_all)
+        baton.run(1.0)
+    assert joint.position.value == pytest.approx(0.9)
+
+
+def test_two_virtual_runs_are_the_same() -> None:
+    def run() -> Any:
+        baton = VirtualBaton()
+        application = Application("test", [Counter("c", estimate=0.0003)], one_each, baton=baton)
+        with application.running():
+            baton.run(0.1)
+            application.move("c.r0.on", "c.r1.on")
+            baton.run(1.1)
+            return application.figures(), application.allocation()
+
+    assert run() == run()
+
+
+def test_the_verdict_is_held_by_the_run(baton: VirtualBaton) -> None:
+    application = Application("test", [Counter("c", estimate=0.00015)], one_each, baton=baton)
+    with application.running():
+        baton.run(2.0)
+        figures = application.figures()
+    assert figures.is_schedulable
+    assert figures.load == pytest.approx(figures.utilisation, rel=0.01)
+    assert [(one.name, one.is_schedulable) for one in figures.processors[:2]] == [("c.r0.on", True), ("c.r1.on", True)]
+    for one in figures.processors:
+        assert one.bound is not None
+        assert one.response <= one.bound + 1e-9
+        assert one.overruns == 0
+
+
+def test_too_much_for_one_processor_is_divided_before_it_runs(baton: VirtualBaton) -> None:
+    application = Application("test", [Counter("c", estimate=0.0003)], baton=baton)
+    figures = application.figures()
+    assert (figures.is_schedulable, figures.processors[0].bound, figures.processors[0].margin) == (False, None, None)
+    application.allocate(automatic)
+    assert [one.is_schedulable for one in application.figures().processors] == [True, True]
+    assert allocated(application)["processor 1"] == ["c.r0.on", "c.r1.on"]
+    assert application.figures().running_for == 0.0
+
+
+def test_without_execution_times_there_is_no_verdict(baton: VirtualBaton) -> None:
+    application = Application("test", [Counter("c")], baton=baton)
+    with pytest.raises(MisuseError, match=r"'c\.r0\.machine' has neither an estimate nor a measured time: declare one"):
+        application.allocate(automatic)
+    assert (application.policy, application.figures().is_schedulable) == ("one_for_all", None)
+    with application.running():
+        baton.run(0.1)
+    assert application.figures().is_schedulable
+    application.allocate(automatic)
+    assert list(allocated(application)) == ["processor 1"]
+
+
+def test_allocation_by_hand(baton: VirtualBaton) -> None:
+    application = Application("test", [Counter("c")], baton=baton)
+    machines = ["c.r0.machine", "c.r1.machine", "c.r2.machine"]
+    application.allocate({"machines": machines, "rest": ["c.r2.on", "c.r1.on", "c.r0.on"]})
+    assert allocated(application) == {"rest": ["c.r2.on", "c.r1.on", "c.r0.on"], "machines": machines}
+    application.set_priority("machines", 1)
+    assert list(allocated(application)) == ["machines", "rest"]
+    application.move("c.r0.on", "rest", 0)
+    application.move("c.r1.on", "fresh")
+    application.remove("c.r2.machine")
+    report = application.allocation()
+    assert allocated(application) == {
+        "machines": machines[:2],
+        "rest": ["c.r0.on", "c.r2.on"],
+        "fresh": ["c.r1.on"],
+    }
+    assert [(one.name, one.priority, one.period) for one in report.processors] == [
+        ("machines", 1, 0.01),
+        ("rest", 0, 0.001),
+        ("fresh", 0, 0.002),
+    ]
+    assert ([one.name for one in report.unallocated], report.policy) == (["c.r2.machine"], "by hand")
+    application.set_period("c.r0.on", 0.05)
+    assert [one.name for one in application.allocation().processors] == ["machines", "fresh", "rest"]
+    application.add(Counter("d"))
+    assert len(application.allocation().unallocated) == 7
+    application.allocate(one_for_all)
+    application.add(Counter("e"))
+    assert list(allocated(application).values()) == [application.activity_names]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda one: one.move("c.r9.on", "all"), "there is no activity 'c.r9.on': there are c.r0.machine, c.r1.mach"),
+        (lambda one: one.set_priority("fast", 1), "there is no processor 'fast': there are all"),
+        (lambda one: one.set_period("c.r0.on", 0), "the period of activity 'c.r0.on' must be more than 0 seconds, not"),
+        (lambda one: one.allocate({"p": ["c.r0.on"] * 2}), "activity 'c.r0.on' is allocated twice: give it one proc"),
+        (lambda one: one.allocate({"p": ["c.r0.on"]}), "activity 'c.r0.machine' is on no processor: allocate each act"),
+        (lambda one: one.add(Counter("c")), "two components are called 'c': give one of them another name"),
+    ],
+)
+def test_mistakes(change: Callable[[Application], object], words: str, baton: VirtualBaton) -> None:
+    application = Application("test", [Counter("c")], baton=baton)
+    before = application.allocation()
+    with pytest.raises(MisuseError) as raised:
+        change(application)
+    assert str(raised.value).startswith(words)
+    assert application.allocation() == before

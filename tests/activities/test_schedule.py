@@ -1,0 +1,152 @@
+"""The schedule in virtual time: which activity is ticked when, whatever is changed meanwhile."""
+
+from itertools import pairwise
+
+from activities.scheduling import Ticked, in_virtual_time, task_sets
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tca_activities import VirtualBaton
+from tca_activities.analysis import Demand
+from tca_activities.processing.schedule import Schedule
+
+UNIT = 1000.0
+PERIODS = [2 * UNIT, 3 * UNIT, 4 * UNIT, 10 * UNIT]
+
+
+class Made:
+    """Activities on processors in virtual time; a tick takes 10, if not said otherwise."""
+
+    def __init__(self, periods: list[float], costs: dict[str, float] = {}) -> None:  # noqa: B006 - never changed
+        self.baton = VirtualBaton(lambda activity: costs.get(activity.name, 10.0))
+        self.log: list[tuple[str, float]] = []
+        self.names = [f"a{number}" for number in range(len(periods))]
+        with self.baton.changing() as schedule:
+            for name, period in zip(self.names, periods, strict=True):
+                schedule.add(Ticked(name, period, log=self.log, now=self.baton.clock))
+                self.move(name, "p0")
+        self.baton.start()
+
+    def move(self, name: str, processor: str, position: int | None = None) -> None:
+        with self.baton.changing() as schedule:
+            now = self.baton.clock()
+            to = schedule.processor(processor) or schedule.new_processor(processor, now)
+            schedule.put(schedule.activity(name), to, now, position)
+
+    def set_period(self, name: str, seconds: float) -> None:
+        with self.baton.changing() as schedule:
+            schedule.set_period(schedule.activity(name), seconds, self.baton.clock())
+
+    def ticks(self, name: str) -> list[float]:
+        return [at for ticked, at in self.log if ticked == name]
+
+
+@given(st.lists(st.sampled_from(PERIODS), min_size=1, max_size=5), st.data())
+def test_no_tick_is_lost_or_doubled_when_activities_move(periods: list[float], data: st.DataObject) -> None:
+    made = Made(periods)
+    for _ in range(12):
+        made.baton.run(data.draw(st.integers(1, 5000)))
+        to = data.draw(st.sampled_from(["p0", "p1", "p2"]))
+        made.move(data.draw(st.sampled_from(made.names)), to, data.draw(st.sampled_from([None, 0, 1])))
+        with made.baton.changing() as schedule:
+            data.draw(st.sampled_from(schedule.processors)).priority = data.draw(st.integers(0, 2))
+    now = made.baton.clock()
+    for name, period in zip(made.names, periods, strict=True):
+        turns = [at // period for at in made.ticks(name)]
+        assert turns == list(range(len(turns)))  # one in each period
+        assert len(turns) in (now // period, now // period + 1)
+    assert not any(one.release.missed for one in made.baton.schedule.activities.values())
+
+
+@given(st.data())
+def test_a_new_period_counts_from_the_tick_before(data: st.DataObject) -> None:
+    made = Made([4 * UNIT, 3 * UNIT])
+    wanted = 4 * UNIT
+    in_force = [(0.0, wanted)]
+    for _ in range(10):
+        made.baton.run(data.draw(st.integers(1, 6000)))
+        in_force.append((made.baton.clock(), wanted := data.draw(st.sampled_from(PERIODS))))
+        made.set_period("a0", wanted)
+        made.move("a0", data.draw(st.sampled_from(["p0", "p1"])))
+    made.baton.run(2 * wanted)
+    ticks = made.ticks("a0")
+    assert ticks[-1] > made.baton.clock() - wanted - 20
+    for before, after in pairwise(ticks):
+        seconds = [each for at, each in in_force if before < at <= after]
+        seconds.append(next(each for at, each in reversed(in_force) if at <= before))
+        assert min(seconds) - 20 <= after - before <= max(seconds) + 20  # other ticks may be in the way for as long
+    assert [at // (3 * UNIT) for at in made.ticks("a1")] == list(range(len(made.ticks("a1"))))
+
+
+@given(st.lists(task_sets(), min_size=1, max_size=3))
+def test_the_highest_processor_goes_first(sets: list[list[Demand]]) -> None:
+    processors = [[Demand(f"{number}.{one.name}", *one[1:]) for one in demands] for number, demands in enumerate(sets)]
+    baton = in_virtual_time(processors)
+    schedule, now = baton.schedule, 0.0
+    for _ in range(200):
+        turn = schedule.next_turn(now)
+        assert turn is not None
+        now = max(now, turn.at)
+        one = schedule.begin(turn.processor, now)
+        higher = schedule.processors[: schedule.processors.index(turn.processor)]
+        assert not [each.name for processor in higher for each in processor.activities if each.release.due <= now]
+        assert one.release.due <= now
+        now += one.cost or 0.0
+        schedule.end(now)
+
+
+@given(st.permutations(["a", "b", "c", "d"]), st.integers(1, 2000))
+def test_a_processor_keeps_the_order_of_subscription(names: list[str], cost: int) -> None:
+    """Under overload, too: then all tick less often."""
+    baton = in_virtual_time([[Demand(name, 1000.0, cost) for name in names]])
+    baton.run(100_000)
+    log = [name for one in baton.schedule.activities.values() for name, _ in one.activity.log]  # type: ignore[attr-defined]
+    assert {log.count(name) for name in names} <= {log.count(names[0]), log.count(names[0]) - 1}
+    assert log.count(names[0]) == -(-100_000 // max(1000, 4 * cost)) or 4 * cost > 1000
+
+
+def test_what_becomes_due_in_a_round_waits_for_the_next_one() -> None:
+    made = Made([2 * UNIT, 10 * UNIT, 10 * UNIT], {"a1": 3 * UNIT, "a2": 3 * UNIT})
+    made.baton.run(6 * UNIT)
+    assert [name for name, _ in made.log] == ["a0", "a1", "a2"]
+    made.baton.run(1 * UNIT)
+    assert made.log[3:] == [("a0", 6 * UNIT + 10), ("a0", 6 * UNIT + 20)]  # due at 2 and 6; that at 4 is left out
+
+
+def test_an_activity_that_is_taken_off_is_due_when_it_comes_back() -> None:
+    made = Made([2 * UNIT, 2 * UNIT])
+    with made.baton.changing() as schedule:
+        schedule.take_off(schedule.activity("a0"))
+    made.baton.run(5 * UNIT)
+    assert made.ticks("a0") == []
+    made.move("a0", "p1")
+    made.baton.run(5 * UNIT)
+    assert made.ticks("a0") == [5 * UNIT, 7 * UNIT, 9 * UNIT]
+
+
+def test_an_activity_that_moves_during_its_own_tick_is_not_ticked_twice() -> None:
+    schedule = Schedule()
+    schedule.add(Ticked("a", 10.0))
+    one = schedule.activity("a")
+    schedule.put(one, schedule.new_processor("p", 0.0), 0.0)
+    schedule.start(0.0)
+    turn = schedule.next_turn(0.0)
+    assert turn is not None
+    schedule.begin(turn.processor, 0.0)
+    schedule.put(one, schedule.new_processor("q", 0.0), 1.0)
+    schedule.set_period(one, 5.0, 1.0)
+    schedule.change_order()
+    schedule.end(2.0)
+    turn = schedule.next_turn(2.0)
+    assert turn is not None
+    assert (turn.processor.name, turn.at) == ("q", 5.0)
+
+
+def test_response_times_overruns_and_jitter() -> None:
+    baton = in_virtual_time([[Demand("fast", 4.0, 1.0)], [Demand("slow", 12.0, 6.0)]])
+    baton.run(24.0)
+    fast, slow = baton.schedule.processors
+    # fast begins at 0, 7 (due at 4), 8, 12, 19 (due at 16), 20
+    assert (fast.ticks, fast.overruns, fast.times.response, fast.times.jitter) == (6, 0, 4.0, 3.0)
+    assert (slow.ticks, slow.overruns, slow.times.response, slow.times.jitter) == (2, 0, 7.0, 0.0)
+    assert [one.release.missed for one in baton.schedule.activities.values()] == [0, 0]
