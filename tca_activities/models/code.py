@@ -192,7 +192,7 @@ def main() -> None:
     for component in components:
         for region in component.regions.values():
             region.on_transition(print)
-    with Application({}, components), suppress(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt), Application({}, components).running():
         Event().wait()
 
 

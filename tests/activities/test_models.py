@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-import tca_activities
 from tca_activities.models.command import generate
 from tca_activities.models.reading import read_model
 from tca_wire.user_toml import BadUserFile
@@ -16,9 +15,6 @@ from tca_wire.user_toml import BadUserFile
 HERE = Path(__file__).parent
 MODEL = HERE / "cleaning.toml"
 TEXT = MODEL.read_text()
-
-
-needs_application = pytest.mark.skipif(not hasattr(tca_activities, "Application"), reason="not there yet")
 
 
 @pytest.fixture
@@ -135,32 +131,44 @@ def test_the_command_says_it_in_a_line(tmp_path: Path) -> None:
 # --- code ----------------------------------------------------------------------------------------------------------
 
 TRY = """
-from tca_activities.components import initialise
+from tca_activities import Application, VirtualBaton
 from application import Components
-components = Components()
-initialise(components.all)
+components, baton = Components(), VirtualBaton()
+robot = Application("robot", components.all, baton=baton)
+robot.initialise()
 components.panel.all_joints.set("enable")
-for component in components.all:
-    for activity in component.activities():
-        activity.tick()
-print(components.x.movement.path, components.x.position.value)
+robot.start()
+baton.run(1.0)
+print(components.x.movement.path, sum(one.ticks for one in robot.figures().activities) > 100)
 with components.y.turn:
     print(components.y.data)
 """
+CTRL_C = """
+import os, signal, application
+def show(change):
+    print(change)
+    if change.component == "y" and change.region == "movement":
+        os.kill(os.getpid(), signal.SIGINT)
+application.print = show
+signal.signal(signal.SIGINT, signal.default_int_handler)
+application.main()
+"""
 
 
-@needs_application
 def test_what_is_generated_runs_at_once(model: Path) -> None:
     assert said(model).output.splitlines() == [
         f"{model.parent}/{name}: written" for name in ("generated.py", "application.py", "joint.py", "panel.py")
     ]
     assert python(model.parent, "-c", TRY).splitlines() == [
-        "('stopped',) None",
+        "('stopped',) True",
         "JointData(position=0.0, length=2.0, mode='off', steps=0, on=False)",
+    ]
+    assert python(model.parent, "-c", CTRL_C).splitlines()[:2] == [
+        "x.limits: start to inside",
+        "x.referencing: start to unreferenced",
     ]
 
 
-@needs_application
 def test_what_is_written_by_hand_stays(model: Path) -> None:
     said(model)
     by_hand = model.parent / "joint.py"
@@ -205,7 +213,6 @@ def test_files_of_others_stay(model: Path) -> None:
     assert "joint.py: left alone; it has no class Joint, which is needed" in said(model, "-o", folder).output
 
 
-@needs_application
 def test_a_package_imports_its_own_name(model: Path) -> None:
     (model.parent / "__init__.py").touch()
     said(model)
