@@ -36,9 +36,9 @@ def make_module(group: Group, message: Command[Move, None]) -> Module:
                 return
         except BaseException:
             with task.shielded():  # a killed one, too, leaves its joints at rest
-                _halt(task, group)
+                task.query(HALT, group)
             raise
-        _halt(task, group)
+        task.sleep(task.query(HALT, group).seconds)
         raise task.aborted()
 
     return module
@@ -67,10 +67,6 @@ def _arrives(task: Task, to: str, drive: Drive) -> bool:
             request.accept()
             motion, began, done = task.query(DRIVE, replace(drive, speed=request.goal.speed)), task.time(), share
     return True
-
-
-def _halt(task: Task, group: Group) -> None:
-    task.sleep(task.query(HALT, group).seconds)
 
 
 def _settle(task: Task, group: Group, goal: Joints) -> None:

@@ -8,6 +8,7 @@ from robots.ambler_sim.photograph import Camera, Pixels, Rendering, ground_place
 
 SUN = (2.0, -3.0, 6.0)
 SUN_DISTANCE = 30.0
+SHADOW_SIZE = (450, 450)
 FLOOR, WALL = np.array([222.0, 219.0, 211.0]), np.array([243.0, 243.0, 240.0])
 
 

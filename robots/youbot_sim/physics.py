@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pybullet
 
-from robots.ambler_sim.photograph import RENDERED, SHADOW_SIZE, Camera, Rendering, write_png
+from robots.ambler_sim.photograph import RENDERED, Camera, Rendering, write_png
 from robots.youbot_sim import photograph
 from robots.youbot_sim.drives import START, Drives
 from robots.youbot_sim.kinematics import tip_in_world
@@ -51,17 +51,19 @@ class BulletManipulator:
         for group in GROUPS:
             for joint, value in zip(MOTORS[group], _per_motor(group, START[group]), strict=True):
                 pybullet.resetJointState(self._robot, self._joints[joint], value, physicsClientId=self._world)
-        self._time = 0.0
+        self._time: float | None = None
         self._lid: int | None = None
         self._object: int | None = None
         self._hand: int | None = None  # a constraint: what holds the object while it is offered
 
     def follow(self, drives: Drives, now: float) -> None:
         """Step the world; its motors work towards what the drives want."""
+        if self._time is None:
+            self._time = now
         while self._time + TICK <= now:
             self._time += TICK
             for group in GROUPS:
-                self._command(group, drives)
+                self._command(group, drives, self._time)
             pybullet.stepSimulation(physicsClientId=self._world)
         if self._hand is not None and self._has_gripped() and not drives.is_moving("gripper", now):
             pybullet.removeConstraint(self._hand, physicsClientId=self._world)
@@ -102,7 +104,7 @@ class BulletManipulator:
         """A photograph from the side and above, as PNG."""
         x, y, heading = self._positions("base")
         frame = self._frame(photograph.camera_at(x, y, heading), RENDERED)
-        from_sun = self._frame(photograph.sun_over(x, y), SHADOW_SIZE)
+        from_sun = self._frame(photograph.sun_over(x, y), photograph.SHADOW_SIZE)
         written = path.with_suffix(".png")
         write_png(written, photograph.develop(frame, from_sun))
         return written
@@ -137,14 +139,14 @@ class BulletManipulator:
 
     # --- motors and sensors ------------------------------------------------------------------------------------------
 
-    def _command(self, group: Group, drives: Drives) -> None:
+    def _command(self, group: Group, drives: Drives, time: float) -> None:
         motors = [self._joints[name] for name in MOTORS[group]]
         pybullet.setJointMotorControlArray(
             self._robot,
             motors,
             pybullet.POSITION_CONTROL,
-            targetPositions=_per_motor(group, drives.joints(group, self._time)),
-            targetVelocities=_per_motor(group, drives.rates(group, self._time)),
+            targetPositions=_per_motor(group, drives.joints(group, time)),
+            targetVelocities=_per_motor(group, drives.rates(group, time)),
             forces=[FORCES[group]] * len(motors),
             positionGains=[0.3] * len(motors),
             velocityGains=[1.0] * len(motors),

@@ -6,6 +6,8 @@ from enum import StrEnum
 from itertools import accumulate
 from typing import Literal
 
+import msgspec
+
 Group = Literal["base", "arm", "gripper"]
 """Joints that move together: x, y, heading of the base; the arm's five angles; the gap between the fingers."""
 
@@ -25,8 +27,7 @@ class ObjectPlace(StrEnum):
     FLOOR = "on the floor"
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
+class Move(msgspec.Struct, frozen=True, omit_defaults=True):
     """Where a group of joints is to go, by name, and with which part of its greatest speed."""
 
     to: str

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robots.youbot_sim.drives import Drives
 from robots.youbot_sim.errors import PoseUnreachable
 from robots.youbot_sim.kinematics import LIMITS, Grip, grip_of, joints_for, tip_in_world
 from robots.youbot_sim.motion import ACCELERATIONS, SPEEDS, go_on, halt, plan
@@ -101,3 +102,15 @@ def test_things_fall_into_the_box_below_them() -> None:
     assert b.holds(b.x + 0.05, b.y)
     assert not b.holds(b.x + 0.2, b.y)
     assert not b.holds(c.x, c.y)
+
+
+def test_drives_that_get_another_goal_on_the_way_brake_first() -> None:
+    drives = Drives()
+    drives.drive(Drive("base", POSES["base"]["B"]), 0.0)
+    way = [drives.joints("base", number * TICK) for number in range(200)]
+    answer = drives.drive(Drive("base", POSES["base"]["A"]), 2.0)
+    way += [drives.joints("base", 2.0 + number * TICK) for number in range(math.ceil(answer.seconds / TICK) + 1)]
+    check_limits("base", way)
+    assert way[-1] == pytest.approx(POSES["base"]["A"])
+    assert not drives.is_moving("base", 2.0 + answer.seconds + TICK)
+    assert answer.joints(0.5 * answer.seconds) == pytest.approx(drives.joints("base", 2.0 + 0.5 * answer.seconds))

@@ -1,0 +1,62 @@
+"""The case study of preview coordination: an object is carried to a box, with and without a look ahead."""
+
+import argparse
+import logging
+import sys
+from pathlib import Path
+from typing import cast
+
+from robots.youbot_sim.robot import Physics
+from robots.youbot_sim.seeds import HEAD, compare, row, summary
+from robots.youbot_sim.show import SCHEDULES, Show
+from tca_module import TcaError
+
+WHICH = "best: box B is free; changed: it is covered on the way; plain: it is covered, and nothing is done ahead"
+
+
+def main() -> int:
+    """The command line; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m robots.youbot_sim", description=__doc__)
+    parser.add_argument("--schedule", choices=(*SCHEDULES, "all"), default="all", help=WHICH)
+    parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto", help="of the simulator")
+    parser.add_argument("--out", type=Path, default=Path("runs/youbot"), help="folder of its files (%(default)s)")
+    parser.add_argument("--seeds", type=int, metavar="N", help="instead: a table of N deliveries with changing boxes")
+    options = parser.parse_args()
+    logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
+    try:
+        return _table(options.seeds) if options.seeds is not None else _show(options)
+    except TcaError as error:
+        print(f"youbot: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"youbot: ended by Ctrl-C; what happened so far is in {options.out}", file=sys.stderr)
+        return 130
+
+
+def _table(seeds: int) -> int:
+    print(HEAD)
+    rows = []
+    for one in compare(seeds):
+        rows.append(one)
+        print(row(one), flush=True)
+    print(f"\n{summary(rows)}")
+    return 0
+
+
+def _show(options: argparse.Namespace) -> int:
+    for name in SCHEDULES if options.schedule == "all" else [options.schedule]:
+        folder = options.out / name
+        folder.mkdir(parents=True, exist_ok=True)
+        show = Show(SCHEDULES[name], folder, cast("Physics", options.backend))
+        print(f"{name}: {SCHEDULES[name].title}")
+        delivered = show.run()
+        for task in delivered.tasks:
+            print(f"  {task}")
+        print(f"  done after {delivered.seconds:.1f} s")
+        for path in (show.journal, *show.pictures):
+            print("  made", path)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,73 @@
+"""The machine of the case study: an object is carried to the box at B or, if that is not free, to the one at C.
+
+The arm may go to its box while the base still drives; that is all that ever happens ahead. The needs of the others say
+why: nothing is let go before the arm is there, the arm is not folded before the object is gone, and the base drives
+back with a folded arm only.
+"""
+
+from robots.youbot_sim.messages import BOX_B_FREE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
+from robots.youbot_sim.vocabulary import Move
+from tca_coordination import Activity, Agent, Coordination, Do, Perceived
+
+GIVEN, ENOUGH = "object given", "enough"
+"""The events that a user posts."""
+
+WAITING = "waiting"
+ARM_COST = 0.3
+"""Of an arm move in vain, measured against what an early one gains: 1."""
+
+BASE, ARM, GRIPPER = Agent("base"), Agent("arm"), Agent("gripper")
+
+
+def make_delivery() -> Coordination:
+    """Figure 6 of the paper."""
+    with Coordination("deliver", facts={"base": "A", "arm": "home", "holding": False}) as deliver:
+        waiting = deliver.state(WAITING)
+        taking = deliver.state("taking", Activity(Do(MOVE_GRIPPER, Move("closed"), GRIPPER), makes={"holding": True}))
+        to_b = deliver.state("going to B", _drive("B", needs={"holding": True}))
+        arm_b = deliver.state("arm to box B", _reach("box B"))
+        drop_b = deliver.state("dropping in B", _drop("B"))
+        to_c = deliver.state("going to C", _drive("C", needs={"holding": True}))
+        arm_c = deliver.state("arm to box C", _reach("box C"))
+        drop_c = deliver.state("dropping in C", _drop("C"))
+        tuck = deliver.state(
+            "tucking", Activity(Do(MOVE_ARM, Move("tucked"), ARM), needs={"holding": False}, makes={"arm": "tucked"})
+        )
+        back = deliver.state("going back", _drive("A", needs={"arm": "tucked"}))
+        home = deliver.state(
+            "homing", Activity(Do(MOVE_ARM, Move("home"), ARM), needs={"base": "A"}, makes={"arm": "home"})
+        )
+        end = deliver.final("finished")
+        waiting.to(taking, on=GIVEN)
+        waiting.to(end, on=ENOUGH)
+        taking.to(to_b)
+        to_b.to(arm_b, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
+        to_b.to(to_c, likelihood=Perceived(BOX_B_FREE, negated=True))
+        arm_b.to(drop_b)
+        drop_b.to(tuck)
+        to_c.to(arm_c)
+        arm_c.to(drop_c)
+        drop_c.to(tuck)
+        tuck.to(back)
+        back.to(home)
+        home.to(waiting)
+    return deliver
+
+
+def _drive(place: str, needs: dict[str, str | bool]) -> Activity:
+    return Activity(Do(MOVE_BASE, Move(place), BASE), needs=needs, makes={"base": place})
+
+
+def _reach(pose: str) -> Activity:
+    return Activity(
+        Do(MOVE_ARM, Move(pose), ARM), needs={"holding": True}, makes={"arm": pose}, cost=ARM_COST, slow=_slowly
+    )
+
+
+def _drop(place: str) -> Activity:
+    needs = {"base": place, "arm": f"box {place}", "holding": True}
+    return Activity(Do(MOVE_GRIPPER, Move("open"), GRIPPER), needs=needs, makes={"holding": False})
+
+
+def _slowly(move: Move, share: float) -> Move:
+    return Move(move.to, share)

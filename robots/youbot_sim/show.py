@@ -1,0 +1,95 @@
+"""A delivery by programs of their own: starts central and the robot's modules, gives the object, reads the journal."""
+
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from robots.processes import Processes
+from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT, PICTURE
+from robots.youbot_sim.outcome import Delivered, read_delivery
+from robots.youbot_sim.robot import Physics
+from tca_module import Client, SentTask, TcaError, Timeout, connect
+from tca_tools.run.journals import open_log
+
+MODULES = ("base", "arm", "gripper", "perception")
+START_TIME = 60.0
+"""Seconds within which all programs must be there."""
+
+LOOKS = 0.1
+"""Seconds between two looks at whether they still are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """One of figure 7: what becomes of box B, and whether the coordinator looks ahead."""
+
+    title: str
+    has_preview: bool = True
+    changes: tuple[float, ...] = ()
+    """Seconds after the object was given when the lid of box B is put on, or taken off."""
+    starts_covered: bool = False
+
+
+SCHEDULES = {
+    "best": Schedule("with a preview, box B free"),
+    "changed": Schedule("with a preview, box B free, then covered on the way", changes=(2.9,)),
+    "plain": Schedule("without a preview, box B covered", has_preview=False, starts_covered=True),
+}
+
+
+class Show:
+    """One delivery, and where its files go."""
+
+    def __init__(self, schedule: Schedule, folder: Path, backend: Physics) -> None:
+        self.journal = folder / "journal"
+        self.pictures: list[Path] = []
+        self._schedule = schedule
+        self._folder = folder
+        self._backend = backend
+
+    def run(self) -> Delivered:
+        """Carry it out, in place of an earlier one."""
+        schedule = self._schedule
+        shutil.rmtree(self.journal, ignore_errors=True)
+        simulator = ["--backend", self._backend, *(["--covered"] * schedule.starts_covered)]
+        for change in schedule.changes:
+            simulator += ["--change", str(change)]
+        with tempfile.TemporaryDirectory(prefix="youbot") as sockets:
+            address = f"ipc://{sockets}/central.sock"
+            with Processes(self._folder, {"TCA_CENTRAL": address}) as processes:
+                processes.start("central", "tca_central", "--journal", str(self.journal))
+                processes.start("simulator", _program("simulator"), *simulator)
+                for name in MODULES:
+                    processes.start(name, _program(name))
+                processes.start("coordinator", _program("coordinator"), *([] if schedule.has_preview else ["--plain"]))
+                processes.start("user", _program("user"))
+                with connect("show", address) as client:
+                    self._watch(client, processes)
+        return read_delivery(open_log(self.journal))
+
+    def _watch(self, client: Client, processes: Processes) -> None:
+        """Have an object carried; take a picture when the fingers open."""
+        client.wait_until_handled(
+            CARRY_OBJECTS, OFFER_OBJECT, LOOK, MOVE_BASE, MOVE_ARM, MOVE_GRIPPER, timeout=START_TIME
+        )
+        with client.observe(MOVE_GRIPPER, states=["running"]) as moves:
+            carrying = client.command(CARRY_OBJECTS, 1)
+            while _is_going_on(carrying):
+                if ended := processes.ended():
+                    raise TcaError(f"{ended} has ended: see {processes.log(ended)}")
+                if not self.pictures and any(move.goal.to == "open" for move in moves.arrived()):
+                    self.pictures.append(Path(client.query(PICTURE, str(self._folder / "robot"))))
+            carrying.result()
+
+
+def _is_going_on(task: SentTask[None]) -> bool:
+    try:
+        task.wait(LOOKS)
+    except Timeout:
+        return True
+    return False
+
+
+def _program(name: str) -> str:
+    return f"robots.youbot_sim.modules.{name}"

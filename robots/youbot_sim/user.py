@@ -1,0 +1,39 @@
+"""The user: has the robot's machine run, gives it one object after the other, and says when there are no more."""
+
+from collections.abc import Iterator
+
+from robots.youbot_sim.delivery import ENOUGH, GIVEN, WAITING
+from robots.youbot_sim.messages import CARRY_OBJECTS, OFFER_OBJECT
+from tca_coordination import COORDINATION_EVENT, Coordinator, MachineEvent
+from tca_module import Module, Task
+from tca_wire.coordination import CoordinationReport
+
+
+def make_module(coordinator: Coordinator) -> Module:
+    """The module. It sends the command of *coordinator*, which runs elsewhere."""
+    user = Module("user")
+    chart = coordinator.chart
+    waiting = next(number for number, state in enumerate(chart.states) if state.label == WAITING)
+
+    @user.handles(CARRY_OBJECTS)
+    def carry_objects(task: Task, count: int) -> None:
+        delivering = task.command(coordinator.message, chart)
+        ready = _entries(delivering.progress(CoordinationReport), waiting)
+        for _ in range(count):
+            next(ready)
+            task.command(OFFER_OBJECT, sequential=False).result()
+            task.broadcast(COORDINATION_EVENT, MachineEvent(chart.machine, GIVEN))
+        next(ready)
+        task.broadcast(COORDINATION_EVENT, MachineEvent(chart.machine, ENOUGH))
+        delivering.result()
+
+    return user
+
+
+def _entries(reports: Iterator[CoordinationReport], state: int) -> Iterator[None]:
+    """Once for each time that the machine comes to a state."""
+    before = -1
+    for report in reports:
+        if report.current == state != before:
+            yield
+        before = report.current
