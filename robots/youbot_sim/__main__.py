@@ -8,7 +8,7 @@ from typing import cast
 
 from robots.youbot_sim.robot import Physics
 from robots.youbot_sim.seeds import HEAD, compare, row, summary
-from robots.youbot_sim.show import SCHEDULES, Show
+from robots.youbot_sim.show import SCHEDULES, DeliveryShow
 from tca_module import TcaError
 
 WHICH = "best: box B is free; changed: it is covered on the way; plain: it is covered, and nothing is done ahead"
@@ -47,13 +47,13 @@ def _show(options: argparse.Namespace) -> int:
     for name in SCHEDULES if options.schedule == "all" else [options.schedule]:
         folder = options.out / name
         folder.mkdir(parents=True, exist_ok=True)
-        show = Show(SCHEDULES[name], folder, cast("Physics", options.backend))
+        show = DeliveryShow(SCHEDULES[name], folder, cast("Physics", options.backend))
         print(f"{name}: {SCHEDULES[name].title}")
         delivered = show.run()
         for task in delivered.tasks:
             print(f"  {task}")
         print(f"  done after {delivered.seconds:.1f} s")
-        for path in (show.journal, *show.pictures):
+        for path in (show.journal, show.picture()):
             print("  made", path)
     return 0
 

@@ -1,9 +1,8 @@
 """The coordinator of the delivery."""
 
-from tca_coordination.preview.policy import Candidate, Discrete
-
 from robots.youbot_sim.delivery import make_delivery
 from tca_coordination import Coordinator
+from tca_coordination.preview.policy import Candidate, Discrete
 from tca_module import Module
 
 THRESHOLD = 0.5
@@ -19,8 +18,8 @@ def make_coordinator(*, has_preview: bool = True) -> Coordinator:
     return Coordinator(make_delivery(), policy=Discrete(THRESHOLD, likelihood) if has_preview else None)
 
 
-def make_module(*, has_preview: bool = True) -> Module:
-    """The module that runs it."""
+def make_module(coordinator: Coordinator) -> Module:
+    """The module that runs a delivery."""
     module = Module("coordinator")
-    make_coordinator(has_preview=has_preview).handle_in(module)
+    coordinator.handle_in(module)
     return module

@@ -7,7 +7,7 @@ back with a folded arm only.
 
 from robots.youbot_sim.messages import BOX_B_FREE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
 from robots.youbot_sim.vocabulary import Move
-from tca_coordination import Activity, Agent, Coordination, Do, Perceived
+from tca_coordination import Activity, Agent, Coordination, Do, Fact, Perceived
 
 GIVEN, ENOUGH = "object given", "enough"
 """The events that a user posts."""
@@ -54,7 +54,7 @@ def make_delivery() -> Coordination:
     return deliver
 
 
-def _drive(place: str, needs: dict[str, str | bool]) -> Activity:
+def _drive(place: str, needs: dict[str, Fact]) -> Activity:
     return Activity(Do(MOVE_BASE, Move(place), BASE), needs=needs, makes={"base": place})
 
 
@@ -65,7 +65,7 @@ def _reach(pose: str) -> Activity:
 
 
 def _drop(place: str) -> Activity:
-    needs = {"base": place, "arm": f"box {place}", "holding": True}
+    needs: dict[str, Fact] = {"base": place, "arm": f"box {place}", "holding": True}
     return Activity(Do(MOVE_GRIPPER, Move("open"), GRIPPER), needs=needs, makes={"holding": False})
 
 

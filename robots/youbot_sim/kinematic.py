@@ -34,6 +34,11 @@ class KinematicManipulator:
         """As the drives have it."""
         return JointReadings(self._base, self._arm, self._gripper, self._object)
 
+    def assume(self, readings: JointReadings) -> None:
+        """Take it over as it is."""
+        self._base, self._arm, self._gripper = readings.base, readings.arm, readings.gripper
+        self._object = readings.object
+
     def offer(self) -> None:
         """Between the fingers."""
         self._object = ObjectPlace.OFFERED

@@ -18,6 +18,9 @@ class MobileManipulator(Protocol):
     def measured(self) -> JointReadings:
         """The joints, and the object."""
 
+    def assume(self, readings: JointReadings) -> None:
+        """Take up a posture, at rest; with the object between the fingers, if it is held."""
+
     def offer(self) -> None:
         """A hand holds the object between the fingers."""
 

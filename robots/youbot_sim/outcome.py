@@ -27,7 +27,7 @@ class AgentTask:
 
 
 @dataclass(frozen=True, slots=True)
-class Delivered:
+class CarriedObject:
     """One object, from the hand of the user until the robot waits again."""
 
     seconds: float
@@ -43,7 +43,7 @@ class Delivered:
         return sum(task.end - task.start for task in self.with_role(TaskRole.WASTED))
 
 
-def read_delivery(entries: Iterable[Entry]) -> Delivered:
+def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
     """The delivery of a journal that holds one."""
     history = History.until(entries)
     runs = ((_chart(history, task), task) for task in history.tasks.values())
@@ -52,7 +52,7 @@ def read_delivery(entries: Iterable[Entry]) -> Delivered:
     told = [(time, report) for time, report in reports if report is not None]
     given = next(time for time, report in told if report.taken == GIVEN)
     waits = (time for time, report in told if time > given and chart.states[report.current].label == WAITING)
-    return Delivered(next(waits) - given, tuple(_tasks(history, chart, [report for _, report in told], given)))
+    return CarriedObject(next(waits) - given, tuple(_tasks(history, chart, [report for _, report in told], given)))
 
 
 def _chart(history: History, task: Task) -> CoordinationChart | None:

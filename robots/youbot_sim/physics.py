@@ -48,13 +48,11 @@ class BulletManipulator:
             self._make_box(box)
         self._robot = self._load_robot()
         self._joints = self._joint_numbers()
-        for group in GROUPS:
-            for joint, value in zip(MOTORS[group], _per_motor(group, START[group]), strict=True):
-                pybullet.resetJointState(self._robot, self._joints[joint], value, physicsClientId=self._world)
         self._time: float | None = None
         self._lid: int | None = None
         self._object: int | None = None
         self._hand: int | None = None  # a constraint: what holds the object while it is offered
+        self.assume(JointReadings(START["base"], START["arm"], START["gripper"], ObjectPlace.NOWHERE))
 
     def follow(self, drives: Drives, now: float) -> None:
         """Step the world; its motors work towards what the drives want."""
@@ -74,20 +72,30 @@ class BulletManipulator:
         base, arm, fingers = (self._positions(group) for group in GROUPS)
         return JointReadings(base, arm, (sum(fingers),), self._object_place(base, arm))
 
+    def assume(self, readings: JointReadings) -> None:
+        """Put all joints where they are to be."""
+        for group in GROUPS:
+            for joint, value in zip(MOTORS[group], _per_motor(group, readings.joints(group)), strict=True):
+                pybullet.resetJointState(self._robot, self._joints[joint], value, physicsClientId=self._world)
+        if readings.object is ObjectPlace.HELD:
+            self._make_object(readings)
+
     def offer(self) -> None:
         """A new object, held in its place until the fingers have it."""
-        measured = self.measured()
-        place = tip_in_world(measured.base, measured.arm)
-        lean = sum(measured.arm[1:4])
-        turn = pybullet.getQuaternionFromEuler((0.0, lean, measured.base[2] + measured.arm[0]))
-        self._object = self._make_body(OBJECT, place, OBJECT_COLOUR, MASS, turn)
-        pybullet.changeDynamics(
-            self._object, -1, lateralFriction=2.0, spinningFriction=0.05, physicsClientId=self._world
-        )
+        self._object, place, turn = self._make_object(self.measured())
         self._hand = pybullet.createConstraint(
             self._object, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), place,
             childFrameOrientation=turn, physicsClientId=self._world,
         )  # fmt: skip
+
+    def _make_object(self, readings: JointReadings) -> tuple[int, Triple, Quadruple]:
+        """An object between the fingers: its body, where it is, and how it is turned."""
+        place = tip_in_world(readings.base, readings.arm)
+        lean, heading = sum(readings.arm[1:4]), readings.base[2] + readings.arm[0]
+        turn = pybullet.getQuaternionFromEuler((0.0, lean, heading))
+        body = self._make_body(OBJECT, place, OBJECT_COLOUR, MASS, turn)
+        pybullet.changeDynamics(body, -1, lateralFriction=2.0, spinningFriction=0.05, physicsClientId=self._world)
+        return body, place, turn
 
     def cover(self, *, is_covered: bool) -> None:
         """Put a lid on box B, or take it off."""

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import geometric_mean
 
-from robots.youbot_sim.outcome import Delivered, read_delivery
+from robots.youbot_sim.coordination import make_coordinator
+from robots.youbot_sim.outcome import CarriedObject, read_delivery
 from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.stepped import deliver
 from tca_wire.coordination import TaskRole
@@ -33,13 +34,13 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class SeedRow:
     """The same delivery with and without a preview."""
 
     seed: int
     box: Box
-    plain: Delivered
-    preview: Delivered
+    plain: CarriedObject
+    preview: CarriedObject
 
     @property
     def speed_up(self) -> float:
@@ -56,15 +57,17 @@ def box_of(seed: int) -> Box:
     return Box(tuple(changes), starts_covered)
 
 
-def compare(seeds: int) -> Iterator[Comparison]:
+def compare(seeds: int) -> Iterator[SeedRow]:
     """Seed by seed."""
     for seed in range(1, seeds + 1):
         box = box_of(seed)
-        plain, preview = (
-            read_delivery(deliver(Lid(box.changes, starts_covered=box.starts_covered), has_preview=has).entries)
-            for has in (False, True)
-        )
-        yield Comparison(seed, box, plain, preview)
+        plain, preview = (_delivered(box, has_preview=has_preview) for has_preview in (False, True))
+        yield SeedRow(seed, box, plain, preview)
+
+
+def _delivered(box: Box, *, has_preview: bool) -> CarriedObject:
+    lid = Lid(box.changes, starts_covered=box.starts_covered)
+    return read_delivery(deliver(lid, make_coordinator(has_preview=has_preview)).entries)
 
 
 HEAD = (
@@ -73,7 +76,7 @@ HEAD = (
 )
 
 
-def row(one: Comparison) -> str:
+def row(one: SeedRow) -> str:
     """Of the table."""
     kept, wasted = (len(one.preview.with_role(role)) for role in (TaskRole.KEPT, TaskRole.WASTED))
     ahead = ", ".join([f"{kept} kept"] * bool(kept) + [f"{wasted} wasted"] * bool(wasted)) or "none"
@@ -83,7 +86,7 @@ def row(one: Comparison) -> str:
     )
 
 
-def summary(rows: list[Comparison]) -> str:
+def summary(rows: list[SeedRow]) -> str:
     """Under the table."""
     best, worst = max(one.speed_up for one in rows), min(one.speed_up for one in rows)
     wrong = [one for one in rows if one.preview.with_role(TaskRole.WASTED)]

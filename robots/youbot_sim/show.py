@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robots.processes import Processes
-from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT, PICTURE
-from robots.youbot_sim.outcome import Delivered, read_delivery
-from robots.youbot_sim.robot import Physics
+from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER, OFFER_OBJECT
+from robots.youbot_sim.outcome import CarriedObject, read_delivery
+from robots.youbot_sim.robot import Physics, make_robot
+from robots.youbot_sim.vocabulary import JointReadings
 from tca_module import Client, SentTask, TcaError, Timeout, connect
 from tca_tools.run.journals import open_log
 
@@ -21,7 +22,7 @@ LOOKS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Schedule:
+class ShownDelivery:
     """One of figure 7: what becomes of box B, and whether the coordinator looks ahead."""
 
     title: str
@@ -32,23 +33,23 @@ class Schedule:
 
 
 SCHEDULES = {
-    "best": Schedule("with a preview, box B free"),
-    "changed": Schedule("with a preview, box B free, then covered on the way", changes=(2.9,)),
-    "plain": Schedule("without a preview, box B covered", has_preview=False, starts_covered=True),
+    "best": ShownDelivery("with a preview, box B free"),
+    "changed": ShownDelivery("with a preview, box B free, then covered on the way", changes=(2.0,)),
+    "plain": ShownDelivery("without a preview, box B covered", has_preview=False, starts_covered=True),
 }
 
 
-class Show:
+class DeliveryShow:
     """One delivery, and where its files go."""
 
-    def __init__(self, schedule: Schedule, folder: Path, backend: Physics) -> None:
+    def __init__(self, schedule: ShownDelivery, folder: Path, backend: Physics) -> None:
         self.journal = folder / "journal"
-        self.pictures: list[Path] = []
+        self._seen: JointReadings | None = None
         self._schedule = schedule
         self._folder = folder
         self._backend = backend
 
-    def run(self) -> Delivered:
+    def run(self) -> CarriedObject:
         """Carry it out, in place of an earlier one."""
         schedule = self._schedule
         shutil.rmtree(self.journal, ignore_errors=True)
@@ -68,8 +69,18 @@ class Show:
                     self._watch(client, processes)
         return read_delivery(open_log(self.journal))
 
+    def picture(self) -> Path:
+        """The robot as it was about to drop the object."""
+        assert self._seen is not None, "run() comes first"
+        robot = make_robot(self._backend)
+        robot.assume(self._seen)
+        robot.cover(is_covered=self._schedule.starts_covered or bool(self._schedule.changes))
+        written = robot.picture(self._folder / "robot")
+        robot.close()
+        return written
+
     def _watch(self, client: Client, processes: Processes) -> None:
-        """Have an object carried; take a picture when the fingers open."""
+        """Have an object carried; see where the robot is when the fingers open."""
         client.wait_until_handled(
             CARRY_OBJECTS, OFFER_OBJECT, LOOK, MOVE_BASE, MOVE_ARM, MOVE_GRIPPER, timeout=START_TIME
         )
@@ -78,8 +89,8 @@ class Show:
             while _is_going_on(carrying):
                 if ended := processes.ended():
                     raise TcaError(f"{ended} has ended: see {processes.log(ended)}")
-                if not self.pictures and any(move.goal.to == "open" for move in moves.arrived()):
-                    self.pictures.append(Path(client.query(PICTURE, str(self._folder / "robot"))))
+                if any(move.goal.to == "open" for move in moves.arrived()) and self._seen is None:
+                    self._seen = client.query(MEASURE)
             carrying.result()
 
 

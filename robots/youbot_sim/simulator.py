@@ -1,12 +1,11 @@
 """The simulated robot and its boxes, as a module: drives to command, sensors to read."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import cast
 
 from robots.youbot_sim.drives import Drives
 from robots.youbot_sim.mechanism import MobileManipulator
-from robots.youbot_sim.messages import DRIVE, HALT, LOOK, MEASURE, OFFER_OBJECT, PICTURE
+from robots.youbot_sim.messages import DRIVE, HALT, LOOK, MEASURE, OFFER_OBJECT
 from robots.youbot_sim.vocabulary import Drive, Group, JointReadings, Motion
 from tca_module import Callback, Module, Task
 
@@ -84,7 +83,7 @@ def _take_commands(simulator: Module, simulated: SimulatedRobot) -> None:
 
 
 def _answer_questions(simulator: Module, simulated: SimulatedRobot) -> None:
-    """Measure, look, draw."""
+    """Measure, and look."""
 
     @simulator.handles(MEASURE)
     def measure(task: Task) -> JointReadings:
@@ -94,8 +93,3 @@ def _answer_questions(simulator: Module, simulated: SimulatedRobot) -> None:
     @simulator.handles(LOOK)
     def look(task: Task) -> bool:
         return not simulated.lid.is_on(task.time())
-
-    @simulator.handles(PICTURE)
-    def picture(task: Task, path: str) -> str:
-        simulated.follow(task.time())
-        return str(simulated.robot.picture(Path(path)))

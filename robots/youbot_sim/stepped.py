@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 from robots.youbot_sim import coordination, perception, simulator, user
-from robots.youbot_sim.coordination import make_coordinator
 from robots.youbot_sim.kinematic import KinematicManipulator
 from robots.youbot_sim.messages import CARRY_OBJECTS, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
 from robots.youbot_sim.moving import make_module
 from robots.youbot_sim.simulator import Lid, SimulatedRobot
+from tca_coordination import Coordinator
 from tca_module import connect
 from tca_module.testing import LocalCentral
 
@@ -19,7 +19,7 @@ STRIDE = 1.0
 
 
 @contextmanager
-def robot(lid: Lid, *, has_preview: bool = True) -> Iterator[LocalCentral]:
+def robot(lid: Lid, coordinator: Coordinator) -> Iterator[LocalCentral]:
     """All modules, with the kinematic twin; the caller steps its clock."""
     modules = [
         simulator.make_module(SimulatedRobot(KinematicManipulator(), lid), has_steps=False),
@@ -27,8 +27,8 @@ def robot(lid: Lid, *, has_preview: bool = True) -> Iterator[LocalCentral]:
         make_module("arm", MOVE_ARM),
         make_module("gripper", MOVE_GRIPPER),
         perception.make_module(),
-        coordination.make_module(has_preview=has_preview),
-        user.make_module(make_coordinator()),
+        coordination.make_module(coordinator),
+        user.make_module(coordinator),
     ]
     with ExitStack() as stack:
         central = stack.enter_context(LocalCentral(stepped=True))
@@ -38,9 +38,9 @@ def robot(lid: Lid, *, has_preview: bool = True) -> Iterator[LocalCentral]:
         yield central
 
 
-def deliver(lid: Lid, *, has_preview: bool = True) -> LocalCentral:
+def deliver(lid: Lid, coordinator: Coordinator) -> LocalCentral:
     """Let one object be carried; what is left of central has the journal."""
-    with robot(lid, has_preview=has_preview) as central, connect("somebody", central) as somebody:
+    with robot(lid, coordinator) as central, connect("somebody", central) as somebody:
         central.advance(SETTLED)
         carrying = somebody.command(CARRY_OBJECTS, 1)
         central.advance(STRIDE)

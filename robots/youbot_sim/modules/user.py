@@ -1,10 +1,9 @@
 """Gives objects."""
 
-from robots.youbot_sim.delivery import make_delivery
+from robots.youbot_sim.coordination import make_coordinator
 from robots.youbot_sim.user import make_module
-from tca_coordination import Coordinator
 
-user = make_module(Coordinator(make_delivery()))
+user = make_module(make_coordinator())
 
 if __name__ == "__main__":
     user.run()

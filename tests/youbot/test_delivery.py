@@ -1,0 +1,132 @@
+"""Figure 7 of the paper as real runs on a stepped clock: what was ahead, replaced, wasted; and what never is."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from robots.youbot_sim.coordination import likelihood, make_coordinator
+from robots.youbot_sim.delivery import make_delivery
+from robots.youbot_sim.messages import CARRY_OBJECTS, MEASURE
+from robots.youbot_sim.outcome import AgentTask, CarriedObject, read_delivery
+from robots.youbot_sim.robot import Physics
+from robots.youbot_sim.seeds import box_of, compare, row, summary
+from robots.youbot_sim.show import SCHEDULES, DeliveryShow
+from robots.youbot_sim.simulator import Lid
+from robots.youbot_sim.stepped import deliver, robot
+from robots.youbot_sim.vocabulary import ObjectPlace
+from tca_coordination import Coordinator, Discrete, Prior
+from tca_module import connect
+from tca_wire.coordination import TaskRole
+
+TO_B = ["taking", "going to B", "arm to box B", "dropping in B", "tucking", "going back", "homing"]
+TO_C = ["taking", "going to B", "going to C", "arm to box C", "dropping in C", "tucking", "going back", "homing"]
+
+
+def delivered(name: str) -> CarriedObject:
+    """One of the schedules."""
+    schedule = SCHEDULES[name]
+    lid = Lid(schedule.changes, starts_covered=schedule.starts_covered)
+    return read_delivery(deliver(lid, make_coordinator(has_preview=schedule.has_preview)).entries)
+
+
+def states(tasks: list[AgentTask]) -> list[str]:
+    return [task.state for task in tasks]
+
+
+def the(found: CarriedObject, state: str) -> AgentTask:
+    (task,) = [task for task in found.tasks if task.state == state]
+    return task
+
+
+def test_best_case_the_arm_is_at_box_b_before_the_base() -> None:
+    best = delivered("best")
+    assert states(list(best.tasks)) == TO_B
+    assert states(best.with_role(TaskRole.KEPT)) == ["arm to box B"]
+    assert not best.with_role(TaskRole.WASTED)
+    base, arm, drop = the(best, "going to B"), the(best, "arm to box B"), the(best, "dropping in B")
+    assert base.start <= arm.start < arm.end < base.end
+    assert drop.start == pytest.approx(base.end)
+
+
+def test_box_b_is_covered_on_the_way_so_the_arms_move_is_replaced() -> None:
+    changed = delivered("changed")
+    assert sorted(states(list(changed.tasks))) == sorted([*TO_C, "arm to box B"])
+    assert states(changed.with_role(TaskRole.WASTED)) == ["arm to box B"]
+    assert states(changed.with_role(TaskRole.KEPT)) == ["arm to box C"]
+    wasted, arm = the(changed, "arm to box B"), the(changed, "arm to box C")
+    to_b, to_c = the(changed, "going to B"), the(changed, "going to C")
+    assert wasted.end <= arm.start < arm.end < to_b.end
+    assert wasted.end - wasted.start == pytest.approx(changed.seconds_in_vain)
+    assert wasted.roles == (TaskRole.AHEAD, TaskRole.WASTED)
+    assert the(changed, "dropping in C").start == pytest.approx(to_c.end)
+
+
+def test_without_a_preview_one_task_follows_the_other() -> None:
+    plain = delivered("plain")
+    assert states(list(plain.tasks)) == TO_C
+    assert {task.roles for task in plain.tasks} == {(TaskRole.CURRENT,)}
+    assert all(before.end <= after.start + 1e-6 for before, after in itertools.pairwise(plain.tasks))
+
+
+def test_what_each_schedule_saves() -> None:
+    best, changed, plain = (delivered(name).seconds for name in ("best", "changed", "plain"))
+    assert best < changed < plain
+    free = read_delivery(deliver(Lid(), make_coordinator(has_preview=False)).entries)
+    assert free.seconds - best == pytest.approx(the(delivered("best"), "arm to box B").end - 1.35, abs=0.1)
+
+
+def test_nothing_is_tucked_or_dropped_early() -> None:
+    for name in ("best", "changed"):
+        ahead = [task.state for task in delivered(name).tasks if TaskRole.AHEAD in task.roles]
+        assert set(ahead) <= {"arm to box B", "arm to box C"}
+
+
+def test_with_all_likelihoods_0_the_journal_is_that_of_the_plain_machine() -> None:
+    unlikely = make_delivery()
+    for state in unlikely.states:
+        for arrow in state.arrows:
+            arrow.model = Prior(0.0)
+    plain, looking = (
+        deliver(Lid([3.0]), coordinator).transcript()
+        for coordinator in (
+            make_coordinator(has_preview=False),
+            Coordinator(unlikely, policy=Discrete(0.01, likelihood)),
+        )
+    )
+    assert looking == plain
+
+
+def test_two_objects_go_into_their_boxes() -> None:
+    with robot(Lid([9.0]), make_coordinator()) as central, connect("somebody", central) as somebody:
+        central.advance(1.0)
+        carrying = somebody.command(CARRY_OBJECTS, 2)
+        central.advance(15.0)
+        assert somebody.query(MEASURE).object is ObjectPlace.BOX_B
+        central.advance(30.0)
+        assert carrying.state == "done"
+
+
+def test_the_table_of_seeds_is_the_same_every_time() -> None:
+    (once,), (again,) = compare(1), compare(1)
+    assert row(once) == row(again)
+    assert str(box_of(1)).startswith(("free", "covered"))
+    assert summary([once]).startswith(f"Speed-up {once.speed_up:.2f}")
+
+
+@pytest.mark.soak
+def test_no_preview_is_ever_slower_than_the_arms_detour() -> None:
+    """A wrong prediction costs at most the arm's way back from the wrong box."""
+    for one in compare(20):
+        assert one.preview.seconds < one.plain.seconds + 2.0
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("backend", ["auto", "kinematic"])
+def test_programs_of_their_own_come_to_the_same_schedule(backend: Physics, tmp_path: Path) -> None:
+    show = DeliveryShow(SCHEDULES["changed"], tmp_path, backend)
+    found = show.run()
+    assert {task.state: task.roles for task in found.tasks} == {
+        task.state: task.roles for task in delivered("changed").tasks
+    }
+    assert show.picture().exists()
