@@ -71,7 +71,7 @@ class Activity:
         self.tasks = tasks
         self.needs = checked_facts(needs or {}, "needs")
         self.makes = checked_facts(makes or {}, "makes")
-        self.undo = (undo,) if isinstance(undo, Do) else tuple(undo)
+        self.undo = tuple(undo) if isinstance(undo, Iterable) else (undo,)
         self.slow = slow
         self._cost = cost
         self._progress = progress
@@ -87,7 +87,7 @@ class Activity:
     def progress(self, report: Any) -> float:
         """The progress in [0, 1] that a report of one of its tasks stands for."""
         value = self._progress(report) if self._progress is not None else report
-        return min(max(float(value), 0.0), 1.0)
+        return min(1.0, max(0.0, float(value)))  # 0 for nan
 
     def _check(self) -> None:
         if not self.tasks:

@@ -60,7 +60,7 @@ class Interpreter:
         """
         self._situation, self._taken = situation, []
         name = self._events.get(event)
-        if name is not None and not self.is_ended:
+        if name is not None:
             self._chart.send(f"{name}_{self.current}" if event == DONE else name)
         return self._taken
 

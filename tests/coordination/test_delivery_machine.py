@@ -49,6 +49,7 @@ with Coordination("deliver", facts={"base": "A", "arm": "home", "holding": True}
     to_b.to(at_b, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
     to_b.to("waiting", likelihood=Perceived(BOX_B_FREE, negated=True))
     at_b.to(end)
+    at_b.to(waiting, on="failed", when=is_late)
     at_b.to(waiting, on="failed")
     at_b.to(waiting, on="stop")
 
@@ -86,14 +87,14 @@ def test_likelihoods_follow_from_the_situation() -> None:
 
 def test_events_are_taken_by_the_innermost_arrow_whose_guard_holds() -> None:
     run = DELIVER.interpreter()
-    free, taken = situation(free=1.0), situation(free=0.0)
+    free, taken = situation(free=0.5), situation(free=0.49)
     assert run.take("done", free) == [], "a state that waits is never done"
     assert run.take("no such event", free) == []
     assert run.take("object given", free) == [TakenArrow(0, "object given", 1)]
     assert run.take("done", taken) == [TakenArrow(1, "done", 0)]
     run.take("object given", free)
     assert run.take("done", free) == [TakenArrow(1, "done [box B is free]", 3)]
-    assert run.take("failed", situation(1.0, progress=0.7)) == [TakenArrow(3, "failed [is_late]", 3)]
+    assert run.take("failed", situation(0.5, progress=0.7)) == [TakenArrow(3, "failed [is_late]", 3)]
     assert run.take("done", free) == [TakenArrow(3, "done", 4)]
     assert run.take("done", free) == [TakenArrow(4, "done", 5), TakenArrow(5, "done", 6)]
     assert run.is_ended
@@ -120,6 +121,7 @@ def test_evaluated_likelihoods_are_normalised() -> None:
         machine.final("end")
     assert [arrow.likelihood for arrow in machine.automaton(situation(free=0.75)).arcs(0)] == [0.6, 0.4]
     assert [arrow.likelihood for arrow in machine.automaton(situation(free=0.25)).arcs(0)] == [0.25, 0.5]
+    assert [arrow.likelihood for arrow in machine.automaton(situation(free=None)).arcs(0)] == [0, 0], "unknown"
 
 
 def test_a_function_reads_watched_variables_only() -> None:

@@ -2,6 +2,7 @@
 deterministic probabilistic automaton (definition 1 of the paper).
 """
 
+from itertools import combinations
 from math import fsum
 from typing import Any
 
@@ -113,7 +114,10 @@ def check_definition(machine: Coordination, automaton: FlatAutomaton) -> None:
     for state in machine.states:
         if state.kind is not ActivityKind.COMPOUND:
             arcs = automaton.arcs(state.number)
-            assert len({arc.symbol for arc in arcs}) == len(arcs), "one transition for each symbol"
+            symbols = [arc.symbol for arc in arcs]
+            assert len(set(symbols)) == len(arcs), "one transition for each symbol"
+            for before, symbol in combinations(symbols, 2):
+                assert not symbol.startswith(f"{before} ["), "each of them can be taken"
             assert all(arc.likelihood >= 0 for arc in arcs)
             assert fsum(arc.likelihood for arc in arcs) <= 1 + 1e-9
             assert all(machine.states[arc.target].kind is not ActivityKind.COMPOUND for arc in arcs)

@@ -207,6 +207,7 @@ MISUSES: dict[Callable[[Coordination], object], str] = {
     lambda _: Activity(): "an activity needs a task, such as Do(MOVE, data, agent); a state that only waits needs none",
     lambda _: Activity(Do(LOOK)): "command 'look' reports list: give Activity(..., progress=...), a function that makes a number of it",
     lambda _: move(cost="high"): "Activity(move \"B\"): cost must be a number or a function, not 'high'",
+    lambda _: move(undo=7): "a task of an activity must be a Do, not 7",
     lambda m: m.state(""): "machine 'm': the label of a state is text, not ''",
     lambda m: m.state("a", MOVE): "state 'a': its activity must be an Activity(Do(...)), not Command('move', str -> None)",  # type: ignore[arg-type]
     lambda m: m.state("a").to("b", ""): "'a'.to('b'): on must be the name of an event, not ''",
