@@ -4,7 +4,14 @@ from collections.abc import Iterator
 
 from tca_activities.models.layout import call, imported, literal
 from tca_activities.models.methods import Method, methods
-from tca_activities.models.model import ApplicationModel, ComponentModel, InstanceModel, RegionModel, StateModel
+from tca_activities.models.model import (
+    ApplicationModel,
+    ComponentModel,
+    InstanceModel,
+    RegionModel,
+    StateModel,
+    TypeModel,
+)
 from tca_activities.models.names import file_of
 from tca_activities.models.statecharts import ordered
 
@@ -126,16 +133,19 @@ def _method(method: Method) -> Iterator[str]:
 # --- what is written once --------------------------------------------------------------------------------------------
 
 
-def skeleton(component: ComponentModel, types: set[str], package: str) -> str:
+def skeleton(component: ComponentModel, types: dict[str, TypeModel], package: str) -> str:
     """The module in which a component is written by hand."""
     return "\n".join(_skeleton(component, types, package)) + "\n"
 
 
-def _skeleton(component: ComponentModel, types: set[str], package: str) -> Iterator[str]:
+def _skeleton(component: ComponentModel, types: dict[str, TypeModel], package: str) -> Iterator[str]:
     yield f'"""Component {component.name}, written by hand: tca generate began it, and leaves it alone."""'
     yield ""
-    used = {input_.type for input_ in component.inputs.values()} & types
-    yield from imported(f"{package}generated", [f"{component.name}Base", *used])
+    names = {f"{package}generated": [f"{component.name}Base"]}
+    for name in {input_.type: None for input_ in component.inputs.values() if input_.type in types}:
+        names.setdefault(types[name].module or f"{package}generated", []).append(name)
+    for module in sorted(names):
+        yield from imported(module, names[module])
     yield from _class("", f"{component.name}({component.name}Base)", f"What the activities of {component.name} do.")
     for method in distinct(component):
         yield ""

@@ -28,7 +28,7 @@ def write_code(model: ApplicationModel, folder: Path) -> list[str]:
         if file in found:
             said += _lacking(file, component, found[file])
         else:
-            said.append(_write(file, skeleton(component, set(model.types), package)))
+            said.append(_write(file, skeleton(component, model.types, package)))
     return said
 
 

@@ -58,7 +58,7 @@ def test_a_model_is_refused_or_runs(tables: dict[str, Any]) -> None:
         return
     assert model_dot(model)
     compile(application(model, ""), "application.py", "exec")
-    modules = [generated(model), *(skeleton(one, set(model.types), "") for one in model.components.values())]
+    modules = [generated(model), *(skeleton(one, model.types, "") for one in model.components.values())]
     names: dict[str, Any] = {"__name__": "generated"}
     for module in modules:
         ours = "\n".join(line for line in module.splitlines() if not line.startswith("from generated"))

@@ -220,6 +220,15 @@ def test_a_package_imports_its_own_name(model: Path) -> None:
     python(model.parent.parent, "-c", TRY.replace("from app", "from robot.app"))
 
 
+def test_types_of_a_module_are_imported_from_there(model: Path) -> None:
+    fields = '[types.Target]\nposition = "float"\nspeed = "float"'
+    model.write_text(TEXT.replace(fields, '[types]\nTarget = "messages:Target"'))
+    (model.parent / "messages.py").write_text("class Target: ...\n")
+    said(model)
+    assert "\nfrom messages import Target\n" in (model.parent / "joint.py").read_text()
+    python(model.parent, "-c", "import joint")
+
+
 def test_its_style_is_that_of_formatters(model: Path) -> None:
     said(model)
     ruff = Path(sys.executable).parent / "ruff"
