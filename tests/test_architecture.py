@@ -252,6 +252,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "stats": {"analysis", "options", "run", "spans", "terminal", "why"},
         "export": {"errors", "log", "options", "output", "run", "spans", "why"},
         "gantt": {"drawing", "options", "output", "run", "spans", "terminal", "why"},
+        "schedule": {"drawing", "errors", "gantt", "options", "output", "run", "spans", "terminal"},
         "tasktree_viz": {"drawing", "errors", "gantt", "options", "output", "run", "terminal", "why"},
         "life_cycle": {"drawing", "errors", "options", "output", "run", "terminal"},
         "replay": {"errors", "log", "options", "run", "tasktree_viz", "terminal", "why"},

@@ -6,9 +6,10 @@ import click
 
 from tca_tools.drawing.pictures import converted
 from tca_tools.gantt.build import chart
+from tca_tools.gantt.cells import ASCII, UNICODE
 from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.svg import page_text, svg_text
-from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
+from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import ROOM, Pick
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.output import write_output

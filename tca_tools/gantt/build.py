@@ -10,6 +10,7 @@ from typing import Any
 from tca_tools.gantt import titles
 from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
+from tca_tools.run.coordinators import agent_task
 from tca_tools.run.fates import has_coped, went_on
 from tca_tools.run.records import HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
 from tca_tools.run.whole_run import Run
@@ -146,6 +147,9 @@ class _Filler:
             part.end = min(part.end, bar.end)
             bar.waits = [*bar.waits, part]
         bar.marks = self._marks(one.message_id, bar)
+        task = self.run.tasks.get(one.message_id)
+        if task is not None and (part := agent_task(self.run, task)) and part.is_early:
+            bar.ahead_until, bar.is_wasted = part.entered, part.is_wasted
         return bar
 
     def _awaited(self, module: str, wait: HandlerWait) -> Bar:

@@ -4,9 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import chain
+from math import inf
 from typing import Any
 
 from tca_tools.terminal import cut
+from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
 
 _FEWEST = 8
@@ -50,6 +52,8 @@ MEANINGS: dict[str, str] = {
     BarKind.LOCKED: "locked",
     BarKind.RESERVED: "reserved",
     CONNECTED: "connected",
+    TaskRole.AHEAD: "ahead of its state",
+    TaskRole.WASTED: "ahead, and wasted",
     Ending.FAILED: "failed",
     Ending.COPED: "failed, and handled",
     Ending.KILLED: "killed",
@@ -91,12 +95,26 @@ class Bar:
     """Of what is held by one thing after the other: the first bar, in whose lane it is."""
     lane: int = 0
     """Bars of one lane do not overlap."""
+    ahead_until: float = -inf
+    """Of a task of a coordinator: until when it ran ahead of its state."""
+    is_wasted: bool = False
+    """Whether that was for nothing."""
     parts: "Sequence[Bar]" = ()
     """The bars for which it stands, if they are too narrow to be drawn one by one."""
 
     def title(self) -> str:
         """All there is to say about it."""
         return self.told(*self.about)
+
+    @property
+    def ahead(self) -> tuple[float, float] | None:
+        """The part that ran ahead of its state."""
+        return (self.start, min(self.end, self.ahead_until)) if self.ahead_until > self.start else None
+
+    @property
+    def preview(self) -> TaskRole:
+        """How that part looks."""
+        return TaskRole.WASTED if self.is_wasted else TaskRole.AHEAD
 
     @property
     def seconds(self) -> float:
@@ -180,6 +198,7 @@ class Chart:
         bars, marks = list(self.bars()), (mark for bar in self.bars() for mark in bar.marks if self.shows(mark.time))
         seen: set[str] = {bar.kind for bar in (*bars, *claims)} | {bar.ending for bar in bars}
         seen |= {MARKED[mark.ending] for mark in marks} | {CONNECTED for row in self.rows if row.is_idle}
+        seen |= {bar.preview for bar in bars if bar.ahead}
         return seen | {BarKind.WAITING for bar in bars if bar.waits}
 
 

@@ -1,0 +1,147 @@
+"""Coordinators with a preview: which tasks they sent ahead of their states, and what that gained. Pure.
+
+Each report of a coordinator is read once, when somebody asks for the first time after it came.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import inf
+from operator import itemgetter
+from typing import NamedTuple
+
+from tca_tools.run.records import Task
+from tca_tools.run.whole_run import Run
+from tca_wire.coordination import CoordinationChart, TaskRole, read_chart, read_report
+from tca_wire.life_cycles import Effect
+from tca_wire.points import Moment
+
+_EARLY = (TaskRole.AHEAD, TaskRole.KEPT, TaskRole.WASTED)
+_TIME = itemgetter(0)
+
+
+@dataclass(slots=True)
+class AgentTask:
+    """A task that a coordinator sent: for which state, and what it was to its machine since when."""
+
+    id: int
+    state: int
+    agent: str
+    roles: list[tuple[float, TaskRole]] = field(default_factory=list)
+
+    def role(self, moment: float = inf) -> TaskRole | None:
+        """What it was at a moment; None before the first report of it."""
+        begun = bisect_right(self.roles, moment, key=_TIME)
+        return self.roles[begun - 1][1] if begun else None
+
+    def standing(self, moment: float = inf) -> str:
+        """That in words: ``ahead, kept``; "" of a task that was sent for the current state."""
+        role = self.role(moment)
+        if role is None or role is TaskRole.CURRENT:
+            return ""
+        return f"ahead, {role}" if role in (TaskRole.KEPT, TaskRole.WASTED) else role
+
+    @property
+    def is_early(self) -> bool:
+        """Whether it was sent ahead of its state."""
+        return self.roles[0][1] in _EARLY
+
+    @property
+    def entered(self) -> float:
+        """When its state was entered; inf if it was not."""
+        return next((time for time, role in self.roles if role in (TaskRole.KEPT, TaskRole.CURRENT)), inf)
+
+    @property
+    def is_wasted(self) -> bool:
+        """Whether it was sent ahead for nothing."""
+        return self.roles[-1][1] is TaskRole.WASTED
+
+
+class CoordinatorRecord:
+    """What the reports of a coordinator tell of its tasks."""
+
+    def __init__(self, chart: CoordinationChart) -> None:
+        self.chart = chart
+        self.tasks: dict[int, AgentTask] = {}
+        self.predictions: list[bool] = []
+        """Of each activity begun ahead, of which it is known: whether its state was entered."""
+        self._read = 0
+
+    def read_on(self, run: Run, coordinator: Task) -> None:
+        """Take in the reports that have come since."""
+        for change in coordinator.life[self._read :]:
+            report = read_report(change.body) if change.effect is Effect.RESULT else None
+            outcomes = set[tuple[int, bool]]()
+            for news in report.news if report is not None else ():
+                task = run.tasks.get(news.task)
+                if task is None or task.parent != coordinator.id or not 0 <= news.state < len(self.chart.states):
+                    continue
+                if task.id not in self.tasks:
+                    self.tasks[task.id] = AgentTask(task.id, news.state, news.agent)
+                self.tasks[task.id].roles.append((change.time, news.role))
+                if news.role in (TaskRole.KEPT, TaskRole.WASTED):
+                    outcomes.add((news.state, news.role is TaskRole.KEPT))
+            self.predictions += (is_right for _, is_right in sorted(outcomes))
+        self._read = len(coordinator.life)
+
+
+def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:
+    """The record of a task that is a coordinator; None of another one."""
+    if not task.life:  # as most
+        return None
+    key = CoordinatorRecord, task.id
+    if key not in run.memo:
+        known = run.formats.get(task.name)
+        chart = read_chart(known.data, task.body) if known is not None else None
+        run.memo[key] = CoordinatorRecord(chart) if chart is not None else None
+    record: CoordinatorRecord | None = run.memo[key]
+    if record is not None:
+        record.read_on(run, task)
+    return record
+
+
+def agent_task(run: Run, task: Task) -> AgentTask | None:
+    """What a task is to the coordinator that sent it; None if none did."""
+    above = run.tasks.get(task.parent)
+    record = coordinator_of(run, above) if above is not None else None
+    return record.tasks.get(task.id) if record is not None else None
+
+
+def coordinators(run: Run) -> Iterator[tuple[Task, CoordinatorRecord]]:
+    """All of a run that have reported, oldest first."""
+    for task in run.tasks.values():
+        if (record := coordinator_of(run, task)) is not None:
+            yield task, record
+
+
+def worked(run: Run, task: Task) -> tuple[float, float] | None:
+    """From when until when a task was handled and what is under it done; None if that never began."""
+    if not task.handlings:
+        return None
+    return task.handlings[0].start, min(task.time_of(Moment.END_ACHIEVING), run.time)
+
+
+class Gain(NamedTuple):
+    """What a preview came to. Seconds of tasks that ran side by side are added up."""
+
+    right: int
+    """Activities begun ahead whose states were entered, and of which they were not."""
+    wrong: int
+    kept: float
+    """Seconds that tasks ran ahead of states that were entered then: those that plain execution would have needed."""
+    wasted: float
+    restored: float
+    """Seconds that it took to undo what was wasted."""
+    seconds: float
+    """How long the machine ran."""
+
+
+def gain(run: Run, coordinator: Task, record: CoordinatorRecord) -> Gain:
+    """What running ahead gained a machine, and cost."""
+    seconds = dict.fromkeys((TaskRole.KEPT, TaskRole.WASTED, TaskRole.RESTORING), 0.0)
+    for one in record.tasks.values():
+        role, span = one.role(), worked(run, run.tasks[one.id])
+        if span is not None and role in seconds:
+            seconds[role] += max(min(span[1], one.entered) - span[0], 0.0)
+    right, span = sum(record.predictions), worked(run, coordinator)
+    return Gain(right, len(record.predictions) - right, *seconds.values(), span[1] - span[0] if span else 0.0)

@@ -1,0 +1,53 @@
+"""``tca schedule``: what the agents of a coordinator did when, of several runs one above the other."""
+
+from pathlib import Path
+
+import click
+
+from tca_tools.drawing.pictures import converted
+from tca_tools.errors import NotInLog
+from tca_tools.gantt.cells import ASCII, UNICODE
+from tca_tools.options import check_output, force_option
+from tca_tools.output import write_output
+from tca_tools.run.fold import folded
+from tca_tools.run.journals import open_log
+from tca_tools.schedule.build import AgentSchedule, schedules
+from tca_tools.schedule.svg import svg_text
+from tca_tools.schedule.text import schedule_lines
+from tca_tools.terminal import can_show, line_width
+
+_KINDS = (".svg", ".png", ".pdf", ".txt")
+_WIDTH = 120
+"""Columns where nobody knows how wide the terminal is."""
+
+
+@click.command()
+@click.argument("log_paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help=".svg, .png, .pdf or .txt")
+@force_option
+def schedule(log_paths: tuple[Path, ...], output: Path | None, *, force: bool) -> None:
+    """Show what the agents of coordinators with a preview did when, on one axis.
+
+    LOG is a journal directory or one of its segments.
+    """
+    check_output(output, _KINDS, force=force)
+    journals = [open_log(path) for path in log_paths]
+    some: list[AgentSchedule] = []
+    for journal in journals:
+        found = schedules(folded(journal), journal.name)
+        if not found:
+            raise NotInLog(f"{journal.path}: no coordinator has begun a task in this run")
+        some += found
+    if output is None or output.suffix == ".txt":
+        blocks = UNICODE if output or can_show("".join(UNICODE.values())) else ASCII
+        lines = "\n".join(schedule_lines(some, _WIDTH if output else line_width() or _WIDTH, blocks))
+        click.echo(lines) if output is None else write_output(output, click.unstyle(lines) + "\n")
+    else:
+        svg = svg_text(some)
+        write_output(output, svg if output.suffix == ".svg" else converted(svg, output.suffix[1:]))
+    for journal in journals:
+        journal.check()
+
+
+if __name__ == "__main__":
+    schedule(prog_name="python -m tca_tools.schedule")

@@ -1,0 +1,92 @@
+"""From a run to the schedules of its coordinators: for each agent its tasks, and the gaps in which it waits. Pure.
+
+Times are seconds since the coordinator's first task began.
+"""
+
+from dataclasses import dataclass
+from operator import attrgetter
+
+from tca_tools.gantt.chart import Bar
+from tca_tools.run.coordinators import AgentTask, CoordinatorRecord, coordinators, worked
+from tca_tools.run.records import Task
+from tca_tools.run.whole_run import Run
+from tca_tools.spans import lanes
+from tca_wire.coordination import TaskRole
+from tca_wire.text.bodies import plain_data
+from tca_wire.text.measures import from_to
+from tca_wire.text.printable import printable
+
+
+@dataclass(slots=True)
+class AgentRow:
+    """The tasks of an agent, and from when until when it has none."""
+
+    agent: str
+    boxes: list[Bar]
+    gaps: list[tuple[float, float]]
+
+
+@dataclass(slots=True)
+class AgentSchedule:
+    """What the agents of one coordinator did."""
+
+    title: str
+    seconds: float
+    """From the first task to the end of the last."""
+    rows: list[AgentRow]
+
+
+def schedules(run: Run, name: str) -> list[AgentSchedule]:
+    """The schedules of all coordinators of the run *name* that have begun a task."""
+    found = [one for task, record in coordinators(run) if (one := _schedule(run, task, record, name))]
+    for number, one in enumerate(found, 1):
+        one.title += f", {number} of {len(found)}" if len(found) > 1 else ""
+    return found
+
+
+def _schedule(run: Run, coordinator: Task, record: CoordinatorRecord, name: str) -> AgentSchedule | None:
+    spans = {one.id: span for one in record.tasks.values() if (span := worked(run, run.tasks[one.id]))}
+    if not spans:
+        return None
+    start, end = min(span[0] for span in spans.values()), max(span[1] for span in spans.values())
+    boxes = {one.id: _box(run, record, one, spans[one.id], start) for one in record.tasks.values() if one.id in spans}
+    rows = []
+    for agent in dict.fromkeys([*record.chart.agents, *(one.agent for one in record.tasks.values() if one.agent)]):
+        if agent in record.chart.agents or "+" not in agent:
+            whose = [boxes[one.id] for one in record.tasks.values() if one.id in boxes and agent in one.agent.split("+")]
+            rows.append(_row(agent, whose, end - start))
+    return AgentSchedule(f"{name}: {record.chart.machine}", end - start, rows)
+
+
+def _box(run: Run, record: CoordinatorRecord, one: AgentTask, span: tuple[float, float], zero: float) -> Bar:
+    task, start, end = run.tasks[one.id], span[0] - zero, span[1] - zero
+    words = "undo " * (one.role() is TaskRole.RESTORING) + _words(task)
+    about = task, record.chart.states[one.state].label, one.standing(), start, end
+    box = Bar(words, start, end, _title, about, is_open=not task.has_ended)
+    if one.is_early:
+        box.ahead_until, box.is_wasted = one.entered - zero, one.is_wasted
+    return box
+
+
+def _words(task: Task) -> str:
+    """``move base(B)``."""
+    data = plain_data(task.body)
+    values = list(data.values()) if isinstance(data, dict) else [] if data is None else [data]
+    return printable(f"{task.name}({', '.join(map(str, values))})" if values else task.name)
+
+
+def _title(task: Task, state: str, standing: str, start: float, end: float) -> str:
+    """``move arm {10} for the state 'arm to box C' (ahead, kept), from 0.800 s to 1.005 s``."""
+    return f"{task} for the state '{state}'{standing and f' ({standing})'}, {from_to(start, end)}"
+
+
+def _row(agent: str, boxes: list[Bar], seconds: float) -> AgentRow:
+    boxes = sorted(boxes, key=attrgetter("start"))
+    for box, lane in zip(boxes, lanes((box.start, box.end) for box in boxes), strict=True):
+        box.lane = lane
+    gaps, last = [], 0.0
+    for start, end in [*((box.start, box.end) for box in boxes), (seconds, seconds)]:
+        if start > last:
+            gaps.append((last, start))
+        last = max(last, end)
+    return AgentRow(agent, boxes, gaps)
