@@ -24,8 +24,10 @@ _GROUPS = {
         "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume", "retry", "raise",
         "unlock", "detach", "console",
     ),
-    "See a run, live or afterwards": ("view", "tree", "gantt", "report", "replay", "log", "stats", "check", "export"),
-    "Try a robot before it moves": ("explore", "lifecycle"),
+    "See a run, live or afterwards": (
+        "view", "tree", "gantt", "schedule", "report", "replay", "log", "stats", "check", "export",
+    ),
+    "Try a robot before it moves": ("explore", "lifecycle", "generate"),
 }  # fmt: skip
 """How the help lists the commands; those of other packages come last."""
 _COMPLETION_VARIABLE = "_TCA_COMPLETE"

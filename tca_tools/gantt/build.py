@@ -148,8 +148,8 @@ class _Filler:
             bar.waits = [*bar.waits, part]
         bar.marks = self._marks(one.message_id, bar)
         task = self.run.tasks.get(one.message_id)
-        if task is not None and (part := agent_task(self.run, task)) and part.is_early:
-            bar.ahead_until, bar.is_wasted = part.entered, part.is_wasted
+        if task is not None and (sent := agent_task(self.run, task)) and sent.is_early:
+            bar.ahead_until, bar.is_wasted = sent.entered, sent.is_wasted
         return bar
 
     def _awaited(self, module: str, wait: HandlerWait) -> Bar:

@@ -99,6 +99,8 @@ class Bar:
     """Of a task of a coordinator: until when it ran ahead of its state."""
     is_wasted: bool = False
     """Whether that was for nothing."""
+    brief: str = ""
+    """A label where the name has no room."""
     parts: "Sequence[Bar]" = ()
     """The bars for which it stands, if they are too narrow to be drawn one by one."""
 
@@ -133,7 +135,8 @@ class Bar:
     @property
     def labels(self) -> tuple[str, ...]:
         """The labels that may stand on it, the best first: ``waits for walk``, ``walk``."""
-        return (f"waits for {self.name}", self.name) if self.kind is BarKind.AWAITED else (self.name,)
+        told = (f"waits for {self.name}", self.name) if self.kind is BarKind.AWAITED else (self.name, self.brief)
+        return tuple(filter(None, told))
 
 
 @dataclass(slots=True)

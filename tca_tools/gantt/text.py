@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from itertools import cycle
 
-import click
-
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import queue_lengths
 from tca_tools.gantt.cells import END, FAILURES, MARKS, NEXT_CAUSE, TICK, UNICODE, Cells, write_name
@@ -107,7 +105,7 @@ def _held(
     yield from lanes
 
 
-def paint_handled(cells: Cells, bar: Bar, blocks: dict[str, str], colour: str) -> None:
+def paint_handled(cells: Cells, bar: Bar, blocks: dict[str, str], colour: str | None) -> None:
     """A bar, with its parts and its end."""
     first, behind = cells.span(bar.start, bar.end)
     line = [blocks[BarKind.HANDLED]] * (behind - first)

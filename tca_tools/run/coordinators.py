@@ -21,7 +21,7 @@ _TIME = itemgetter(0)
 
 
 @dataclass(slots=True)
-class AgentTask:
+class SentByCoordinator:
     """A task that a coordinator sent: for which state, and what it was to its machine since when."""
 
     id: int
@@ -62,7 +62,7 @@ class CoordinatorRecord:
 
     def __init__(self, chart: CoordinationChart) -> None:
         self.chart = chart
-        self.tasks: dict[int, AgentTask] = {}
+        self.tasks: dict[int, SentByCoordinator] = {}
         self.predictions: list[bool] = []
         """Of each activity begun ahead, of which it is known: whether its state was entered."""
         self._read = 0
@@ -77,7 +77,7 @@ class CoordinatorRecord:
                 if task is None or task.parent != coordinator.id or not 0 <= news.state < len(self.chart.states):
                     continue
                 if task.id not in self.tasks:
-                    self.tasks[task.id] = AgentTask(task.id, news.state, news.agent)
+                    self.tasks[task.id] = SentByCoordinator(task.id, news.state, news.agent)
                 self.tasks[task.id].roles.append((change.time, news.role))
                 if news.role in (TaskRole.KEPT, TaskRole.WASTED):
                     outcomes.add((news.state, news.role is TaskRole.KEPT))
@@ -100,7 +100,7 @@ def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:
     return record
 
 
-def agent_task(run: Run, task: Task) -> AgentTask | None:
+def agent_task(run: Run, task: Task) -> SentByCoordinator | None:
     """What a task is to the coordinator that sent it; None if none did."""
     above = run.tasks.get(task.parent)
     record = coordinator_of(run, above) if above is not None else None
@@ -138,10 +138,17 @@ class Gain(NamedTuple):
 
 def gain(run: Run, coordinator: Task, record: CoordinatorRecord) -> Gain:
     """What running ahead gained a machine, and cost."""
-    seconds = dict.fromkeys((TaskRole.KEPT, TaskRole.WASTED, TaskRole.RESTORING), 0.0)
+    seconds = dict.fromkeys(TaskRole, 0.0)
     for one in record.tasks.values():
         role, span = one.role(), worked(run, run.tasks[one.id])
-        if span is not None and role in seconds:
+        if span is not None and role is not None:
             seconds[role] += max(min(span[1], one.entered) - span[0], 0.0)
-    right, span = sum(record.predictions), worked(run, coordinator)
-    return Gain(right, len(record.predictions) - right, *seconds.values(), span[1] - span[0] if span else 0.0)
+    right, whole = sum(record.predictions), worked(run, coordinator)
+    return Gain(
+        right,
+        len(record.predictions) - right,
+        seconds[TaskRole.KEPT],
+        seconds[TaskRole.WASTED],
+        seconds[TaskRole.RESTORING],
+        whole[1] - whole[0] if whole else 0.0,
+    )

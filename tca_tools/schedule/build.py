@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from tca_tools.gantt.chart import Bar
-from tca_tools.run.coordinators import AgentTask, CoordinatorRecord, coordinators, worked
+from tca_tools.run.coordinators import CoordinatorRecord, SentByCoordinator, coordinators, worked
 from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import lanes
@@ -15,6 +15,8 @@ from tca_wire.coordination import TaskRole
 from tca_wire.text.bodies import plain_data
 from tca_wire.text.measures import from_to
 from tca_wire.text.printable import printable
+
+CURRENT = "of the current state"
 
 
 @dataclass(slots=True)
@@ -30,49 +32,54 @@ class AgentRow:
 class AgentSchedule:
     """What the agents of one coordinator did."""
 
-    title: str
     seconds: float
     """From the first task to the end of the last."""
     rows: list[AgentRow]
+    title: str = ""
 
 
 def schedules(run: Run, name: str) -> list[AgentSchedule]:
     """The schedules of all coordinators of the run *name* that have begun a task."""
-    found = [one for task, record in coordinators(run) if (one := _schedule(run, task, record, name))]
-    for number, one in enumerate(found, 1):
-        one.title += f", {number} of {len(found)}" if len(found) > 1 else ""
-    return found
+    made = {str(task): _schedule(run, record) for task, record in coordinators(run)}
+    found = [(task, one) for task, one in made.items() if one]
+    for task, one in found:
+        one.title = f"{name}, {task}" if len(found) > 1 else name
+    return [one for _, one in found]
 
 
-def _schedule(run: Run, coordinator: Task, record: CoordinatorRecord, name: str) -> AgentSchedule | None:
+def _schedule(run: Run, record: CoordinatorRecord) -> AgentSchedule | None:
     spans = {one.id: span for one in record.tasks.values() if (span := worked(run, run.tasks[one.id]))}
     if not spans:
         return None
     start, end = min(span[0] for span in spans.values()), max(span[1] for span in spans.values())
     boxes = {one.id: _box(run, record, one, spans[one.id], start) for one in record.tasks.values() if one.id in spans}
     rows = []
-    for agent in dict.fromkeys([*record.chart.agents, *(one.agent for one in record.tasks.values() if one.agent)]):
-        if agent in record.chart.agents or "+" not in agent:
-            whose = [boxes[one.id] for one in record.tasks.values() if one.id in boxes and agent in one.agent.split("+")]
-            rows.append(_row(agent, whose, end - start))
-    return AgentSchedule(f"{name}: {record.chart.machine}", end - start, rows)
+    for agent in record.chart.agents:
+        whose = [boxes[one.id] for one in record.tasks.values() if one.id in boxes and _needs(one, agent)]
+        rows.append(_row(agent, whose, end - start))
+    return AgentSchedule(end - start, rows)
 
 
-def _box(run: Run, record: CoordinatorRecord, one: AgentTask, span: tuple[float, float], zero: float) -> Bar:
+def _needs(one: SentByCoordinator, agent: str) -> bool:
+    return f"+{agent}+" in f"+{one.agent}+"
+
+
+def _box(run: Run, record: CoordinatorRecord, one: SentByCoordinator, span: tuple[float, float], zero: float) -> Bar:
     task, start, end = run.tasks[one.id], span[0] - zero, span[1] - zero
-    words = "undo " * (one.role() is TaskRole.RESTORING) + _words(task)
+    values = _values(task)
+    words = "undo " * (one.role() is TaskRole.RESTORING) + task.name + f"({values})" * bool(values)
     about = task, record.chart.states[one.state].label, one.standing(), start, end
-    box = Bar(words, start, end, _title, about, is_open=not task.has_ended)
+    box = Bar(words, start, end, _title, about, is_open=not task.has_ended, brief=values)
     if one.is_early:
         box.ahead_until, box.is_wasted = one.entered - zero, one.is_wasted
     return box
 
 
-def _words(task: Task) -> str:
-    """``move base(B)``."""
+def _values(task: Task) -> str:
+    """Its data in brief: ``box B, 0.5``."""
     data = plain_data(task.body)
     values = list(data.values()) if isinstance(data, dict) else [] if data is None else [data]
-    return printable(f"{task.name}({', '.join(map(str, values))})" if values else task.name)
+    return printable(", ".join(map(str, values)))
 
 
 def _title(task: Task, state: str, standing: str, start: float, end: float) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from tca_tools.drawing.svg import document, rectangle, text, width_of
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.chart import MEANINGS, Bar
-from tca_tools.schedule.build import AgentRow, AgentSchedule
+from tca_tools.schedule.build import CURRENT, AgentRow, AgentSchedule
 from tca_wire.coordination import TaskRole
 from tca_wire.text.measures import duration, percent
 
@@ -14,10 +14,12 @@ _BOX = _LANE - 4
 _BLUE, _PLAIN = "#7ab4f0", "#e4e7eb"
 _TENTHS = 10
 _STYLE = f"""\
-.block {{ font-weight: bold; }} .label {{ text-anchor: end; }} .gap {{ text-anchor: middle; fill: #7b8794; }} .words {{ text-anchor: middle; }}
+.block {{ font-weight: bold; }} .label {{ text-anchor: end; }}
+.gap {{ text-anchor: middle; fill: #7b8794; }} .words {{ text-anchor: middle; }}
 .box {{ fill: {_PLAIN}; }} .ahead {{ fill: {_BLUE}; }} .wasted {{ fill: url(#wasted); }}
 .frame {{ fill: none; stroke: #1f2933; }} .space {{ fill: #ffffff; stroke: #c5cbd3; }}
-.axis {{ stroke: #1f2933; }} .halo {{ stroke: #ffffff; stroke-width: 3px; stroke-linejoin: round; paint-order: stroke; }}"""
+.axis {{ stroke: #1f2933; }}
+.halo {{ stroke: #ffffff; stroke-width: 3px; stroke-linejoin: round; paint-order: stroke; }}"""
 _HATCHING = (
     '<defs><pattern id="wasted" width="7" height="7" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
     f'<rect width="7" height="7" fill="#ffffff"/><rect width="3" height="7" fill="{_BLUE}"/></pattern></defs>'
@@ -46,7 +48,7 @@ def svg_text(some: Sequence[AgentSchedule]) -> str:
 
 def _legend() -> Iterator[str]:
     x = _MARGIN
-    items = (("box", "of the current state"), ("ahead", MEANINGS[TaskRole.AHEAD]), ("wasted", MEANINGS[TaskRole.WASTED]))
+    items = (("box", CURRENT), ("ahead", MEANINGS[TaskRole.AHEAD]), ("wasted", MEANINGS[TaskRole.WASTED]))
     for look, words in (*items, ("space", "w: waiting")):
         yield rectangle(f'class="{look}"', x, _MARGIN - 8, x + 16, 12)
         yield rectangle('class="frame"', x, _MARGIN - 8, x + 16, 12)
@@ -71,18 +73,10 @@ def _box(box: Bar, scale: Scale, left: float, y: float) -> Iterator[str]:
     if box.ahead:
         yield rectangle(f'class="{box.preview}"', begin, y, max(left + scale.x(box.ahead[1]), begin + 2), _BOX)
     yield rectangle('class="frame" pointer-events="all"', begin, y, end, _BOX, box.title())
-    words = _fitting(box.name, end - begin - 8)
+    words = next((one for one in box.labels if width_of(one) < end - begin), "")
     x, look = (begin + end) / 2, "words halo" if box.is_wasted else "words"
     if words:
         yield f'<text class="{look}" x="{x:.1f}" y="{y + 16:.1f}" pointer-events="none">{text(words)}</text>'
-
-
-def _fitting(words: str, room: float) -> str:
-    """The words, or as many letters of them as have room; none if these would say nothing."""
-    if width_of(words) <= room:
-        return words
-    kept = next((words[:count] for count in range(len(words), 2, -1) if width_of(words[:count] + "…") <= room), "")
-    return kept and kept + "…"
 
 
 def _axis(scale: Scale, left: float, y: float) -> Iterator[str]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from tca_tools.gantt.cells import TICK, Cells
 from tca_tools.gantt.chart import MEANINGS, BarKind
 from tca_tools.gantt.text import paint_handled
-from tca_tools.schedule.build import AgentRow, AgentSchedule
+from tca_tools.schedule.build import CURRENT, AgentRow, AgentSchedule
 from tca_tools.terminal import columns_of, cut, padded
 from tca_wire.coordination import TaskRole
 from tca_wire.text.measures import duration, percent
@@ -29,8 +29,9 @@ def schedule_lines(some: Sequence[AgentSchedule], width: int, blocks: dict[str, 
     for cells in _axis(longest, columns, blocks):
         yield f"{' ' * labels}  {cells.line()}".rstrip()
     yield ""
-    kinds = (BarKind.HANDLED, TaskRole.AHEAD, TaskRole.WASTED)
-    yield cut("  ".join([*(f"{blocks[kind] * 2} {MEANINGS[kind]}" for kind in kinds), "w waiting"]), width)
+    meant: dict[str, str] = {BarKind.HANDLED: CURRENT}
+    meant |= {role: MEANINGS[role] for role in (TaskRole.AHEAD, TaskRole.WASTED)}
+    yield cut("  ".join([*(f"{blocks[kind] * 2} {meaning}" for kind, meaning in meant.items()), "w waiting"]), width)
 
 
 def _lanes(row: AgentRow, longest: float, columns: int, blocks: dict[str, str]) -> Iterator[Cells]:

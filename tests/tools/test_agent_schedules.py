@@ -1,0 +1,80 @@
+"""``tca schedule``: figure 7 of the paper on preview coordination, out of real runs."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from tools.deliveries import figure_7
+
+from tca_tools.gantt.chart import Bar
+from tca_tools.run.coordinators import coordinators, gain
+from tca_tools.run.fold import folded
+from tca_tools.run.journals import open_log
+from tca_tools.schedule.build import AgentSchedule, schedules
+
+Tca = Callable[..., Result]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return figure_7(tmp_path_factory.mktemp("figure_7"))
+
+
+def boxes(one: AgentSchedule, agent: str) -> list[Bar]:
+    return next(row.boxes for row in one.rows if row.agent == agent)
+
+
+def look(box: Bar) -> str:
+    return f"{box.name} {box.preview if box.ahead else 'current'}"
+
+
+def test_the_three_schedules_of_figure_7(
+    tca: Tca, logs: list[Path], expect: Callable[[str, str], None], tmp_path: Path
+) -> None:
+    result = tca("schedule", *logs, "-o", tmp_path / "figure.txt")
+    assert result.exit_code == 0, result.output
+    expect("schedule", (tmp_path / "figure.txt").read_text())
+    best, occupied, plain = [schedules(folded(open_log(log)), log.name)[0] for log in logs]
+    assert best.seconds < occupied.seconds < plain.seconds
+    assert [look(box) for box in boxes(best, "arm")] == ["arm to(box B) ahead", "arm to(tuck) current"]
+    assert [look(box) for box in boxes(occupied, "arm")] == [
+        "arm to(box B) wasted",
+        "arm to(box C) ahead",
+        "arm to(tuck) current",
+    ]
+    assert not any(box.ahead for row in plain.rows for box in row.boxes)
+    assert boxes(occupied, "arm")[1].end < boxes(occupied, "base")[0].end  # C's pose while the base still goes to B
+
+
+def test_the_picture_has_a_box_for_each_task(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
+    assert tca("schedule", *logs, "-o", tmp_path / "figure.svg").exit_code == 0
+    picture = (tmp_path / "figure.svg").read_text()
+    in_legend = 1
+    tasks, ahead, wasted = 5 + 7 + 6, 2, 1
+    assert picture.count('class="box"') == tasks + in_legend
+    assert picture.count('class="ahead"') == ahead + in_legend
+    assert picture.count('class="wasted"') == wasted + in_legend
+    for log in logs:
+        assert f">{log.name}: " in picture
+    assert "arm to {8} for the state &#x27;arm to box B&#x27; (ahead, wasted), from 0.000 s to 2.000 s" in picture
+
+
+def test_the_gain_of_each_run(logs: list[Path]) -> None:
+    gains = [gain(run, *one) for run in map(folded, map(open_log, logs)) for one in coordinators(run)]
+    assert [one._asdict() for one in gains] == [
+        pytest.approx(
+            {"right": right, "wrong": wrong, "kept": kept, "wasted": wasted, "restored": 0.0, "seconds": length}
+        )
+        for right, wrong, kept, wasted, length in (
+            (1, 0, 3.0, 0.0, 20.0),
+            (1, 1, 3.0, 2.0, 28.0),
+            (0, 0, 0.0, 0.0, 31.0),
+        )
+    ]
+
+
+def test_a_run_without_coordinators_has_no_schedule(tca: Tca, run: Path) -> None:
+    result = tca("schedule", run)
+    assert result.exit_code == 1
+    assert "run: no coordinator has begun a task in this run" in result.stderr
