@@ -28,8 +28,6 @@ def check_name(place: str, name: str) -> None:
 
 def check_class(place: str, name: str) -> None:
     """That a type or component may be called so. Raises BadUserFile."""
-    if file_of(name) in FILES:
-        raise BadUserFile(f"{place}: {file_of(name)}.py is written by tca generate: choose another name")
     if not _CLASS.fullmatch(name) or name in _TAKEN:
         raise BadUserFile(
             f"{place}: '{name}' can't be a class: use letters and digits, a capital first; no name of Python's"

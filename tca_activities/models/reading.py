@@ -1,6 +1,7 @@
 """Reads the file of a model. Errors say where, what is wrong, and what to do."""
 
 import re
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -23,7 +24,7 @@ from tca_activities.models.model import (
     TypeModel,
     Word,
 )  # fmt: skip
-from tca_activities.models.names import check_attributes, check_class, check_name, check_state, file_of
+from tca_activities.models.names import FILES, check_attributes, check_class, check_name, check_state, file_of
 from tca_activities.models.statecharts import check_region
 from tca_wire.user_toml import BadUserFile, advice, read_table, read_toml, shown
 
@@ -77,7 +78,7 @@ def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
     for kind, fields in file.types.items():
         types[kind] = _type(kind, fields, types)
     components = {kind: _component(kind, table, types) for kind, table in file.components.items()}
-    _check_files(components)
+    _check_classes(types, components)
     instances = {one: _instance(one, given, components) for one, given in file.instances.items()}
     model = ApplicationModel(name, types, components, instances, [])
     for one, outputs in file.connections.items():
@@ -96,12 +97,19 @@ def _tables(tables: dict[str, Any]) -> _File:
     return msgspec.convert(tables, _File)
 
 
-def _check_files(components: Iterable[str]) -> None:
-    written: dict[str, str] = {}
+def _check_classes(types: Iterable[str], components: Iterable[str]) -> None:
+    """That no class or module that is written has the name of another."""
+    classes = {name: f"types.{name}" for name in types}
+    files = dict.fromkeys(FILES, "tca generate itself") | dict.fromkeys(sys.stdlib_module_names, "Python")
     for kind in components:
-        if other := written.get(file := file_of(kind)):
-            raise BadUserFile(f"components.{kind} and components.{other} would both be {file}.py: choose another name")
-        written[file] = kind
+        place, file = f"components.{kind}", file_of(kind)
+        for name in (kind, f"{kind}Data", f"{kind}Base"):
+            if name in classes:
+                raise BadUserFile(f"{place}: its class {name} would be that of {classes[name]}: choose another name")
+            classes[name] = place
+        if file in files:
+            raise BadUserFile(f"{place}: its file {file}.py would be that of {files[file]}: choose another name")
+        files[file] = place
 
 
 # --- types and components -------------------------------------------------------------------------------------------
@@ -134,8 +142,6 @@ def _check_type(place: str, name: Any, types: dict[str, TypeModel]) -> None:
 def _component(name: str, given: Any, types: dict[str, TypeModel]) -> ComponentModel:
     place = f"components.{name}"
     check_class(place, name)
-    if name in types:
-        raise BadUserFile(f"{place}: there is a type '{name}', too: choose another name")
     table = read_table(_Component, place, given)
     for field, value in table.data.items():
         check_name(f"{place}.data.{field}", field)
