@@ -17,7 +17,7 @@ class Reason(StrEnum):
     REPEATED = "repeated"
     """Its state is the current one, or stands earlier in the list: the machine comes back to it."""
     NEEDS = "needs"
-    """A fact that it needs does not hold now; of one that is done: what it has made does not hold any more."""
+    """A fact that it needs does not hold now, or holds only because of early work that may be in vain."""
     CONFLICT = "conflict"
     """An activity that comes before it, or that runs, makes or needs the same variable; or its tasks of last time have
     not ended.
@@ -79,12 +79,9 @@ class Reservations:
         return None
 
 
-def missing(wanted: Mapping[str, Fact], facts: Mapping[str, Fact], *, but: Iterable[str] = ()) -> str | None:
-    """The first variable that has not the wanted value, if any; those of *but* may have any."""
-    for variable, value in wanted.items():
-        if variable not in but and (variable not in facts or facts[variable] != value):
-            return variable
-    return None
+def holds(variable: str, value: Fact, facts: Mapping[str, Fact]) -> bool:
+    """Whether a variable is known to have this value."""
+    return variable in facts and facts[variable] == value
 
 
 def harmed(activity: Activity, needed: frozenset[str]) -> str | None:

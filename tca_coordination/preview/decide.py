@@ -8,7 +8,7 @@ from tca_coordination.model.activities import Activity
 from tca_coordination.model.automaton import Automaton
 from tca_coordination.model.situation import Fact, Situation
 from tca_coordination.preview.agents import Places
-from tca_coordination.preview.conflicts import Objection, Reason, Reservations, harmed, missing
+from tca_coordination.preview.conflicts import Objection, Reason, Reservations, harmed, holds
 from tca_coordination.preview.policy import Candidate, Policy
 from tca_coordination.preview.walk import PreviewLimits, most_likely
 from tca_wire.coordination import Foreseen
@@ -106,6 +106,7 @@ class _Deciding:
         self.running = Reservations()  # by all that runs, in whatever order
         self.allotted = Places()  # by turn
         self.held = Places()  # as it is now, whoever's turn it is
+        self.unsettled = set(present.spoilt)  # variables whose values may be in vain
         self._reserve()
 
     def decide(self) -> None:
@@ -139,6 +140,7 @@ class _Deciding:
             self.held.take(current.tasks)
         for work in self.present.work:
             activity = self._activity(work.state)
+            self.unsettled |= activity.makes.keys()
             if work.phase is WorkPhase.RUNNING:
                 self.running.add(work.state, activity.needs, activity.makes)
                 self.held.take(activity.tasks)
@@ -199,6 +201,8 @@ class _Deciding:
         elif work.phase is WorkPhase.DONE:
             if objection := self._objection_to_result(state, activity):
                 self.decision.stops.append(objection)
+            else:
+                self.unsettled -= activity.makes.keys()
         elif work.phase is WorkPhase.FAILED:
             self.decision.refused.append(Objection(state, Reason.FAILED))
         else:
@@ -206,7 +210,7 @@ class _Deciding:
 
     def _begin(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
-        objection = self._objection(state, activity) or self._objection_to_start(state, activity)
+        objection = self._objection(state, activity, is_running=False) or self._objection_to_start(state, activity)
         share = 0.0 if objection else self._share(candidate, activity)
         if not objection and not share:
             objection = Objection(state, Reason.UTILITY)
@@ -224,7 +228,7 @@ class _Deciding:
 
     def _go_on(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
-        objection = self._objection(state, activity, but=activity.makes)
+        objection = self._objection(state, activity, is_running=True)
         share = 0.0 if objection else self._share(candidate, activity)
         if not objection and not share:
             objection = Objection(state, Reason.UTILITY)
@@ -243,10 +247,12 @@ class _Deciding:
 
     # --- objections ------------------------------------------------------------------------------------------------
 
-    def _objection(self, state: int, activity: Activity, but: Mapping[str, Fact] | None = None) -> Objection | None:
-        """What speaks against an activity that is to run now."""
-        if variable := missing(activity.needs, self.present.facts, but=but or {}):
-            return Objection(state, Reason.NEEDS, variable)
+    def _objection(self, state: int, activity: Activity, *, is_running: bool) -> Objection | None:
+        """What speaks against an activity that is to run now. One that runs may have changed what it needed."""
+        for variable, value in activity.needs.items():
+            is_settled = variable not in self.unsettled and holds(variable, value, self.present.facts)
+            if not is_settled and not (is_running and variable in activity.makes):
+                return Objection(state, Reason.NEEDS, variable)
         if clash := self.before.clash(activity.needs, activity.makes):
             return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
         return None
@@ -255,15 +261,14 @@ class _Deciding:
         """What speaks against an activity that does not run yet."""
         if clash := self.running.clash(activity.needs, activity.makes):
             return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
-        variable = harmed(activity, self.needed)
-        if variable is not None and (not activity.undo or activity.makes.keys() & self.present.spoilt):
+        if not activity.undo and (variable := harmed(activity, self.needed)):
+            return Objection(state, Reason.BRANCH, variable)
+        variable = next((variable for variable in activity.makes if variable in self.unsettled), None)
+        if variable and self.unsettled & self.needed:  # what undoes that work would take this result with it
             return Objection(state, Reason.BRANCH, variable)
         return None
 
     def _objection_to_result(self, state: int, activity: Activity) -> Objection | None:
         """What speaks against building on an activity that is done."""
-        if variable := missing(activity.makes, self.present.facts):
-            return Objection(state, Reason.NEEDS, variable)
-        if clash := self.before.clash((), activity.makes):
-            return Objection(state, Reason.CONFLICT, clash.variable, clash.state)
-        return None
+        clash = self.before.clash((), activity.makes)
+        return Objection(state, Reason.CONFLICT, clash.variable, clash.state) if clash else None

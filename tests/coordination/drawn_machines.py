@@ -1,0 +1,290 @@
+"""Small random machines, as automata; and a run of one, which does what a coordinator does, without any tasks."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from random import Random
+
+from tca_coordination import Activity, Agent, Do, Fact, LikelyArrow, Policy, PreviewLimits, Situation
+from tca_coordination.preview.conflicts import Reason, needed_later
+from tca_coordination.preview.decide import EarlyWork, Present, WorkPhase, decide
+from tca_module import Command
+
+WORK = Command("work", str, progress=float)
+BUSY = (WorkPhase.RUNNING, WorkPhase.STOPPING)
+
+
+@dataclass
+class Drawn:
+    """An automaton whose likelihoods may be set anew."""
+
+    arrows: dict[int, list[LikelyArrow]]
+    activities: dict[int, Activity] = field(default_factory=dict)
+
+    def arcs(self, state: int) -> Sequence[LikelyArrow]:
+        return self.arrows[state]
+
+    def activity(self, state: int) -> Activity | None:
+        return self.activities.get(state)
+
+    def waits(self, state: int) -> bool:
+        return state not in self.activities
+
+    def perceive(self, random: Random) -> None:
+        """Other likelihoods."""
+        for arrows in self.arrows.values():
+            left = 8
+            for place, arrow in enumerate(arrows):
+                eighths = random.choice((left, random.randint(0, left)))
+                arrows[place] = arrow._replace(likelihood=eighths / 8)
+                left -= eighths
+
+
+def drawn_activity(random: Random, agents: Sequence[Agent]) -> Activity:
+    def facts(most: int) -> dict[str, Fact]:
+        return {random.choice("wxyz"): random.choice((0, 0, 1)) for _ in range(random.randint(0, most))}
+
+    tasks = [Do(WORK, "task", *random.sample(agents, random.randint(0, 2))) for _ in range(random.choice((1, 1, 2)))]
+    undo = (Do(WORK, "undo", random.choice(agents)),) if random.random() < 0.6 else ()
+    return Activity(*tasks, needs=facts(1), makes=facts(2), undo=undo, cost=random.random())
+
+
+def drawn_machine(random: Random) -> Drawn:
+    """A machine of up to seven states, whose activities share a few agents and variables."""
+    agents = [Agent("one"), Agent("two"), Agent("three", tasks=2)]
+    number = random.randint(2, 7)
+    arrows = {}
+    for state in range(number):
+        targets = [random.randrange(number) for _ in range(random.randint(0, 2))]
+        targets.append((state + 1) % number)
+        random.shuffle(targets)
+        arrows[state] = [LikelyArrow(f"to {target}", target, 0.0) for target in targets]
+    machine = Drawn(arrows)
+    for state in range(number):
+        if random.random() < 0.85:
+            activity = drawn_activity(random, agents)
+            if not any(count > agent.tasks for agent, count in places(activity.tasks).items()):
+                machine.activities[state] = activity
+    machine.perceive(random)
+    return machine
+
+
+def places(tasks: Sequence[Do]) -> Counter[Agent]:
+    return Counter(agent for task in tasks for agent in task.agents)
+
+
+class PlayedRun:
+    """A run of a machine along random arrows, beside an account of how it would be without a preview.
+
+    Each step checks that whatever was started ahead is in nobody's way.
+    """
+
+    def __init__(self, machine: Drawn, policy: Policy, random: Random, limits: PreviewLimits | None = None) -> None:
+        self.machine = machine
+        self.policy = policy
+        self.limits = limits or PreviewLimits(0.6)
+        self.random = random
+        self.needed = needed_later(machine, 0)
+        self.plain: dict[str, Fact] = {"w": 0, "x": 0, "y": 0, "z": 0}
+        self.now = dict(self.plain)
+        self.work: list[EarlyWork] = []
+        self.spoilers: list[tuple[int, set[str]]] = []  # wasted work, and what of it nobody has made anew
+        self.current = 0
+        self.progress = 0.0
+        self.is_begun = self.is_done = False
+        self.started = self.kept = self.restored = 0
+        self._enter(0)
+
+    # --- what happens ----------------------------------------------------------------------------------------------
+
+    def step(self) -> None:
+        """Something happens; then the run goes on by what is decided."""
+        happenings = (self._go_on, self._hear_of_work, self._leave, self._perceive)
+        self.random.choices(happenings, (2, 3, 1, 1))[0]()
+        self._decide()
+        self._begin_current()
+        self.check()
+
+    def _perceive(self) -> None:
+        self.machine.perceive(self.random)
+
+    def _go_on(self) -> None:
+        """The current activity goes on, and is done some day."""
+        activity = self.machine.activity(self.current)
+        if activity is None or not self.is_begun or self.is_done:
+            return
+        self.progress += 0.4
+        if self.progress >= 1:
+            self._complete(activity)
+
+    def _complete(self, activity: Activity) -> None:
+        self.is_done = True
+        self.now |= activity.makes
+        self.plain |= activity.makes
+
+    def _hear_of_work(self) -> None:
+        """Early work goes on, ends or fails."""
+        if not self.work:
+            return
+        work = self.work.pop(self.random.randrange(len(self.work)))
+        activity = self.machine.activities[work.state]
+        match work.phase:
+            case WorkPhase.RUNNING:
+                end = self.random.choice((WorkPhase.RUNNING, WorkPhase.DONE, WorkPhase.DONE, WorkPhase.FAILED))
+                self.work.append(replace(work, phase=end, progress=min(1.0, work.progress + 0.5)))
+                if end is WorkPhase.DONE:
+                    self.now |= activity.makes
+                elif end is WorkPhase.FAILED:
+                    self._spoil(work.state)
+            case WorkPhase.STOPPING:
+                pass  # it has stopped
+            case WorkPhase.RESTORING:
+                self.restored += 1
+                spoilt = next(one for one in self.spoilers if one[0] == work.state)
+                self.spoilers.remove(spoilt)
+                self.now |= {name: self.plain[name] for name in spoilt[1] if name in self.plain}
+            case _:
+                self.work.append(work)
+
+    def _spoil(self, state: int) -> None:
+        """What the activity of a state has changed, it has changed in vain."""
+        if makes := set(self.machine.activities[state].makes):
+            self.spoilers.append((state, makes))
+
+    # --- states ----------------------------------------------------------------------------------------------------
+
+    def _leave(self) -> None:
+        """By any arrow, however unlikely."""
+        activity = self.machine.activity(self.current)
+        if activity is not None and not self.is_begun and self.plain_needs_hold(activity):
+            self.plain = {name: value for name, value in self.plain.items() if name not in activity.makes}
+        self._enter(self.random.choice(self.machine.arcs(self.current)).target)
+
+    def plain_needs_hold(self, activity: Activity) -> bool:
+        return all(self.plain.get(name) == value for name, value in activity.needs.items())
+
+    def _enter(self, state: int) -> None:
+        self.current, self.progress, self.is_begun, self.is_done = state, 0.0, False, False
+        activity = self.machine.activity(state)
+        found = next((one for one in self.work if one.state == state and one.phase in (*BUSY, "done", "failed")), None)
+        if found is None or found.phase is WorkPhase.STOPPING or activity is None:
+            return
+        self.work.remove(found)
+        if found.phase is WorkPhase.FAILED:
+            return
+        if not self.plain_needs_hold(activity):  # without a preview, it would fail here
+            self._spoil(state)
+            if found.phase is WorkPhase.RUNNING:
+                self.work.append(replace(found, phase=WorkPhase.STOPPING))
+            return
+        self.kept += 1
+        self._take_over(activity)
+        self.progress = found.progress
+        if found.phase is WorkPhase.DONE:
+            assert all(self.now.get(name) == value for name, value in activity.makes.items())
+            self._complete(activity)
+
+    def _take_over(self, activity: Activity) -> None:
+        """The activity of the current state begins, for the account without a preview, too."""
+        self.is_begun = True
+        self.plain = {name: value for name, value in self.plain.items() if name not in activity.makes}
+        self.spoilers = [(state, left) for state, made in self.spoilers if (left := made - activity.makes.keys())]
+
+    def _begin_current(self) -> None:
+        activity = self.machine.activity(self.current)
+        if activity is None or self.is_begun:
+            return
+        if not self.plain_needs_hold(activity):
+            self.is_begun = self.is_done = True  # it has failed, and the machine stays until it leaves
+            return
+        if not self._is_in_order(activity) or any(self._is_in_the_way(one, activity) for one in self.work):
+            return
+        assert all(self.now.get(name) == value for name, value in activity.needs.items())
+        self._take_over(activity)
+        self.now = {name: value for name, value in self.now.items() if name not in activity.makes}
+
+    def _is_in_the_way(self, work: EarlyWork, activity: Activity) -> bool:
+        other = self.machine.activities[work.state]
+        if work.phase not in (*BUSY, WorkPhase.RESTORING):
+            return False
+        tasks = other.undo if work.phase is WorkPhase.RESTORING else other.tasks
+        shared = places(tasks).keys() & places(activity.tasks).keys()
+        full = any(self.held()[agent] + places(activity.tasks)[agent] > agent.tasks for agent in shared)
+        needs = set() if work.phase is WorkPhase.RESTORING else other.needs.keys()
+        clash = (activity.makes.keys() & (needs | other.makes.keys())) or activity.needs.keys() & other.makes.keys()
+        return work.state == self.current or full or bool(clash)
+
+    def _is_in_order(self, activity: Activity) -> bool:
+        """Whether nothing has to be restored first; if so, that begins."""
+        for state, spoilt in reversed(self.spoilers):
+            takes_part = spoilt & activity.makes.keys() and not spoilt <= activity.makes.keys()
+            if spoilt & activity.needs.keys() or (takes_part and self.machine.activities[state].undo):
+                undone = self.machine.activities[state]
+                assert undone.undo, f"{spoilt} can't be restored"
+                restoring = EarlyWork(state, WorkPhase.RESTORING)
+                free = not any(
+                    self._is_in_the_way(one, Activity(*undone.undo, makes=undone.makes)) for one in self.work
+                )
+                if free and restoring not in self.work:
+                    self.work.append(restoring)
+                    self.now = {name: value for name, value in self.now.items() if name not in undone.makes}
+                return False
+        return True
+
+    # --- what is decided -------------------------------------------------------------------------------------------
+
+    def _decide(self) -> None:
+        spoilt = {name for _, names in self.spoilers for name in names}
+        situation = Situation("", self.plain, {}, min(self.progress, 1.0))
+        present = Present(self.current, self.now, situation, self.is_done, self.work, spoilt)
+        decision = decide(self.machine, present, self.policy, self.needed, self.limits)
+        for stop in decision.stops:
+            work = next(
+                one for one in self.work if one.state == stop.state and one.phase not in ("stopping", "restoring")
+            )
+            self.work.remove(work)
+            if work.phase is not WorkPhase.FAILED:
+                self._spoil(work.state)
+            if work.phase is WorkPhase.RUNNING:
+                self.work.append(replace(work, phase=WorkPhase.STOPPING))
+        for start in decision.starts:
+            self.started += 1
+            activity = self.machine.activities[start.state]
+            assert all(self.now.get(name) == value for name, value in activity.needs.items())
+            self.work.append(EarlyWork(start.state, share=start.share))
+            self.now = {name: value for name, value in self.now.items() if name not in activity.makes}
+        assert all(objection.reason is not Reason.NOT_FORESEEN for objection in decision.refused)
+
+    # --- what must hold --------------------------------------------------------------------------------------------
+
+    def held(self) -> Counter[Agent]:
+        held = Counter[Agent]()
+        activity = self.machine.activity(self.current)
+        if activity is not None and self.is_begun and not self.is_done:
+            held += places(activity.tasks)
+        for work in self.work:
+            other = self.machine.activities[work.state]
+            if work.phase in BUSY:
+                held += places(other.tasks)
+            elif work.phase is WorkPhase.RESTORING:
+                held += places(other.undo)
+        return held
+
+    def check(self) -> None:
+        assert all(count <= agent.tasks for agent, count in self.held().items()), "an agent has too many tasks"
+        running = [self.machine.activities[one.state] for one in self.work if one.phase in BUSY]
+        undone = [self.machine.activities[one.state] for one in self.work if one.phase is WorkPhase.RESTORING]
+        running += [Activity(*one.undo, makes=one.makes) for one in undone]
+        activity = self.machine.activity(self.current)
+        if activity is not None and self.is_begun and not self.is_done:
+            running.append(activity)
+        for one in running:
+            for name, value in one.needs.items():
+                assert name in one.makes or self.now.get(name) == value, f"{name} does not hold any more"
+            for other in running:
+                if one is not other:
+                    assert not one.makes.keys() & (other.needs.keys() | other.makes.keys()), "two change one variable"
+        touched = {name for _, names in self.spoilers for name in names}
+        touched |= {name for one in self.work for name in self.machine.activities[one.state].makes}
+        for name, value in self.plain.items():
+            assert name in touched or self.now.get(name) == value, f"{name} is not as it would be without a preview"
