@@ -4,8 +4,6 @@ from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import NamedTuple
 
-from tca_coordination.model.activities import Activity
-from tca_coordination.model.automaton import Automaton
 from tca_coordination.model.situation import Fact
 
 
@@ -82,41 +80,3 @@ class Reservations:
 def holds(variable: str, value: Fact, facts: Mapping[str, Fact]) -> bool:
     """Whether a variable is known to have this value."""
     return variable in facts and facts[variable] == value
-
-
-def harmed(activity: Activity, needed: frozenset[str]) -> str | None:
-    """The first variable that an activity changes and that a branch needs as it is, if any."""
-    return next((variable for variable in activity.makes if variable in needed), None)
-
-
-def needed_later(automaton: Automaton, initial: int) -> dict[int, frozenset[str]]:
-    """For each state that can be reached, the variables that a branch after it may need as they are: on some path, of
-    whatever likelihood, a state needs the variable before any makes it anew.
-
-    These are the live variables of a program, as compilers find them. They depend on the structure of a machine only.
-    """
-    followers = _followers(automaton, initial)
-    entering: dict[int, frozenset[str]] = dict.fromkeys(followers, frozenset())
-    later: dict[int, frozenset[str]] = dict(entering)
-    is_stable = False
-    while not is_stable:
-        is_stable = True
-        for state in reversed(followers):  # needs travel against the arrows
-            later[state] = frozenset().union(*(entering[follower] for follower in followers[state]))
-            activity = automaton.activity(state)
-            needs = later[state] if activity is None else activity.needs.keys() | (later[state] - activity.makes.keys())
-            if needs != entering[state]:
-                entering[state] = frozenset(needs)
-                is_stable = False
-    return later
-
-
-def _followers(automaton: Automaton, initial: int) -> dict[int, set[int]]:
-    found: dict[int, set[int]] = {}
-    waiting = [initial]
-    while waiting:
-        state = waiting.pop()
-        if state not in found:
-            found[state] = {arrow.target for arrow in automaton.arcs(state)}
-            waiting += found[state]
-    return found

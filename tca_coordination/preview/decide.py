@@ -8,7 +8,8 @@ from tca_coordination.model.activities import Activity
 from tca_coordination.model.automaton import Automaton
 from tca_coordination.model.situation import Fact, Situation
 from tca_coordination.preview.agents import Places
-from tca_coordination.preview.conflicts import Objection, Reason, Reservations, harmed, holds
+from tca_coordination.preview.branches import harmed
+from tca_coordination.preview.conflicts import Objection, Reason, Reservations, holds
 from tca_coordination.preview.policy import Candidate, Policy
 from tca_coordination.preview.walk import PreviewLimits, most_likely
 from tca_wire.coordination import Foreseen

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 from random import Random
 
 from tca_coordination import Activity, Agent, Do, Fact, LikelyArrow, Policy, PreviewLimits, Situation
-from tca_coordination.preview.conflicts import Reason, needed_later
+from tca_coordination.preview.branches import Way, live_variables
+from tca_coordination.preview.conflicts import Reason
 from tca_coordination.preview.decide import EarlyWork, Present, WorkPhase, decide
 from tca_module import Command
 
@@ -58,7 +59,7 @@ def drawn_machine(random: Random) -> Drawn:
         targets = [random.randrange(number) for _ in range(random.randint(0, 2))]
         targets.append((state + 1) % number)
         random.shuffle(targets)
-        arrows[state] = [LikelyArrow(f"to {target}", target, 0.0) for target in targets]
+        arrows[state] = [LikelyArrow(random.choice(("failed", "done")), target, 0.0) for target in targets]
     machine = Drawn(arrows)
     for state in range(number):
         if random.random() < 0.85:
@@ -84,14 +85,18 @@ class PlayedRun:
         self.policy = policy
         self.limits = limits or PreviewLimits(0.6)
         self.random = random
-        self.needed = needed_later(machine, 0)
+        ways = {
+            state: [Way(arrow.target, arrow.symbol == "failed") for arrow in arrows]
+            for state, arrows in machine.arrows.items()
+        }
+        self.needed = live_variables(ways, machine.activities)
         self.plain: dict[str, Fact] = {"w": 0, "x": 0, "y": 0, "z": 0}
         self.now = dict(self.plain)
         self.work: list[EarlyWork] = []
         self.spoilers: list[tuple[int, set[str]]] = []  # wasted work, and what of it nobody has made anew
         self.current = 0
         self.progress = 0.0
-        self.is_begun = self.is_done = False
+        self.is_begun = self.is_done = self.is_unfit = False
         self.started = self.kept = self.restored = 0
         self._enter(0)
 
@@ -154,17 +159,19 @@ class PlayedRun:
     # --- states ----------------------------------------------------------------------------------------------------
 
     def _leave(self) -> None:
-        """By any arrow, however unlikely."""
+        """By any arrow, however unlikely; if the activity could not begin, by one for its failure."""
         activity = self.machine.activity(self.current)
         if activity is not None and not self.is_begun and self.plain_needs_hold(activity):
             self.plain = {name: value for name, value in self.plain.items() if name not in activity.makes}
-        self._enter(self.random.choice(self.machine.arcs(self.current)).target)
+        arrows = [arrow for arrow in self.machine.arcs(self.current) if arrow.symbol == "failed" or not self.is_unfit]
+        if arrows:
+            self._enter(self.random.choice(arrows).target)
 
     def plain_needs_hold(self, activity: Activity) -> bool:
         return all(self.plain.get(name) == value for name, value in activity.needs.items())
 
     def _enter(self, state: int) -> None:
-        self.current, self.progress, self.is_begun, self.is_done = state, 0.0, False, False
+        self.current, self.progress, self.is_begun, self.is_done, self.is_unfit = state, 0.0, False, False, False
         activity = self.machine.activity(state)
         found = next((one for one in self.work if one.state == state and one.phase in (*BUSY, "done", "failed")), None)
         if found is None or found.phase is WorkPhase.STOPPING or activity is None:
@@ -195,7 +202,7 @@ class PlayedRun:
         if activity is None or self.is_begun:
             return
         if not self.plain_needs_hold(activity):
-            self.is_begun = self.is_done = True  # it has failed, and the machine stays until it leaves
+            self.is_begun = self.is_done = self.is_unfit = True
             return
         if not self._is_in_order(activity) or any(self._is_in_the_way(one, activity) for one in self.work):
             return

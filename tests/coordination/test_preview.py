@@ -22,7 +22,8 @@ from tca_coordination import (
     most_likely,
     progress_only,
 )
-from tca_coordination.preview.conflicts import Objection, Reason, needed_later
+from tca_coordination.preview.branches import needed_later
+from tca_coordination.preview.conflicts import Objection, Reason
 from tca_coordination.preview.decide import Decision, EarlyWork, Present, Start, WorkPhase, decide
 from tca_module import Command, MisuseError, Variable
 from tca_wire.coordination import Foreseen
@@ -101,6 +102,7 @@ def decided(
     free: float = 1.0,
     progress: float = 0.6,
     is_done: bool = False,
+    spoilt: Sequence[str] = (),
     policy: Policy | None = None,
 ) -> Decision:
     automaton = machine.automaton(situation(free, progress))
@@ -110,9 +112,9 @@ def decided(
         situation(free, progress),
         is_done,
         work,
+        spoilt,
     )
-    needed = needed_later(automaton, automaton.initial)
-    return decide(automaton, present, policy or Discrete(0.5, progress_only), needed, PreviewLimits())
+    return decide(automaton, present, policy or Discrete(0.5, progress_only), needed_later(machine), PreviewLimits())
 
 
 def ahead(label: str, phase: WorkPhase = WorkPhase.RUNNING, progress: float = 0.0) -> EarlyWork:
@@ -246,6 +248,59 @@ def test_a_branch_that_needs_the_old_value_forbids_what_cannot_be_undone() -> No
     assert refused.starts == []
     assert refused.refused == [Objection(1, Reason.BRANCH, "arm")]
     assert decided("going to B", machine=watched(undo=True)).starts == [Start(1)]
+
+
+def test_a_branch_may_fail_before_it_makes_a_variable_anew() -> None:
+    """The arm is moved anew by greeting. But that needs the light; without it, the arm is looked at as it is."""
+    with Coordination("dark", facts={**START, "light": "on"}) as machine:
+        going = machine.state("going to B", base("B"))
+        reach = machine.state("arm to B", arm("B"))
+        greet = machine.state(
+            "greeting", Activity(Do(MOVE_ARM, "wave", ARM), needs={"light": "on"}, makes={"arm": "up"})
+        )
+        look = machine.state("looking", Activity(Do(MOVE_GRIPPER, "look", GRIPPER), needs={"arm": "home"}))
+        end = machine.final("end")
+        going.to(reach)
+        going.to(greet, on="somebody comes")
+        reach.to(end)
+        greet.to(end)
+        greet.to(look, on="failed")
+        look.to(end)
+    assert needed_later(machine)[0] == {"light", "arm"}
+    assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm")]
+
+
+def test_nothing_is_built_on_work_that_may_be_in_vain() -> None:
+    """The arm was moved for nothing, and is at B by chance. It may have to go back first."""
+    machine = watched(undo=True)
+    spoilt = decided("going to B", {**START, "arm": "B"}, machine=machine, spoilt=["arm"])
+    assert spoilt.refused == [Objection(1, Reason.BRANCH, "arm")]
+    by_chance: dict[str, Fact] = {"base": "B", "arm": "B", "holding": True}
+    assert decided("arm to B", by_chance, spoilt=["arm"], is_done=True).refused[0] == Objection(
+        number("dropping at B"), Reason.NEEDS, "arm"
+    )
+    assert decided("arm to B", by_chance, is_done=True).starts == [Start(number("dropping at B"))]
+
+
+def test_what_is_being_restored_is_left_alone() -> None:
+    machine = watched(undo=False)
+    home = EarlyWork(1, WorkPhase.RESTORING)
+    assert decided("greeting", machine=machine, work=[home]).refused == [Objection(1, Reason.CONFLICT, other=1)]
+    restoring = decided("going to C", {"base": "A", "holding": True}, [ahead("arm to B", WorkPhase.RESTORING)])
+    assert restoring.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
+
+
+def test_an_activity_that_runs_may_change_what_it_needed() -> None:
+    lift = Activity(Do(MOVE_ARM, "up", ARM), needs={"arm": "home"}, makes={"arm": "up"}, undo=Do(MOVE_ARM, "home", ARM))
+    with Coordination("lifting", facts=START) as machine:
+        going = machine.state("going to B", base("B"))
+        lifting = machine.state("lifting", lift)
+        end = machine.final("end")
+        going.to(lifting)
+        lifting.to(end)
+    assert decided("going to B", machine=machine).starts == [Start(1)]
+    runs = decided("going to B", {"base": "A", "holding": True}, [EarlyWork(1)], machine=machine)
+    assert (runs.stops, runs.refused) == ([], [])
 
 
 def test_the_agent_of_the_current_activity_is_its_own() -> None:

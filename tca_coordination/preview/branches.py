@@ -1,0 +1,60 @@
+"""The variables that some branch of a machine may need as they are: early work changes one only if it can be undone.
+
+These are the live variables of a program, as compilers find them. They follow from the structure of a machine alone.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from tca_coordination.model.activities import Activity
+from tca_coordination.model.automaton import arrows_of
+from tca_coordination.model.machine import Coordination
+from tca_coordination.model.states import FAILED
+
+
+class Way(NamedTuple):
+    """An arrow from one leaf to another, without likelihood or guard."""
+
+    target: int
+    is_failure: bool = False
+    """Whether it is taken when an activity fails, or can't begin."""
+
+
+def needed_later(machine: Coordination) -> dict[int, frozenset[str]]:
+    """For each leaf, the variables that a branch after it may need as they are."""
+    leaves = [state for state in machine.states if state.leaf is state]
+    ways = {
+        leaf.number: [Way(arrow.target.leaf.number, arrow.event == FAILED) for arrow in arrows_of(leaf)]
+        for leaf in leaves
+    }
+    return live_variables(ways, {leaf.number: leaf.activity for leaf in leaves if leaf.activity is not None})
+
+
+def live_variables(ways: Mapping[int, Sequence[Way]], activities: Mapping[int, Activity]) -> dict[int, frozenset[str]]:
+    """For each state, the variables that, on some path after it, a state needs before one has made them anew."""
+    entering: dict[int, set[str]] = {state: set() for state in ways}
+    is_stable = False
+    while not is_stable:
+        is_stable = True
+        for state in reversed(list(ways)):  # needs travel against the arrows
+            live = _live_before(ways[state], entering, activities.get(state))
+            if live != entering[state]:
+                entering[state] = live
+                is_stable = False
+    return {state: frozenset().union(*(entering[way.target] for way in ways[state])) for state in ways}
+
+
+def _live_before(ways: Sequence[Way], entering: Mapping[int, set[str]], activity: Activity | None) -> set[str]:
+    """The variables that a state, or what follows it, needs as they are when it is entered."""
+    later = set().union(*(entering[way.target] for way in ways))
+    if activity is None:
+        return later
+    live = activity.needs.keys() | (later - activity.makes.keys())
+    if activity.needs:  # if these do not hold it fails, and has made nothing
+        live |= set().union(*(entering[way.target] for way in ways if way.is_failure))
+    return live
+
+
+def harmed(activity: Activity, needed: frozenset[str]) -> str | None:
+    """The first variable that an activity changes and that a branch needs as it is, if any."""
+    return next((variable for variable in activity.makes if variable in needed), None)
