@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import cast
 
 from robots.youbot_sim.robot import Physics
-from robots.youbot_sim.seeds import HEAD, compare, row, summary
-from robots.youbot_sim.show import SCHEDULES, DeliveryShow
+from robots.youbot_sim.seeds import HEAD, box_of, compare, row, summary
+from robots.youbot_sim.show import SCHEDULES, DeliveryShow, ShownDelivery
 from tca_module import TcaError
 
 WHICH = "best: box B is free; changed: it is covered on the way; plain: it is covered, and nothing is done ahead"
@@ -20,6 +20,9 @@ def main() -> int:
     parser.add_argument("--schedule", choices=(*SCHEDULES, "all"), default="all", help=WHICH)
     parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto", help="of the simulator")
     parser.add_argument("--out", type=Path, default=Path("runs/youbot"), help="folder of its files (%(default)s)")
+    parser.add_argument(
+        "--seed", type=int, help="instead of a schedule: a preview, with the box B of that row of the table"
+    )
     parser.add_argument("--seeds", type=int, metavar="N", help="instead: a table of N deliveries with changing boxes")
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
@@ -44,11 +47,16 @@ def _table(seeds: int) -> int:
 
 
 def _show(options: argparse.Namespace) -> int:
-    for name in SCHEDULES if options.schedule == "all" else [options.schedule]:
+    chosen = SCHEDULES if options.schedule == "all" else {options.schedule: SCHEDULES[options.schedule]}
+    if options.seed is not None:
+        box = box_of(options.seed)
+        title = f"with a preview, box B {box}"
+        chosen = {f"seed-{options.seed}": ShownDelivery(title, changes=box.changes, starts_covered=box.starts_covered)}
+    for name, delivery in chosen.items():
         folder = options.out / name
         folder.mkdir(parents=True, exist_ok=True)
-        show = DeliveryShow(SCHEDULES[name], folder, cast("Physics", options.backend))
-        print(f"{name}: {SCHEDULES[name].title}")
+        show = DeliveryShow(delivery, folder, cast("Physics", options.backend))
+        print(f"{name}: {delivery.title}")
         delivered = show.run()
         for task in delivered.tasks:
             print(f"  {task}")

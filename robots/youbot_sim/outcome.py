@@ -13,7 +13,7 @@ from tca_wire.points import Moment
 
 
 @dataclass(frozen=True, slots=True)
-class AgentTask:
+class DoneTask:
     """A task of an agent, from when until when (seconds since the object was given), and what it was to the machine."""
 
     agent: str
@@ -31,9 +31,9 @@ class CarriedObject:
     """One object, from the hand of the user until the robot waits again."""
 
     seconds: float
-    tasks: tuple[AgentTask, ...]
+    tasks: tuple[DoneTask, ...]
 
-    def with_role(self, role: TaskRole) -> list[AgentTask]:
+    def with_role(self, role: TaskRole) -> list[DoneTask]:
         """The tasks that were that in the end."""
         return [task for task in self.tasks if task.roles[-1] is role]
 
@@ -62,13 +62,11 @@ def _chart(history: History, task: Task) -> CoordinationChart | None:
 
 def _tasks(
     history: History, chart: CoordinationChart, reports: Iterable[CoordinationReport], given: float
-) -> Iterable[AgentTask]:
+) -> Iterable[DoneTask]:
     """In the order in which they began."""
     changes = [change for report in reports for change in report.news]
     for number in dict.fromkeys(change.task for change in changes):
         own = [change for change in changes if change.task == number]
         task = history.tasks[number]
         start, end = (task.time_of(moment) - given for moment in (Moment.START_HANDLING, Moment.END_HANDLING))
-        yield AgentTask(
-            own[0].agent, chart.states[own[0].state].label, start, end, tuple(change.role for change in own)
-        )
+        yield DoneTask(own[0].agent, chart.states[own[0].state].label, start, end, tuple(change.role for change in own))

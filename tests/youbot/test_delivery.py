@@ -8,7 +8,7 @@ import pytest
 from robots.youbot_sim.coordination import likelihood, make_coordinator
 from robots.youbot_sim.delivery import make_delivery
 from robots.youbot_sim.messages import CARRY_OBJECTS, MEASURE
-from robots.youbot_sim.outcome import AgentTask, CarriedObject, read_delivery
+from robots.youbot_sim.outcome import DoneTask, CarriedObject, read_delivery
 from robots.youbot_sim.robot import Physics
 from robots.youbot_sim.seeds import box_of, compare, row, summary
 from robots.youbot_sim.show import SCHEDULES, DeliveryShow
@@ -30,11 +30,11 @@ def delivered(name: str) -> CarriedObject:
     return read_delivery(deliver(lid, make_coordinator(has_preview=schedule.has_preview)).entries)
 
 
-def states(tasks: list[AgentTask]) -> list[str]:
+def states(tasks: list[DoneTask]) -> list[str]:
     return [task.state for task in tasks]
 
 
-def the(found: CarriedObject, state: str) -> AgentTask:
+def the(found: CarriedObject, state: str) -> DoneTask:
     (task,) = [task for task in found.tasks if task.state == state]
     return task
 
