@@ -8,7 +8,7 @@ import pytest
 from robots.youbot_sim.coordination import likelihood, make_coordinator
 from robots.youbot_sim.delivery import make_delivery
 from robots.youbot_sim.messages import CARRY_OBJECTS, MEASURE
-from robots.youbot_sim.outcome import DoneTask, CarriedObject, read_delivery
+from robots.youbot_sim.outcome import CarriedObject, DoneTask, read_delivery
 from robots.youbot_sim.robot import Physics
 from robots.youbot_sim.seeds import box_of, compare, row, summary
 from robots.youbot_sim.show import SCHEDULES, DeliveryShow
