@@ -3,6 +3,7 @@
 import argparse
 import logging
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import cast
 
@@ -10,6 +11,12 @@ from robots.youbot_sim.robot import Physics
 from robots.youbot_sim.seeds import HEAD, box_of, compare, row, summary
 from robots.youbot_sim.show import SCHEDULES, DeliveryShow, ShownDelivery
 from tca_module import TcaError
+from tca_tools.drawing.pictures import converted
+from tca_tools.errors import NoPicture
+from tca_tools.run.fold import folded
+from tca_tools.run.journals import open_log
+from tca_tools.schedule.build import AgentSchedule, schedules
+from tca_tools.schedule.svg import svg_text
 
 WHICH = "best: box B is free; changed: it is covered on the way; plain: it is covered, and nothing is done ahead"
 
@@ -23,7 +30,9 @@ def main() -> int:
     parser.add_argument(
         "--seed", type=int, help="instead of a schedule: a preview, with the box B of that row of the table"
     )
-    parser.add_argument("--seeds", type=int, metavar="N", help="instead: a table of N deliveries with changing boxes")
+    parser.add_argument(
+        "--seeds", type=_count, metavar="N", help="instead: a table of N deliveries with changing boxes"
+    )
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
     try:
@@ -34,6 +43,13 @@ def main() -> int:
     except KeyboardInterrupt:
         print(f"youbot: ended by Ctrl-C; what happened so far is in {options.out}", file=sys.stderr)
         return 130
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise argparse.ArgumentTypeError(f"the number of seeds is 1 or more, not {text}")
+    return count
 
 
 def _table(seeds: int) -> int:
@@ -52,6 +68,7 @@ def _show(options: argparse.Namespace) -> int:
         box = box_of(options.seed)
         title = f"with a preview, box B {box}"
         chosen = {f"seed-{options.seed}": ShownDelivery(title, changes=box.changes, starts_covered=box.starts_covered)}
+    drawn: list[AgentSchedule] = []
     for name, delivery in chosen.items():
         folder = options.out / name
         folder.mkdir(parents=True, exist_ok=True)
@@ -63,7 +80,19 @@ def _show(options: argparse.Namespace) -> int:
         print(f"  done after {delivered.seconds:.1f} s")
         for path in (show.journal, show.picture()):
             print("  made", path)
+        drawn += schedules(folded(open_log(show.journal)), f"{name}: {delivery.title}")
+    for path, data in _pictures(options.out / "schedules", svg_text(drawn)):
+        path.write_bytes(data)
+        print("made", path)
     return 0
+
+
+def _pictures(path: Path, svg: str) -> Iterator[tuple[Path, bytes]]:
+    yield path.with_suffix(".svg"), svg.encode()
+    try:
+        yield path.with_suffix(".png"), converted(svg, "png")
+    except NoPicture as error:
+        print(error, file=sys.stderr)
 
 
 if __name__ == "__main__":

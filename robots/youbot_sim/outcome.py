@@ -4,12 +4,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robots.youbot_sim.delivery import GIVEN, WAITING
+from tca_tools.run.coordinators import coordinators, worked
 from tca_tools.run.fold import History
-from tca_tools.run.records import Task
-from tca_wire.coordination import CoordinationChart, CoordinationReport, TaskRole, read_chart, read_report
+from tca_wire.coordination import TaskRole, read_report
 from tca_wire.journal.facts import Entry
 from tca_wire.life_cycles import Effect
-from tca_wire.points import Moment
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,27 +45,16 @@ class CarriedObject:
 def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
     """The delivery of a journal that holds one."""
     history = History.until(entries)
-    runs = ((_chart(history, task), task) for task in history.tasks.values())
-    chart, run = next((chart, task) for chart, task in runs if chart is not None)
-    reports = [(change.time, read_report(change.body)) for change in run.life if change.effect is Effect.RESULT]
+    ((coordinator, record),) = coordinators(history)
+    labels = [state.label for state in record.chart.states]
+    reports = [(change.time, read_report(change.body)) for change in coordinator.life if change.effect is Effect.RESULT]
     told = [(time, report) for time, report in reports if report is not None]
     given = next(time for time, report in told if report.taken == GIVEN)
-    waits = (time for time, report in told if time > given and chart.states[report.current].label == WAITING)
-    return CarriedObject(next(waits) - given, tuple(_tasks(history, chart, [report for _, report in told], given)))
-
-
-def _chart(history: History, task: Task) -> CoordinationChart | None:
-    known = history.formats.get(task.name)
-    return read_chart(known.data, task.body) if known is not None else None
-
-
-def _tasks(
-    history: History, chart: CoordinationChart, reports: Iterable[CoordinationReport], given: float
-) -> Iterable[DoneTask]:
-    """In the order in which they began."""
-    changes = [change for report in reports for change in report.news]
-    for number in dict.fromkeys(change.task for change in changes):
-        own = [change for change in changes if change.task == number]
-        task = history.tasks[number]
-        start, end = (task.time_of(moment) - given for moment in (Moment.START_HANDLING, Moment.END_HANDLING))
-        yield DoneTask(own[0].agent, chart.states[own[0].state].label, start, end, tuple(change.role for change in own))
+    waits = next(time for time, report in told if time > given and labels[report.current] == WAITING)
+    tasks = []
+    for one in record.tasks.values():
+        start, end = worked(history, history.tasks[one.id]) or (given, given)
+        roles = tuple(role for _, role in one.roles)
+        start, end = max(start - given, 0.0), max(end - given, 0.0)  # the report that it began is a bit later
+        tasks.append(DoneTask(one.agent, labels[one.state], start, end, roles))
+    return CarriedObject(waits - given, tuple(tasks))

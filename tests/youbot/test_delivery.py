@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from robots.youbot_sim.__main__ import main
 from robots.youbot_sim.coordination import likelihood, make_coordinator
 from robots.youbot_sim.delivery import make_delivery
 from robots.youbot_sim.messages import CARRY_OBJECTS, MEASURE
@@ -112,6 +113,18 @@ def test_the_table_of_seeds_is_the_same_every_time() -> None:
     assert row(once) == row(again)
     assert str(box_of(1)).startswith(("free", "covered"))
     assert summary([once]).startswith(f"Speed-up {once.speed_up:.2f}")
+
+
+def test_the_table_on_the_command_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["youbot_sim", "--seeds", "1"])
+    assert main() == 0
+    head, rule, first, _, end = capsys.readouterr().out.splitlines()
+    assert head.count("|") == rule.count("|") == first.count("|")
+    assert end.startswith("Speed-up")
+    monkeypatch.setattr("sys.argv", ["youbot_sim", "--seeds", "0"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "the number of seeds is 1 or more, not 0" in capsys.readouterr().err
 
 
 @pytest.mark.soak
