@@ -12,7 +12,7 @@ from tca_coordination.model.machine import Coordination
 from tca_coordination.model.states import FAILED
 
 
-class Way(NamedTuple):
+class BareArrow(NamedTuple):
     """An arrow from one leaf to another, without likelihood or guard."""
 
     target: int
@@ -23,35 +23,37 @@ class Way(NamedTuple):
 def needed_later(machine: Coordination) -> dict[int, frozenset[str]]:
     """For each leaf, the variables that a branch after it may need as they are."""
     leaves = [state for state in machine.states if state.leaf is state]
-    ways = {
-        leaf.number: [Way(arrow.target.leaf.number, arrow.event == FAILED) for arrow in arrows_of(leaf)]
+    arrows = {
+        leaf.number: [BareArrow(arrow.target.leaf.number, arrow.event == FAILED) for arrow in arrows_of(leaf)]
         for leaf in leaves
     }
-    return live_variables(ways, {leaf.number: leaf.activity for leaf in leaves if leaf.activity is not None})
+    return live_variables(arrows, {leaf.number: leaf.activity for leaf in leaves if leaf.activity is not None})
 
 
-def live_variables(ways: Mapping[int, Sequence[Way]], activities: Mapping[int, Activity]) -> dict[int, frozenset[str]]:
+def live_variables(
+    arrows: Mapping[int, Sequence[BareArrow]], activities: Mapping[int, Activity]
+) -> dict[int, frozenset[str]]:
     """For each state, the variables that, on some path after it, a state needs before one has made them anew."""
-    entering: dict[int, set[str]] = {state: set() for state in ways}
+    entering: dict[int, set[str]] = {state: set() for state in arrows}
     is_stable = False
     while not is_stable:
         is_stable = True
-        for state in reversed(list(ways)):  # needs travel against the arrows
-            live = _live_before(ways[state], entering, activities.get(state))
+        for state in reversed(list(arrows)):  # needs travel against the arrows
+            live = _live_before(arrows[state], entering, activities.get(state))
             if live != entering[state]:
                 entering[state] = live
                 is_stable = False
-    return {state: frozenset().union(*(entering[way.target] for way in ways[state])) for state in ways}
+    return {state: frozenset().union(*(entering[arrow.target] for arrow in arrows[state])) for state in arrows}
 
 
-def _live_before(ways: Sequence[Way], entering: Mapping[int, set[str]], activity: Activity | None) -> set[str]:
+def _live_before(arrows: Sequence[BareArrow], entering: Mapping[int, set[str]], activity: Activity | None) -> set[str]:
     """The variables that a state, or what follows it, needs as they are when it is entered."""
-    later = set().union(*(entering[way.target] for way in ways))
+    later = set().union(*(entering[arrow.target] for arrow in arrows))
     if activity is None:
         return later
     live = activity.needs.keys() | (later - activity.makes.keys())
     if activity.needs:  # if these do not hold it fails, and has made nothing
-        live |= set().union(*(entering[way.target] for way in ways if way.is_failure))
+        live |= set().union(*(entering[arrow.target] for arrow in arrows if arrow.is_failure))
     return live
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from random import Random
 
 from tca_coordination import Activity, Agent, Do, Fact, LikelyArrow, Policy, PreviewLimits, Situation
-from tca_coordination.preview.branches import Way, live_variables
+from tca_coordination.preview.branches import BareArrow, live_variables
 from tca_coordination.preview.conflicts import Reason
 from tca_coordination.preview.decide import EarlyWork, Present, WorkPhase, decide
 from tca_module import Command
@@ -86,7 +86,7 @@ class PlayedRun:
         self.limits = limits or PreviewLimits(0.6)
         self.random = random
         ways = {
-            state: [Way(arrow.target, arrow.symbol == "failed") for arrow in arrows]
+            state: [BareArrow(arrow.target, arrow.symbol == "failed") for arrow in arrows]
             for state, arrows in machine.arrows.items()
         }
         self.needed = live_variables(ways, machine.activities)
