@@ -1,5 +1,6 @@
 """Coordination of a robot's activities by a state machine that looks ahead."""
 
+from tca_coordination.learning import count_transitions
 from tca_coordination.model.activities import Activity, Agent, Do
 from tca_coordination.model.automaton import Automaton, FlatAutomaton, LikelyArrow
 from tca_coordination.model.errors import UnsoundCoordination
@@ -42,6 +43,7 @@ __all__ = [
     "TakenArrow",
     "UnsoundCoordination",
     "Weighted",
+    "count_transitions",
     "expected_gain",
     "most_likely",
     "progress_only",

@@ -91,6 +91,7 @@ EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
     ("tca_tools/check/rerun.py", "tca_central"),  # whose inputs are handled again
     ("tca_missions/charts/drawing.py", "tca_tools"),  # pictures of state machines
+    ("tca_coordination/learning.py", "tca_tools"),  # journals of earlier runs
     ("tca_coordination/model/drawing.py", "tca_tools"),
     ("tca_activities/models/drawing.py", "tca_tools"),  # pictures of models
     ("tca_tools/view/steering.py", "tca_live"),  # the page steers a running central as the commands do
@@ -217,7 +218,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "model": set(),
         "preview": {"model"},
         "running": {"model", "preview"},
-        "learning": {"model"},
+        "learning": set(),
         "__init__": {"learning", "model", "preview", "running"},
     },
     "tca_module": {

@@ -39,6 +39,8 @@ class CoordinationRun:
         self._work = ActivitiesAtWork(machine.facts, task, failures, patience, self._heard.append)
         self._unmet = ""
         """Why the current activity can't begin, in words; "" if it can."""
+        self._failed_at_once = set[int]()
+        """States that could not begin, since something was heard last: coming back to one goes round for ever."""
         self._is_entered = False
         """Its activity has begun or waits to begin, if it has one."""
         self._taken: list[TakenArrow] = []
@@ -84,6 +86,7 @@ class CoordinationRun:
             due = self._work.kill_due
             timeout = None if due is None else max(0.0, due - self._task.time())
             self._task.wait_until(lambda: bool(self._heard), timeout)
+        self._failed_at_once.clear()
         while self._heard:
             self._heard.popleft()()
         self._work.kill_late()
@@ -146,7 +149,11 @@ class CoordinationRun:
         if not self._is_entered:
             return False
         current = self._work.current
-        if self._unmet or (current is not None and current.failed_task is not None):
+        if self._unmet:
+            is_round = self._interpreter.current in self._failed_at_once
+            self._failed_at_once.add(self._interpreter.current)
+            return (not is_round and self._take(FAILED)) or self._fail()
+        if current is not None and current.failed_task is not None:
             return self._take(FAILED) or self._fail()
         if current is not None and current.is_done and self._take(DONE):
             return True

@@ -47,9 +47,9 @@ def opened(**needs: str) -> Activity:
     return Activity(Do(GRIPPER, "open", FINGERS), needs=needs)
 
 
-def delivery() -> Coordination:
+def delivery(name: str = "deliver") -> Coordination:
     """From A to box B, or to box C if B is not free, and back."""
-    with Coordination("deliver", facts={"base": "A", "arm": "home"}) as machine:
+    with Coordination(name, facts={"base": "A", "arm": "home"}) as machine:
         waiting = machine.state("waiting")
         to_b = machine.state("going to B", base("B"))
         to_c = machine.state("going to C", base("C"))

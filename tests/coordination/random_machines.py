@@ -1,0 +1,162 @@
+"""Random machines, the robot that does what they say, and what befalls them meanwhile."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from random import Random
+
+from coordination.delivery_robot import Play
+
+from tca_coordination import (
+    Activity,
+    Agent,
+    AuthoredState,
+    Coordination,
+    Coordinator,
+    Do,
+    Perceived,
+    Policy,
+    Prior,
+    UnsoundCoordination,
+)
+from tca_coordination.model.likelihoods import Likelihood
+from tca_module import Client, Command, Failure, Module, Task, Variable, connect
+from tca_module.testing import LocalCentral
+
+
+@dataclass
+class Work:
+    """What a task is to do."""
+
+    name: str
+    seconds: float
+    fails: bool = False
+
+
+EASY = Command("easy", Work, progress=float)
+"""Its tasks are killed by a cancel."""
+SLOW = Command("slow", Work, progress=float)
+"""Its tasks take a second to stop."""
+STUBBORN = Command("stubborn", Work, progress=float)
+"""Its tasks refuse to be cancelled."""
+KINDS = (EASY, SLOW, STUBBORN)
+ODD = {EASY: 0.013, SLOW: 0.029, STUBBORN: 0.047}
+"""Seconds by which they take longer, so that no two are due at one moment: which goes first then is left open."""
+AGENTS = {kind: Agent(kind.name) for kind in KINDS}
+FREE = Variable("free", float)
+TIRED = Failure("tired")
+NAMES = ("x", "y", "z")
+PATIENCE = 2.0
+
+
+def random_machine(random: Random, *, unlikely: bool = False) -> Coordination:
+    """A sound machine. *unlikely*: none of its transitions is likely."""
+    while True:
+        try:
+            return _machine(random, unlikely=unlikely)
+        except UnsoundCoordination:
+            continue
+
+
+def _machine(random: Random, *, unlikely: bool) -> Coordination:
+    def likely(likelihood: Likelihood | None) -> Likelihood | None:
+        return Prior(0.0) if unlikely else likelihood
+
+    with Coordination("random", facts=dict.fromkeys(NAMES, 0)) as machine:
+        states: list[AuthoredState] = []
+        number = random.randint(3, 6)
+        while len(states) < number:
+            label = f"s{len(states)}"
+            if random.random() < 0.2:
+                with machine.compound(f"compound of {label}"):
+                    inner = machine.state(label, _activity(random, label))
+                    inner.to(machine.final(f"end of {label}"), likelihood=likely(None))
+                states.append(inner.parent or inner)
+            else:
+                states.append(machine.state(label, _activity(random, label) if random.random() < 0.85 else None))
+        states.append(machine.final("end"))
+        for place, state in enumerate(states[:-1]):
+            following, other = states[place + 1], random.choice(states)
+            if state.activity is None and not hasattr(state, "children"):
+                state.to(following, on="go", likelihood=likely(random.choice([None, Prior(0.9)])))
+                continue
+            if random.random() < 0.5:
+                state.to(other, when=FREE, likelihood=likely(Perceived(FREE)))
+                state.to(following, likelihood=likely(Perceived(FREE, negated=True)))
+            else:
+                state.to(following, likelihood=likely(None))
+            if random.random() < 0.4:
+                state.to(random.choice(states), on="failed", likelihood=likely(Prior(0.05)))
+            if random.random() < 0.3:
+                state.to(random.choice(states), on="go", likelihood=likely(Prior(0.1)))
+    return machine
+
+
+def _activity(random: Random, label: str) -> Activity:
+    kinds = random.sample(KINDS, random.choice([1, 1, 2]))
+    tasks = [
+        Do(kind, Work(f"{label} {kind.name}", random.randint(1, 3) + ODD[kind], random.random() < 0.07), AGENTS[kind])
+        for kind in kinds
+    ]
+    makes = {name: random.randint(0, 2) for name in NAMES if random.random() < 0.35}
+    needs = {name: random.randint(0, 1) for name in NAMES if random.random() < 0.25}
+    undo = [Do(kinds[0], Work(f"undo {label}", 1.007), AGENTS[kinds[0]])] if random.random() < 0.5 else []
+    return Activity(*tasks, makes=makes, needs=needs, undo=undo, cost=random.random())
+
+
+def make_robot(central: LocalCentral) -> Module:
+    """It does what tasks say."""
+    robot = Module("robot", central)
+
+    def work(task: Task, data: Work) -> None:
+        task.report(0.0)
+        for half in (0.5, 1.0):
+            if task.wait_for_request(data.seconds / 2):
+                task.sleep(1.0)
+                raise task.aborted()
+            task.report(half)
+        if data.fails:
+            raise TIRED(text=data.name)
+
+    robot.handles(EASY, resource="easy")(work)
+    robot.handles(SLOW, resource="slow", takes=["cancel"])(work)
+    robot.handles(STUBBORN, resource="stubborn", refuses=["cancel"])(work)
+    return robot
+
+
+@contextmanager
+def run_of(machine: Coordination, policy: Policy | None) -> Iterator[Play]:
+    with LocalCentral(stepped=True) as central:
+        coordinator = Coordinator(machine, policy=policy, patience=PATIENCE)
+        module = Module("coordinator", central)
+        coordinator.handle_in(module)
+        with make_robot(central).running(), module.running(), connect("user", central) as user:
+            yield Play(central, module, coordinator, user)
+
+
+def befall(random: Random, play: Play, seconds: float) -> None:
+    """What happens around the robot, for so long."""
+    user = play.user
+    acts: list[Callable[[], object]] = [
+        lambda: play.event("go"),
+        lambda: play.event("go"),
+        lambda: _set_free(user, 1.0),
+        lambda: _set_free(user, 0.3),
+        lambda: _set_free(user, 0.0),
+        lambda: _kill_one(random, user),
+    ]
+    for _ in range(int(seconds)):
+        play.central.advance(random.choice([0.3, 1.0, 1.7]))
+        if random.random() < 0.6:
+            random.choice(acts)()
+            play.central.until_quiet()
+
+
+def _set_free(user: Client, free: float) -> None:
+    user.set_variable(FREE, free)
+
+
+def _kill_one(random: Random, user: Client) -> None:
+    tasks = [task for kind in KINDS for task in user.tasks(kind)]
+    if tasks:
+        random.choice(tasks).kill("an operator")

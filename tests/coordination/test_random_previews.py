@@ -1,0 +1,65 @@
+"""Random machines: what they do ahead never stands in the way of what they do."""
+
+from random import Random
+from typing import NamedTuple
+
+from coordination.conditions import check_conditions
+from coordination.random_machines import FREE, befall, random_machine, run_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tca_coordination import Coordination, Discrete, Policy
+from tca_wire.coordination import read_report
+from tca_wire.journal.facts import Entry, StateChanged
+
+EAGER = Discrete(0.5, utility=lambda _: 1.0)
+"""Whatever is foreseen starts."""
+SEEDS = st.integers(0, 10**6)
+
+
+class Life(NamedTuple):
+    """A run and what befell it, without its end."""
+
+    transcript: str
+    entries: list[Entry]
+
+    @property
+    def path(self) -> list[str]:
+        """Its transitions."""
+        facts = [fact for entry in self.entries for fact in entry.facts if isinstance(fact, StateChanged)]
+        reports = [report for fact in facts if (report := read_report(fact.body)) and report.taken]
+        return [f"{report.before} {report.taken} {report.current}" for report in reports]
+
+
+def lived(machine: Coordination, policy: Policy | None, seed: int, acts: int = 25) -> Life:
+    """*acts*: how often something may happen around the robot."""
+    random = Random(seed)
+    with run_of(machine, policy) as run:
+        if random.random() < 0.8:
+            run.user.set_variable(FREE, random.choice([0.0, 0.5, 1.0]))
+        run.begin()
+        befall(random, run, acts)
+        run.central.advance(200 if not acts else 0)
+        return Life(run.central.transcript(), run.central.entries[:])
+
+
+@settings(max_examples=8)
+@given(SEEDS)
+def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -> None:
+    machine = random_machine(Random(seed), unlikely=True)
+    assert lived(machine, EAGER, seed).transcript == lived(machine, None, seed).transcript
+
+
+@settings(max_examples=8)
+@given(SEEDS)
+def test_nothing_ahead_violates_a_condition_of_the_current_activity(seed: int) -> None:
+    machine = random_machine(Random(seed))
+    check_conditions(machine, lived(machine, EAGER, seed).entries)
+
+
+@settings(max_examples=8)
+@given(SEEDS)
+def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> None:
+    machine = random_machine(Random(seed))
+    ways = sorted((lived(machine, policy, seed, acts=0).path for policy in (EAGER, None)), key=len)
+    assert ways[1][: len(ways[0])] == ways[0]
