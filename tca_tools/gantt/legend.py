@@ -6,15 +6,21 @@ from html import escape
 from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.chart import MARKED, MEANINGS, BarKind, Chart, Ending
-from tca_tools.gantt.looks import COLOURS, LONGEST_LABEL, MARGIN, dark
+from tca_tools.gantt.looks import AHEAD, COLOURS, LONGEST_LABEL, MARGIN, dark
 from tca_tools.gantt.queues import CURVE, is_curve
 from tca_tools.terminal import cut
+from tca_wire.coordination import TaskRole
 from tca_wire.text.printable import printable
 
 _LINE = 24.0
 _MOST_NAMES = 40
 """A robot has so many messages at most whose colours can be told apart."""
 _GREY = "#52606d"
+HATCHING = (
+    '<pattern id="wasted" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
+    f'<rect width="6" height="6" fill="#ffffff"/><rect width="3" height="6" fill="{AHEAD}"/></pattern>'
+)
+"""What was wasted."""
 _WHOLE = 'width="1" height="1" patternContentUnits="objectBoundingBox"'
 _LOOKS: dict[str, str] = {
     BarKind.HANDLED: 'fill="#3e4c59"',
@@ -24,6 +30,8 @@ _LOOKS: dict[str, str] = {
     BarKind.HELD: f'fill="#ffffff" stroke="{_GREY}" stroke-dasharray="4 3"',
     BarKind.LOCKED: 'class="locked"',
     BarKind.RESERVED: 'class="reserved"',
+    TaskRole.AHEAD: 'class="ahead"',
+    TaskRole.WASTED: 'class="wasted"',
     Ending.FAILED: 'class="failed"',
     Ending.COPED: 'class="coped"',
     Ending.KILLED: 'fill="url(#killed)"',
@@ -71,6 +79,7 @@ def patterns(chart: Chart, *, of_names: bool = True) -> str:
 
 def _of_legend() -> Iterator[str]:
     yield from (_pattern(kind, "", _GREY) for kind in (BarKind.QUEUED, BarKind.SUSPENDED))
+    yield HATCHING
     yield f'<pattern id="killed" {_WHOLE}><rect width="1" height="1" fill="#8a97a5"/>'
     yield f'<rect x="0.75" width="0.25" height="1" fill="{COLOURS[Ending.KILLED]}"/></pattern>'
     for ending, flag, _ in _FLAGS:

@@ -15,6 +15,8 @@ _WIDEST = 1.2
 """How much wider than usual letters are where a machine has none of the fonts that are asked for."""
 COLOURS = {Ending.FAILED: "#c81e1e", Ending.COPED: "#f0a500", Ending.KILLED: "#10161d", Ending.NONE: "#10161d"}
 """That of what was handled is brighter than all of messages, of which some are orange or gold."""
+AHEAD = "#7ab4f0"
+"""What ran ahead of its state, as in figure 7 of the paper."""
 OWN_STYLE = f"""\
 .on {{ fill: #ffffff; font-size: 11px; }} .connected {{ fill: #f1f3f5; }} .in {{ font-size: 11px; }}
 .failed {{ fill: none; stroke: {COLOURS[Ending.FAILED]}; stroke-width: 2; }}
@@ -24,6 +26,7 @@ OWN_STYLE = f"""\
 .before {{ text-anchor: end; }} .after {{ text-anchor: start; }}
 .killed {{ stroke: {COLOURS[Ending.KILLED]}; stroke-width: 3; }}
 .label {{ text-anchor: end; }} .beside {{ opacity: 0.4; }}
+.ahead {{ fill: {AHEAD}; stroke: #ffffff; stroke-width: 0.8; }} .wasted {{ fill: url(#wasted); }}
 .locked {{ fill: #f6c9c5; }} .reserved {{ fill: #f9e3b4; }}"""
 STYLE = svg.STYLE + OWN_STYLE
 

@@ -29,6 +29,8 @@ _FRAMED = 6.0
 """Pixels: a narrower bar that failed gets no frame, and one that was killed no dark end."""
 _FOOT = 5.0
 """Pixels: how high what they get is."""
+_STRIP = 5.5
+"""Pixels: how high the mark of what ran ahead of its state is."""
 _FLAG_WIDTH, _FLAG_HEIGHT, _FLAG_ABOVE = 8.0, 7.0, 10.0
 _TOGETHER = 6.0
 """Pixels: failures that are no further from each other share a flag."""
@@ -147,6 +149,9 @@ class Painter:
             if end - start > _SMALLEST * scale.finest:
                 look = f'fill="{pale}" stroke="{strong}" stroke-width="0.6"{paled}'
                 yield rectangle(look, start, y, end, _BAR, wait.title())
+        if bar.ahead:
+            until = min(max(scale.x(bar.ahead[1]), left + scale.finest), right)
+            yield rectangle(f'class="{bar.preview}" pointer-events="none"', left, y, until, _STRIP)
         if bar.is_open and bar.end <= scale.end:
             colour = pale if waits and waits[-1][1] >= right else strong
             yield f'<path fill="{colour}" d="M{right:.1f} {y:.1f} l7 {_BAR / 2:.1f} l-7 {_BAR / 2:.1f} z"/>'

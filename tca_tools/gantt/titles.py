@@ -24,7 +24,9 @@ _LONGEST_DATA = 80
 def handled(run: Run, handling: Handling) -> str:
     """``take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s``."""
     where = place(handling.module, handling.resource)
-    title = f"{described(run, handling)} handled by {where} {_span(run, handling.start, handling.end)}"
+    task = run.tasks.get(handling.message_id)
+    ahead = f" ({told})" if task is not None and (told := RunAt(run).tasks[task.id].preview) else ""
+    title = f"{described(run, handling)}{ahead} handled by {where} {_span(run, handling.start, handling.end)}"
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
     if handling.outcome is Outcome.FAILED:

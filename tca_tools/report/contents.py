@@ -22,6 +22,7 @@ from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.step_words import why_then
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import Summary, summary
+from tca_tools.run.coordinators import Gain, gains
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story
 
@@ -63,6 +64,8 @@ class Contents(NamedTuple):
     which of the two it is about.
     """
     advice: list[Advice]
+    previews: list[tuple[str, int, Gain]]
+    """Of each machine that looked ahead how often it ran, and what that gained."""
 
 
 def contents(run: Run) -> Contents:
@@ -77,7 +80,8 @@ def contents(run: Run) -> Contents:
         other = critical_path(run, causes, longest)
     told = advice(run, causes, path, overlaps(run, causes), use, kinds, handling.seconds * _WORTH_SAYING, other)
     shown, shown_too = (_shown(run, one) if one else None for one in (path, other))
-    return Contents(handling, kinds, _stories(run, kinds), long_waits(run, _WAITS), use, shown, shown_too, told)
+    stories, waits = _stories(run, kinds), long_waits(run, _WAITS)
+    return Contents(handling, kinds, stories, waits, use, shown, shown_too, told, gains(run))
 
 
 def _stories(run: Run, kinds: list[FailureKind]) -> dict[int, list[Sentence]]:

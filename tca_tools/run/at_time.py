@@ -11,6 +11,7 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
+from tca_tools.run.coordinators import STANDINGS, agent_task, coordinator_of
 from tca_tools.run.fates import standing, watches
 from tca_tools.run.lives import Life, life_at
 from tca_tools.run.records import (
@@ -31,6 +32,7 @@ from tca_tools.run.records import (
 )
 from tca_tools.run.whole_run import Run
 from tca_wire.constraints import Constraint
+from tca_wire.coordination import read_report
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.text.facts_in_words import called, kill_reason
 from tca_wire.vocabulary import MessageClass, Role
@@ -128,6 +130,19 @@ class TaskAt:
     def reached(self) -> dict[Moment, float]:
         """When it reached which moments."""
         return {moment: time for moment, time in self.record.reached.items() if time <= self.moment}
+
+    @property
+    def preview(self) -> str:
+        """Whether a coordinator sent it ahead of its state, and what became of that: ``ahead, kept``; else ""."""
+        sent = agent_task(self._run, self.record)
+        return STANDINGS.get(sent.role(self.moment), "") if sent is not None else ""
+
+    @property
+    def machine_state(self) -> str:
+        """Of a coordinator the state that its machine was in."""
+        record = coordinator_of(self._run, self.record)
+        report = read_report(self.life.progress) if record is not None else None
+        return record.label(report.current) if record is not None and report is not None else ""
 
     @property
     def holds(self) -> list[Hold]:

@@ -20,12 +20,22 @@ _EARLY = (TaskRole.AHEAD, TaskRole.KEPT, TaskRole.WASTED)
 _TIME = itemgetter(0)
 
 
+STANDINGS: dict[TaskRole | None, str] = {
+    TaskRole.AHEAD: "ahead",
+    TaskRole.KEPT: "ahead, kept",
+    TaskRole.WASTED: "ahead, wasted",
+    TaskRole.RESTORING: "restoring",
+}
+"""What a task is to its machine, in words; of one that was sent for the current state there is nothing to say."""
+
+
 @dataclass(slots=True)
 class SentByCoordinator:
     """A task that a coordinator sent: for which state, and what it was to its machine since when."""
 
     id: int
-    state: int
+    state: str
+    """Its label."""
     agent: str
     roles: list[tuple[float, TaskRole]] = field(default_factory=list)
 
@@ -33,13 +43,6 @@ class SentByCoordinator:
         """What it was at a moment; None before the first report of it."""
         begun = bisect_right(self.roles, moment, key=_TIME)
         return self.roles[begun - 1][1] if begun else None
-
-    def standing(self, moment: float = inf) -> str:
-        """That in words: ``ahead, kept``; "" of a task that was sent for the current state."""
-        role = self.role(moment)
-        if role is None or role is TaskRole.CURRENT:
-            return ""
-        return f"ahead, {role}" if role in (TaskRole.KEPT, TaskRole.WASTED) else role
 
     @property
     def is_early(self) -> bool:
@@ -67,6 +70,10 @@ class CoordinatorRecord:
         """Of each activity begun ahead, of which it is known: whether its state was entered."""
         self._read = 0
 
+    def label(self, state: int) -> str:
+        """The label of a state; "" if there is no such state."""
+        return self.chart.states[state].label if 0 <= state < len(self.chart.states) else ""
+
     def read_on(self, run: Run, coordinator: Task) -> None:
         """Take in the reports that have come since."""
         for change in coordinator.life[self._read :]:
@@ -74,10 +81,10 @@ class CoordinatorRecord:
             outcomes = set[tuple[int, bool]]()
             for news in report.news if report is not None else ():
                 task = run.tasks.get(news.task)
-                if task is None or task.parent != coordinator.id or not 0 <= news.state < len(self.chart.states):
+                if task is None or task.parent != coordinator.id:
                     continue
                 if task.id not in self.tasks:
-                    self.tasks[task.id] = SentByCoordinator(task.id, news.state, news.agent)
+                    self.tasks[task.id] = SentByCoordinator(task.id, self.label(news.state), news.agent)
                 self.tasks[task.id].roles.append((change.time, news.role))
                 if news.role in (TaskRole.KEPT, TaskRole.WASTED):
                     outcomes.add((news.state, news.role is TaskRole.KEPT))
@@ -134,6 +141,25 @@ class Gain(NamedTuple):
     """Seconds that it took to undo what was wasted."""
     seconds: float
     """How long the machine ran."""
+
+
+def gains(run: Run) -> list[tuple[str, int, Gain]]:
+    """The gain of each machine, with how often it ran."""
+    machines: dict[str, list[Gain]] = {}
+    for task, record in coordinators(run):
+        machines.setdefault(record.chart.machine, []).append(gain(run, task, record))
+    return [(machine, len(some), _sum(some)) for machine, some in machines.items()]
+
+
+def _sum(some: list[Gain]) -> Gain:
+    return Gain(
+        sum(one.right for one in some),
+        sum(one.wrong for one in some),
+        sum(one.kept for one in some),
+        sum(one.wasted for one in some),
+        sum(one.restored for one in some),
+        sum(one.seconds for one in some),
+    )
 
 
 def gain(run: Run, coordinator: Task, record: CoordinatorRecord) -> Gain:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from tca_tools.gantt.chart import Bar
-from tca_tools.run.coordinators import CoordinatorRecord, SentByCoordinator, coordinators, worked
+from tca_tools.run.coordinators import STANDINGS, CoordinatorRecord, SentByCoordinator, coordinators, worked
 from tca_tools.run.records import Task
 from tca_tools.run.whole_run import Run
 from tca_tools.spans import lanes
@@ -52,7 +52,7 @@ def _schedule(run: Run, record: CoordinatorRecord) -> AgentSchedule | None:
     if not spans:
         return None
     start, end = min(span[0] for span in spans.values()), max(span[1] for span in spans.values())
-    boxes = {one.id: _box(run, record, one, spans[one.id], start) for one in record.tasks.values() if one.id in spans}
+    boxes = {one.id: _box(run, one, spans[one.id], start) for one in record.tasks.values() if one.id in spans}
     rows = []
     for agent in record.chart.agents:
         whose = [boxes[one.id] for one in record.tasks.values() if one.id in boxes and _needs(one, agent)]
@@ -64,11 +64,11 @@ def _needs(one: SentByCoordinator, agent: str) -> bool:
     return f"+{agent}+" in f"+{one.agent}+"
 
 
-def _box(run: Run, record: CoordinatorRecord, one: SentByCoordinator, span: tuple[float, float], zero: float) -> Bar:
+def _box(run: Run, one: SentByCoordinator, span: tuple[float, float], zero: float) -> Bar:
     task, start, end = run.tasks[one.id], span[0] - zero, span[1] - zero
     values = _values(task)
     words = "undo " * (one.role() is TaskRole.RESTORING) + task.name + f"({values})" * bool(values)
-    about = task, record.chart.states[one.state].label, one.standing(), start, end
+    about = task, one.state, STANDINGS.get(one.role(), ""), start, end
     box = Bar(words, start, end, _title, about, is_open=not task.has_ended, brief=values)
     if one.is_early:
         box.ahead_until, box.is_wasted = one.entered - zero, one.is_wasted

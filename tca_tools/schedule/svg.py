@@ -5,25 +5,23 @@ from collections.abc import Iterator, Sequence
 from tca_tools.drawing.svg import document, rectangle, text, width_of
 from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.chart import MEANINGS, Bar
+from tca_tools.gantt.legend import HATCHING
+from tca_tools.gantt.looks import AHEAD
 from tca_tools.schedule.build import CURRENT, AgentRow, AgentSchedule
 from tca_wire.coordination import TaskRole
 from tca_wire.text.measures import duration, percent
 
 _MARGIN, _PLOT, _LANE, _BLOCK, _TITLE = 24.0, 1000.0, 28.0, 18.0, 22.0
 _BOX = _LANE - 4
-_BLUE, _PLAIN = "#7ab4f0", "#e4e7eb"
+_PLAIN = "#e4e7eb"
 _TENTHS = 10
 _STYLE = f"""\
 .block {{ font-weight: bold; }} .label {{ text-anchor: end; }}
 .gap {{ text-anchor: middle; fill: #7b8794; }} .words {{ text-anchor: middle; }}
-.box {{ fill: {_PLAIN}; }} .ahead {{ fill: {_BLUE}; }} .wasted {{ fill: url(#wasted); }}
+.box {{ fill: {_PLAIN}; }} .ahead {{ fill: {AHEAD}; }} .wasted {{ fill: url(#wasted); }}
 .frame {{ fill: none; stroke: #1f2933; }} .space {{ fill: #ffffff; stroke: #c5cbd3; }}
 .axis {{ stroke: #1f2933; }}
 .halo {{ stroke: #ffffff; stroke-width: 3px; stroke-linejoin: round; paint-order: stroke; }}"""
-_HATCHING = (
-    '<defs><pattern id="wasted" width="7" height="7" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
-    f'<rect width="7" height="7" fill="#ffffff"/><rect width="3" height="7" fill="{_BLUE}"/></pattern></defs>'
-)
 
 
 def svg_text(some: Sequence[AgentSchedule]) -> str:
@@ -43,7 +41,7 @@ def svg_text(some: Sequence[AgentSchedule]) -> str:
         y += _BLOCK
     body += _axis(scale, left, y - _BLOCK + 2)
     title = ", ".join(one.title for one in some)
-    return document(left + _PLOT + _MARGIN * 2, y + _MARGIN + 12, title, _STYLE, [_HATCHING, *body])
+    return document(left + _PLOT + _MARGIN * 2, y + _MARGIN + 12, title, _STYLE, [f"<defs>{HATCHING}</defs>", *body])
 
 
 def _legend() -> Iterator[str]:

@@ -10,12 +10,14 @@ from itertools import pairwise, starmap
 from operator import itemgetter
 
 from tca_tools.run.at_time import RunAt, TaskAt
+from tca_tools.run.coordinators import STANDINGS as PREVIEWED
 from tca_tools.run.fates import HANDLED, STANDINGS, WATCHING
 from tca_tools.run.records import TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows, in_words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut
+from tca_wire.coordination import TaskRole
 from tca_wire.points import Interval
 from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Role
@@ -52,6 +54,13 @@ ROLES = {
 }
 """The colour of the border of what central itself sent, and what that is."""
 
+_PREVIEWS = {
+    TaskRole.AHEAD: "#2f7fd6",
+    TaskRole.KEPT: "#2f7fd6",
+    TaskRole.WASTED: "#a0522d",
+    TaskRole.RESTORING: "#52606d",
+}
+_SENT_AHEAD = {PREVIEWED[role]: (colour, f"by a coordinator: {PREVIEWED[role]}") for role, colour in _PREVIEWS.items()}
 _LEGEND_LINE, _LEGEND_WIDTH = 18, 400
 """Generous, as dot complains of tables too small where a machine has only fonts with large letters."""
 _MONITOR = "#00796b", "monitor"
@@ -110,8 +119,8 @@ def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
 
 
 def looks_of(task: TaskAt) -> tuple[str, str] | None:
-    """The border of a task that no module sent, or that no module handles; and what it is."""
-    return _MONITOR if task.message_class.is_monitor else ROLES.get(task.role)
+    """The border of a task that no module sent, that no module handles, or that was sent ahead; and what it is."""
+    return _MONITOR if task.message_class.is_monitor else ROLES.get(task.role) or _SENT_AHEAD.get(task.preview)
 
 
 def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> Iterator[str]:

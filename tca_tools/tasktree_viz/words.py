@@ -68,8 +68,10 @@ def span(task: TaskAt, interval: Interval) -> tuple[float, float | None] | None:
 
 
 def role(task: TaskAt) -> str:
-    """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"."""
-    return ", ".join(["monitor"] * task.message_class.is_monitor + [task.role] * bool(task.role))
+    """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"; of
+    one that a coordinator sent ahead of its state what became of that.
+    """
+    return ", ".join(filter(None, ["monitor" * task.message_class.is_monitor, task.role, task.preview]))
 
 
 def called(task: TaskAt) -> str:
@@ -162,8 +164,11 @@ def _life(task: TaskAt) -> str:
     if not task.record.life:  # as most
         return ""
     life = task.life
-    progress = _in_brief(life.progress)
-    told = [life.state] * life.is_telling + [f"progress: {cut(progress, _LONGEST_PROGRESS)}"] * bool(progress)
+    told = [life.state] * life.is_telling
+    if state := task.machine_state:
+        told.append(f"in the state '{state}'")
+    elif progress := _in_brief(life.progress):
+        told.append(f"progress: {cut(progress, _LONGEST_PROGRESS)}")
     return printable(", ".join(told))
 
 

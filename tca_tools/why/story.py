@@ -8,6 +8,7 @@ from operator import attrgetter
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.coordinators import agent_task
 from tca_tools.run.fates import WATCHING, told_to
 from tca_tools.run.records import OVER, HandlerWait, Handling, Message, Task, TaskState
 from tca_tools.run.whole_run import Run
@@ -17,6 +18,7 @@ from tca_tools.why.keepers import WaitPart, parts_in_queue, parts_of_claim
 from tca_tools.why.wait import Wait
 from tca_tools.why.wait_words import of_ahead, of_claim, of_query, of_queueing, told, wait_for
 from tca_tools.why.waits import NAMED, NO_TIME, of_handler_wait, told_waits
+from tca_wire.coordination import TaskRole
 from tca_wire.life_cycles import Effect
 from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place, raised_by
@@ -94,6 +96,7 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
         told += _kills(message)
         told += _tests(run, message, moment)
         told += _plans(run, message)
+        told += _preview(run, message)
     told += _waits_in_queues(run, message, moment)
     for handling in message.handlings:
         told += _run(RunAt(run, moment), handling)
@@ -216,6 +219,18 @@ def _changes(task: Task, moment: float) -> Iterator[Sentence]:
 
 def _behind(data: str) -> str:
     return f": {data}" if data else ""
+
+
+def _preview(run: Run, task: Task) -> Iterator[Sentence]:
+    """How long it was ahead of its state, and what became of that."""
+    if (sent := agent_task(run, task)) is None:
+        return
+    for (time, role), until in zip(sent.roles, [*(time for time, _ in sent.roles[1:]), inf], strict=True):
+        if role is TaskRole.AHEAD:
+            ending = ", and wasted: that does not follow" if sent.is_wasted else ", which is entered: kept"
+            yield _lasting(time, until, f"ahead of the state '{sent.state}'", ending)
+        elif role is TaskRole.RESTORING:
+            yield Sentence(time, f"undoes what was wasted ahead of the state '{sent.state}'")
 
 
 def _plans(run: Run, task: Task) -> Iterator[Sentence]:

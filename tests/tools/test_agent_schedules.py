@@ -1,5 +1,6 @@
-"""``tca schedule``: figure 7 of the paper on preview coordination, out of real runs."""
+"""Tasks that a coordinator sent ahead of their states: figure 7 of the paper out of real runs, and marks in all tools."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -72,6 +73,35 @@ def test_the_gain_of_each_run(logs: list[Path]) -> None:
             (0, 0, 0.0, 0.0, 31.0),
         )
     ]
+
+
+def test_marks_of_what_ran_ahead(tca: Tca, logs: list[Path], expect: Callable[[str, str], None]) -> None:
+    chart = tca("gantt", logs[1], "--to", 30, COLUMNS="110").stdout.splitlines()
+    asked = (("tree",), ("tree", "--at", 3), ("tree", "--story", 8), ("tree", "--story", 11))
+    shown = [tca(command, logs[1], *more, COLUMNS="110").stdout for command, *more in asked]
+    expect("sent_ahead", "\n".join([*sorted(chart), *shown]))  # slots of a module connect in any order
+
+
+def test_pictures_mark_what_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
+    pictures = {}
+    for name, *asked in (("gantt.svg", "gantt"), ("tree.dot", "tree"), ("tree.svg", "tree", "--layout", "outline")):
+        assert tca(*asked[:1], logs[1], *asked[1:], "-o", tmp_path / name).exit_code == 0
+        pictures[name] = (tmp_path / name).read_text()
+    for look in ("ahead", "wasted"):
+        assert pictures["gantt.svg"].count(f'class="{look}"') == 2  # in the legend, and on a bar
+    for name in ("tree.dot", "tree.svg"):
+        for meaning in ("by a coordinator: ahead, kept", "by a coordinator: ahead, wasted"):
+            assert meaning in pictures[name]
+    assert "arm to {11} (ahead, kept) handled by robot / arm" in pictures["gantt.svg"]
+
+
+def test_a_report_tells_what_the_preview_gained(tca: Tca, logs: list[Path], run: Path, tmp_path: Path) -> None:
+    for log, row in ((logs[1], "1 1 1 3 s 11% 2 s 0 s"), (logs[2], "1 0 0 0 s 0.0% 0 s 0 s"), (run, "")):
+        page = tmp_path / f"{log.name}.html"
+        assert tca("report", log, "-o", page).exit_code == 0
+        cells = re.findall(r"<tr><td>deliver</td>(.*)</tr>", page.read_text())
+        assert [" ".join(re.findall(r">([^<]+)</td>", one)) for one in cells] == [row] * bool(row)
+        assert ("What the preview gained" in page.read_text()) == bool(row)
 
 
 def test_a_run_without_coordinators_has_no_schedule(tca: Tca, run: Path) -> None:
