@@ -56,5 +56,5 @@ def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
         start, end = worked(history, history.tasks[one.id]) or (given, given)
         roles = tuple(role for _, role in one.roles)
         start, end = max(start - given, 0.0), max(end - given, 0.0)  # the report that it began is a bit later
-        tasks.append(DoneTask(one.agent, labels[one.state], start, end, roles))
+        tasks.append(DoneTask(one.agent, one.state, start, end, roles))
     return CarriedObject(waits - given, tuple(tasks))
