@@ -101,12 +101,46 @@ def test_activities_stand_in_the_order_of_data(joint: Joint) -> None:
 
 def test_it_begins_anew_as_often_as_wanted(joint: Joint) -> None:
     first = states(joint)
+    changes: list[RegionChange] = []
+    joint.regions["movement"].on_transition(changes.append)
     ready(joint).target.put(Target(0.9))
+    tick(joint)
+    joint.command.put("stop")
+    tick(joint)
+    assert joint.position.value is not None
+    joint.target.put(Target(0.1))
+    joint.target.put(Target(0.2))
     joint.post("disable")
+    changes.clear()
     joint.initialise()
+    assert joint.position.value is None
+    assert joint.target.lost == 0
+    assert [str(change) for change in changes] == ["x.movement: start to stopped"]
     tick(joint, 3)
     assert states(joint) == first
-    assert joint.position.value is None
+
+
+def test_what_needs_no_event_is_done_as_soon_as_it_may_be(joint: Joint) -> None:
+    """Near its target it goes slowly; beyond its range it stops."""
+    ready(joint).target.put(Target(2.0))
+    changes: list[RegionChange] = []
+    for region in joint.regions.values():
+        region.on_transition(changes.append)
+    tick(joint, 30)
+    assert [str(change) for change in changes] == [
+        "x.movement: stopped to fast (move)",
+        "x.limits: inside to beyond",
+        "x.movement: fast to stopped (stop)",
+    ]
+    joint.target.put(Target(0.9))
+    tick(joint)
+    assert states(joint)["movement"] == "stopped"  # for it is beyond
+
+    joint.initialise()
+    changes.clear()
+    ready(joint).target.put(Target(0.3))
+    tick(joint, 20)
+    assert [change.target for change in changes if change.region == "movement"] == ["fast", "slow", "stopped"]
 
 
 class Chain(Component[None]):
@@ -284,6 +318,9 @@ REFUSED: dict[str, Written] = {
     ),
     "Bare 'bare' has two ports or regions 'only': give one of them another name": lambda bare, _: bare.output(
         "only", int
+    ),
+    "Bare 'bare' has two ports or regions 'out': give one of them another name": (
+        lambda bare, _: (bare.output("out", int), bare.input("out", int, print))
     ),
     "'bare.only.a' can't lead to 'bare.other.b', in another region: let a transition there need 'bare.only.a'": (
         lambda bare, only: only.state("a").to(bare.region("other", period=1.0).state("b"), on="e")
