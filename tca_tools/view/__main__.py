@@ -1,7 +1,6 @@
 """``tca view``: a run in the browser, live or afterwards."""
 
 import contextlib
-import socket
 import webbrowser
 from pathlib import Path
 from secrets import token_urlsafe
@@ -12,10 +11,9 @@ import click
 from tca_tools.errors import ToolError
 from tca_tools.options import log_argument
 from tca_tools.run.journals import open_log
+from tca_tools.view.door import LOCAL, in_address, listening
 from tca_wire.endpoint import VARIABLE
 from tca_wire.text.missing import missing_package
-
-_LOCAL = "127.0.0.1"
 
 
 @click.command()
@@ -24,7 +22,7 @@ _LOCAL = "127.0.0.1"
     "--port", type=click.IntRange(0, 65535), default=0, help="Where to serve the page (0: where there is room)."
 )
 @click.option(
-    "--host", default=_LOCAL, show_default=True, help="The address to serve on: by default only for this machine."
+    "--host", default=LOCAL, show_default=True, help="The address to serve on: by default only for this machine."
 )
 @click.option("--central", metavar="ADDRESS", help=f"Where central listens that is steered [default: ${VARIABLE}].")
 @click.option("--read-only", is_flag=True, help="Only look: nothing is killed, suspended, resumed or retried.")
@@ -40,7 +38,8 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
     try:
         import uvicorn  # noqa: PLC0415 - the viewer is an extra
 
-        from tca_tools.view.app import TOKEN, application  # noqa: PLC0415
+        from tca_tools.view.app import application  # noqa: PLC0415
+        from tca_tools.view.guards import TOKEN  # noqa: PLC0415
         from tca_tools.view.runs import Runs  # noqa: PLC0415
         from tca_tools.view.steering import Steering  # noqa: PLC0415
     except ImportError as error:
@@ -49,12 +48,12 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
     log.check_beginning()
     log.tell()
     runs = Runs(log, follows=log_path is None)
-    with _listening(host, port) as door:
-        steering = Steering(central) if host == _LOCAL and not read_only else None
-        token = "" if host == _LOCAL else token_urlsafe(16)
-        asked = f"?key={steering.key}" if steering else f"?{TOKEN}={token}" if token else ""
-        address = f"http://{_in_address(host)}:{door.getsockname()[1]}/{asked}"
-        hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == _LOCAL else ["*"]
+    with listening(host, port) as door:
+        steering = Steering(central) if host == LOCAL and not read_only else None
+        token = "" if host == LOCAL else token_urlsafe(16)
+        asked = f"?key={steering.key.text}" if steering else f"?{TOKEN}={token}" if token else ""
+        address = f"http://{in_address(host)}:{door.getsockname()[1]}/{asked}"
+        hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == LOCAL else ["*"]
 
         class Server(uvicorn.Server):
             def handle_exit(self, sig: int, frame: FrameType | None) -> None:
@@ -75,18 +74,6 @@ def view(log_path: Path | None, port: int, host: str, central: str | None, *, re
                 Server(config).run(sockets=[door])
         finally:
             runs.stop()
-
-
-def _listening(host: str, port: int) -> socket.socket:
-    try:
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((host, port), family=family)
-    except OSError as error:
-        raise ToolError(f"{host}:{port}: can't serve there ({error.strerror or error}): give another --port") from None
-
-
-def _in_address(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
 
 
 if __name__ == "__main__":

@@ -1,26 +1,18 @@
 """The HTTP server of the page. It answers from a Reading, and fetches nothing; what it does to a running central it
 does through steering.py.
-
-The page comes from this machine only, and the server answers only to its own address: a foreign page that a browser
-shows can't read a run through it (DNS rebinding). Where other machines reach it, it asks for a token.
 """
 
 import math
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
-from secrets import compare_digest
 from typing import Annotated, Any
 
 import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.middleware import Middleware
-from starlette.middleware.base import BaseHTTPMiddleware
-from starlette.middleware.gzip import GZipMiddleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
@@ -28,27 +20,18 @@ from tca_tools.errors import ToolError
 from tca_tools.run.fates import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
+from tca_tools.view.guards import NotAllowed, guards
 from tca_tools.view.machines import machine_picture
 from tca_tools.view.outcomes import Outcomes
 from tca_tools.view.reading import Reading
 from tca_tools.view.runs import Runs, Shown
-from tca_tools.view.steering import NotAllowed, Steering, SteeringRequest
+from tca_tools.view.steering import Steering, SteeringRequest
 
 PAGE = Path(__file__).parent / "page"
-TOKEN = "access"  # noqa: S105 - the name of it
-"""The parameter of the address, and the cookie, that has the token."""
 _PATIENCE = 10.0
 """Seconds that a page's question for news may stay open."""
 _OF_OTHERS = 2.0
 """Seconds of patience for a run that does not go on: another one may begin."""
-
-_LOOKS = {
-    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:;"
-    " frame-ancestors 'none'",  # nobody's click on another page is one on this one
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-cache",
-}
 
 
 def application(runs: Runs, hosts: list[str], steering: Steering | None = None, token: str = "") -> Starlette:
@@ -65,31 +48,8 @@ def application(runs: Runs, hosts: list[str], steering: Steering | None = None, 
             *(Route(f"/api/{path}", _asked(runs, answer)) for path, answer in _ANSWERS.items()),
             Mount("/page", StaticFiles(directory=PAGE)),
         ],
-        middleware=[
-            Middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False),
-            Middleware(BaseHTTPMiddleware, dispatch=_with_looks),
-            *([Middleware(BaseHTTPMiddleware, dispatch=partial(_with_token, token))] if token else []),
-            Middleware(GZipMiddleware, compresslevel=3),
-        ],
+        middleware=guards(hosts, token, "tca view"),
     )
-
-
-async def _with_looks(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
-    response = await go_on(request)
-    response.headers.update(_LOOKS)
-    return response
-
-
-async def _with_token(token: str, request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
-    """Answer those who know the token; a browser keeps it, and it leaves the address."""
-    shown = request.query_params.get(TOKEN, "") if request.url.path == "/" else ""
-    if shown and compare_digest(shown.encode(), token.encode()):
-        response: Response = RedirectResponse("/", 303)
-        response.set_cookie(TOKEN, token, httponly=True, samesite="strict")
-        return response
-    if not compare_digest(request.cookies.get(TOKEN, "").encode(), token.encode()):
-        return PlainTextResponse("open the address that 'tca view' has printed: it has a token\n", 403)
-    return await go_on(request)
 
 
 async def _runs(runs: Runs, _request: Request) -> Response:
@@ -165,7 +125,7 @@ async def _steer(runs: Runs, steering: Steering, request: Request) -> Response:
     """Do something to a task of a live run, and say what became of it."""
     headers = request.headers
     try:
-        steering.check(headers.get("X-TCA-Key", ""), headers.get("Origin", ""), headers.get("Host", ""))
+        steering.key.check(headers)
         asked = msgspec.json.decode(await request.body(), type=SteeringRequest)
         return JSONResponse({"said": await run_in_threadpool(_steered, runs, steering, asked)})
     except NotAllowed as error:

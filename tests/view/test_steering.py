@@ -81,8 +81,8 @@ def say_yes(page: Page) -> None:
 def test_a_task_is_suspended_resumed_and_retried(look: Look, serve: Serve, robot: Robot) -> None:
     task, steering = robot.user.goal(PATROL, 3), Steering(robot.daemon.address)
     address = serve(robot.daemon.journal, steering)
-    page = look(address, f"?key={steering.key}#t=0&task={task.id}")
-    assert steering.key not in page.url
+    page = look(address, f"?key={steering.key.text}#t=0&task={task.id}")
+    assert steering.key.text not in page.url
     page.locator("#steering button", has_text="go to the end").click()  # nobody steers the past
     expect(page.locator("#steering button")).to_have_text(["cancel", "kill", "suspend", "retry"])
     for what, then, said in (
@@ -102,7 +102,7 @@ def test_a_task_is_suspended_resumed_and_retried(look: Look, serve: Serve, robot
 
 def test_a_task_is_killed_by_who_says_so_and_has_the_key(look: Look, serve: Serve, robot: Robot) -> None:
     task, steering = robot.user.goal(PATROL, 2), Steering(robot.daemon.address)
-    page = look(serve(robot.daemon.journal, steering), f"?key={steering.key}")
+    page = look(serve(robot.daemon.journal, steering), f"?key={steering.key.text}")
     ask(page, "kill", task.id, rows=3)
     page.locator("#steer-not").click()
     assert task.info() is not None
@@ -150,7 +150,7 @@ def test_nobody_else_is_obeyed(serve: Serve, robot: Robot, tmp_path: Path) -> No
     address = serve(robot.daemon.journal, steering)
     (run,) = [one["run"] for one in json.loads(read(address, "runs"))]
     read(address, "frame")
-    wish, key = {"run": run, "task": task.id, "what": "kill"}, steering.key
+    wish, key = {"run": run, "task": task.id, "what": "kill"}, steering.key.text
     for headers, status in (
         ({}, 403),
         ({"X_TCA_Key": "x" + key}, 403),
@@ -179,5 +179,5 @@ def test_nobody_else_is_obeyed(serve: Serve, robot: Robot, tmp_path: Path) -> No
         other = Steering(second.address)
         address = serve(robot.daemon.journal, other)
         read(address, "frame")
-        status, why = post(address, wish, X_TCA_Key=other.key)
+        status, why = post(address, wish, X_TCA_Key=other.key.text)
         assert (status, "runs another run than the one shown" in why) == (400, True)

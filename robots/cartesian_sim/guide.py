@@ -1,0 +1,107 @@
+"""The guide: it leads the joints to points of the wall, and cleans a part of it in lanes."""
+
+import math
+
+from robots.cartesian_sim.generated import GuideBase, Point, Target
+
+LEFT, RIGHT = 0.4, 1.6
+LANES = (0.3, 0.45, 0.6, 0.75, 0.9)
+PATTERN = [Point(x, y) for lane, y in enumerate(LANES) for x in ((LEFT, RIGHT) if lane % 2 == 0 else (RIGHT, LEFT))]
+"""The corners of the way that cleans."""
+
+TOOL_OUT = 0.19
+TOOL_SPEED = 0.3
+NEAR = 0.001
+"""Metres from a point."""
+
+
+class Guide(GuideBase):
+    """What the activities of Guide do."""
+
+    # --- ports -----------------------------------------------------------------------------------------------------
+
+    def take_command(self, value: str) -> None:
+        """A command is an event: clean, stop."""
+        self.post(value)
+
+    def take_goal(self, value: Point) -> None:
+        """Go to a point."""
+        if self.cleaning.is_in("idle"):
+            self.data.goal_x, self.data.goal_y = value.x, value.y
+        self.post("go")
+
+    def take_speed(self, value: float) -> None:
+        """Go so fast from now on."""
+        self.data.speed = value
+
+    def take_x(self, value: float) -> None:
+        """Know where the x axis is."""
+        self.data.x = value
+
+    def take_y(self, value: float) -> None:
+        """Know where the y axis is."""
+        self.data.y = value
+
+    def take_tool(self, value: float) -> None:
+        """Know where the tool is."""
+        self.data.tool = value
+
+    # --- travel ----------------------------------------------------------------------------------------------------
+
+    def set_out(self) -> None:
+        """Send both axes to the goal, so fast that they arrive together."""
+        data = self.data
+        ways = data.goal_x - data.x, data.goal_y - data.y
+        whole = math.hypot(*ways)
+        if whole <= NEAR:
+            return
+        speeds = [max(data.speed * abs(way) / whole, NEAR) for way in ways]
+        self.target_x.set(Target(data.goal_x, speeds[0]))
+        self.target_y.set(Target(data.goal_y, speeds[1]))
+
+    def is_there(self) -> bool:
+        """Whether both axes are at the goal."""
+        return math.dist((self.data.x, self.data.y), (self.data.goal_x, self.data.goal_y)) <= NEAR
+
+    # --- cleaning --------------------------------------------------------------------------------------------------
+
+    def go_to_first(self) -> None:
+        """Go to where the first lane begins."""
+        self.data.passed = 0
+        self._go_on()
+
+    def put_tool_out(self) -> None:
+        """Press the tool against the wall."""
+        self.target_tool.set(Target(TOOL_OUT, TOOL_SPEED))
+
+    def take_tool_back(self) -> None:
+        """Take the tool off the wall."""
+        self.target_tool.set(Target(0.0, TOOL_SPEED))
+
+    def follow(self) -> None:
+        """At each corner go on to the next."""
+        if self.is_there():
+            self.data.passed += 1
+            if not self.is_pattern_done():
+                self._go_on()
+
+    def is_at_first(self) -> bool:
+        """Whether the first lane begins here."""
+        return self.is_there()
+
+    def is_tool_out(self) -> bool:
+        """Whether the tool touches the wall."""
+        return abs(self.data.tool - TOOL_OUT) <= NEAR
+
+    def is_tool_back(self) -> bool:
+        """Whether the tool is off the wall."""
+        return self.data.tool <= NEAR
+
+    def is_pattern_done(self) -> bool:
+        """Whether all lanes are clean."""
+        return self.data.passed >= len(PATTERN)
+
+    def _go_on(self) -> None:
+        point = PATTERN[self.data.passed]
+        self.data.goal_x, self.data.goal_y = point.x, point.y
+        self.set_out()

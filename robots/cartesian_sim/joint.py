@@ -1,0 +1,149 @@
+"""A joint: it is enabled, finds its reference at the lower limit switch, and moves to positions or at speeds."""
+
+import math
+
+from robots.cartesian_sim.generated import Drive, JointBase, Target
+from robots.cartesian_sim.mechanism import Sensed
+
+SEEKING = 0.15
+"""Metres a second towards the switch, and of any movement without a reference: the brake stops it before the end."""
+
+LEAVING = 0.01
+"""Metres a second away from the switch."""
+
+DECELERATION = 1.0
+"""Less than the motor's, so that the joint does not overshoot."""
+
+LAG = 0.06
+"""Seconds by which the movement follows what is wanted."""
+
+EXACT = 0.0005
+"""Metres from a target that are near enough."""
+
+STILL = 0.005
+"""Metres a second."""
+
+
+class Joint(JointBase):
+    """What the activities of Joint do."""
+
+    # --- ports -----------------------------------------------------------------------------------------------------
+
+    def take_sensed(self, value: Sensed) -> None:
+        """Know where the axis is, and tell it."""
+        data = self.data
+        data.reading, data.measured_speed, data.is_powered = value.reading, value.speed, value.is_powered
+        data.at_low, data.at_high = value.at_low, value.at_high
+        self.position.set(self._position())
+
+    def take_command(self, value: str) -> None:
+        """A command is an event: enable, disable, reference, stop."""
+        self.post(value)
+
+    def take_target(self, value: Target) -> None:
+        """Move to a position within the range."""
+        self.data.target = min(max(value.position, 0.0), self.data.length)
+        self.data.speed = abs(value.speed)
+        self.post("move")
+
+    def take_jog(self, value: float) -> None:
+        """Move at a speed until the range ends."""
+        self.data.speed = value
+        self.post("jog")
+
+    # --- limits of range -------------------------------------------------------------------------------------------
+
+    def is_at_low(self) -> bool:
+        """Whether the lower switch is closed."""
+        return self.data.at_low
+
+    def is_at_high(self) -> bool:
+        """Whether the upper switch is closed."""
+        return self.data.at_high
+
+    def is_in_range(self) -> bool:
+        """Whether no switch is."""
+        return not (self.data.at_low or self.data.at_high)
+
+    # --- axis referencing ------------------------------------------------------------------------------------------
+
+    def seek_switch(self) -> None:
+        """Go down to the switch."""
+        self._drive(-SEEKING)
+
+    def leave_switch(self) -> None:
+        """Go up slowly until it opens."""
+        self._drive(LEAVING)
+
+    def set_zero(self) -> None:
+        """Take what is read where the switch has opened as 0."""
+        self.data.zero = self.data.reading
+
+    # --- movement enabling -----------------------------------------------------------------------------------------
+
+    def power_off(self) -> None:
+        """Switch the motor off, which closes the brake."""
+        self.data.is_on = False
+        self._drive(0.0)
+
+    def power_on(self) -> None:
+        """Switch the motor on; its brake opens somewhat later."""
+        self.data.is_on = True
+        self._drive(0.0)
+
+    def has_power(self) -> bool:
+        """Whether the brake is open."""
+        return self.data.is_powered
+
+    # --- movement control ------------------------------------------------------------------------------------------
+
+    def approach(self) -> None:
+        """Go on to the target."""
+        left = self.data.target - self._position()
+        self._drive(math.copysign(min(self.data.speed, _safe(abs(left))), left))
+
+    def keep_speed(self) -> None:
+        """Go on at the speed; slowly towards the end of the range, and wherever its end is not known."""
+        data, fastest = self.data, SEEKING
+        if self.referencing.is_in("referenced"):
+            left = data.length - self._position() if data.speed > 0 else self._position()
+            fastest = max(_safe(max(left, 0.0)), LEAVING)
+        self._drive(math.copysign(min(abs(data.speed), fastest), data.speed))
+
+    def halt(self) -> None:
+        """Come to a stop."""
+        self._drive(0.0)
+
+    def may_jog(self) -> bool:
+        """Whether there is room ahead, and the joint does not look for its reference."""
+        is_searching = self.referencing.is_in("searching")
+        return not (is_searching or (self.data.at_low and self.goes_down()) or (self.data.at_high and self.goes_up()))
+
+    def goes_down(self) -> bool:
+        """Whether the wanted speed leads to the lower switch."""
+        return self.data.speed < 0
+
+    def goes_up(self) -> bool:
+        """Whether it leads to the upper switch."""
+        return self.data.speed > 0
+
+    def has_arrived(self) -> bool:
+        """Whether it stands at its target."""
+        return abs(self.data.target - self._position()) <= EXACT and abs(self.data.measured_speed) <= 2 * STILL
+
+    def is_still(self) -> bool:
+        """Whether the axis has stopped."""
+        return abs(self.data.measured_speed) <= STILL
+
+    # --- what they share -------------------------------------------------------------------------------------------
+
+    def _position(self) -> float:
+        return self.data.reading - self.data.zero
+
+    def _drive(self, speed: float) -> None:
+        self.drive.set(Drive(self.data.is_on, speed))
+
+
+def _safe(left: float) -> float:
+    """The speed from which a joint stops within so many metres."""
+    return min(math.sqrt(2 * DECELERATION * left), left / LAG)

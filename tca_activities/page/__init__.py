@@ -1,0 +1,1 @@
+"""``tca activities``: an application in the browser, live."""

@@ -1,0 +1,42 @@
+// The regions of all components, with the states that are active.
+
+import { element } from "../view/dom.js";
+
+export class Regions {
+  constructor(place) {
+    this.place = place;
+    this.states = new Map(); // of each region: its name, and the elements of its states
+  }
+
+  build({ components }) {
+    this.states.clear();
+    this.place.replaceChildren(...components.filter(({ regions }) => regions.length).map((one) => this.#component(one)));
+  }
+
+  #component({ name, regions }) {
+    return element("div", { class: "component" }, element("h2", { text: name }), ...regions.map((region) => this.#region(name, region)));
+  }
+
+  #region(component, { name, states }) {
+    const made = states.map((state) => {
+      const shown = element("span", { class: state.parent ? "state inside" : "state", text: state.name });
+      if (state.parent) shown.title = `inside '${state.parent}'`;
+      return { ...state, shown };
+    });
+    this.states.set(`${component}.${name}`, made);
+    return element("div", { class: "region" }, element("span", { class: "name", text: name, title: name }),
+      element("span", { class: "states" }, ...made.map(({ shown }) => shown)));
+  }
+
+  show({ states }) {
+    for (const [region, made] of this.states) {
+      const active = new Set();
+      for (let name = states[region]; name; name = made.find((state) => state.name === name)?.parent) active.add(name);
+      for (const { name, shown } of made) {
+        shown.classList.toggle("active", active.has(name));
+        if (active.has(name)) shown.setAttribute("aria-current", "true");
+        else shown.removeAttribute("aria-current");
+      }
+    }
+  }
+}
