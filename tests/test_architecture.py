@@ -83,9 +83,9 @@ ONLY_IN = {
     "perfetto": {"tca_tools/export/trace/packets.py"},
     "mcap": {"tca_tools/export/mcap_file.py"},
     "pyarrow": {"tca_tools/export/parquet_files.py"},
-    "starlette": {"tca_tools/view/app.py"},
+    "starlette": {"tca_tools/view/app.py", "tca_tools/view/guards.py", "tca_activities/page/app.py"},
     "textual": {"tca_tools/replay/app.py", "tca_tools/replay/panes.py"},
-    "uvicorn": {"tca_tools/view/__main__.py"},
+    "uvicorn": {"tca_tools/view/__main__.py", "tca_activities/page/command.py"},
 }
 EXCEPTIONS = {
     ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
@@ -94,6 +94,9 @@ EXCEPTIONS = {
     ("tca_coordination/learning.py", "tca_tools"),  # journals of earlier runs
     ("tca_coordination/model/drawing.py", "tca_tools"),
     ("tca_activities/models/drawing.py", "tca_tools"),  # pictures of models
+    ("tca_activities/page/app.py", "tca_tools"),  # a page beside the viewer's
+    ("tca_activities/page/command.py", "tca_tools"),
+    ("tca_activities/page/command.py", "tca_live"),
     ("tca_tools/view/steering.py", "tca_live"),  # the page steers a running central as the commands do
 }
 
@@ -212,6 +215,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "analysis": set(),
         "figures": {"analysis", "processing", "reports"},
         "application": {"analysis", "components", "figures", "processing", "reports"},
+        "manager": {"application", "components", "reports"},
+        "page": {"manager"},
         "__init__": {"analysis", "application", "processing"},
     },
     "tca_coordination": {

@@ -49,7 +49,7 @@ def main() -> None:
     for component in components:
         for region in component.regions.values():
             region.on_transition(print)
-    with Application("cleaning", components), suppress(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt), Application("cleaning", components).running():
         Event().wait()
 
 

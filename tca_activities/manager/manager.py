@@ -20,7 +20,7 @@ from tca_activities.manager.messages import (
     StateEntry,
     StatesReport,
 )
-from tca_module import CentralLost, MisuseError, Module, Task, Timeout
+from tca_module import Callback, CentralLost, MisuseError, Module, Sender, Task, Timeout
 
 PERIOD = 0.1
 """Seconds between two looks at what has changed."""
@@ -40,6 +40,7 @@ class Manager:
         self._controls = list(controls)
         self._picture = picture
         self._drawn = ""
+        self._module_name = ""
         self._changes: deque[StateChange] = deque()
         self._is_reallocated = False
         self._looks = 0
@@ -51,9 +52,10 @@ class Manager:
         """Publish in this module, and handle commands, once it runs. It has a resource of its own for that, so that
         other handlers of the module hold nothing up.
         """
+        self._module_name = module.name
         resource = module.resource(f"application {self.application.name}")
         module.at_start(self._publish_all)
-        module.every(PERIOD, resource=resource)(lambda: self._publish(module))
+        module.every(PERIOD, resource=resource)(self._publish)
         steps: dict[Any, Callable[[Any], object]] = {
             self.messages.allocate: self.application.allocate,
             self.messages.move: self._move,
@@ -95,47 +97,47 @@ class Manager:
         region = f"{change.component}.{change.region}"
         self._changes.append(StateChange(region, change.source, change.target, change.event))
 
-    def _publish(self, module: Module) -> None:
+    def _publish(self, sender: Callback) -> None:
         """Whatever has changed. A new central is told everything."""
         self._looks += 1
         if self._changes:
-            self._publish_states(module)
+            self._publish_states(sender)
         if self._is_reallocated:
             self._is_reallocated = False
-            module.set_variable(self.messages.allocation, self.application.allocation(), wait=False)
+            sender.set_variable(self.messages.allocation, self.application.allocation(), wait=False)
         if self._looks % _PICTURES == 0:
-            self._publish_picture(module)
+            self._publish_picture(sender)
         if self._looks % _FIGURES == 0:
-            module.set_variable(self.messages.figures, self.application.figures(), wait=False)
-            self._publish_to_new_central(module)
+            sender.set_variable(self.messages.figures, self.application.figures(), wait=False)
+            self._publish_to_new_central(sender)
 
-    def _publish_to_new_central(self, module: Module) -> None:
+    def _publish_to_new_central(self, sender: Sender) -> None:
         try:
-            if module.get_variable(self.messages.application, None) is None:
-                self._publish_all(module)
+            if sender.get_variable(self.messages.application, None) is None:
+                self._publish_all(sender)
         except (CentralLost, Timeout):
             pass  # later
 
-    def _publish_all(self, module: Module) -> None:
+    def _publish_all(self, sender: Sender) -> None:
         name, components = self.application.name, self.application.components
         entries = [_component_entry(component) for component in components.values()]
-        entry = ApplicationEntry(name, module.name, entries, list(POLICIES), self._controls)
+        entry = ApplicationEntry(name, self._module_name, entries, list(POLICIES), self._controls)
         self._drawn = ""
-        module.set_variable(self.messages.application, entry)
-        module.set_variable(self.messages.allocation, self.application.allocation())
-        module.set_variable(self.messages.figures, self.application.figures())
-        self._publish_states(module)
-        self._publish_picture(module)
+        sender.set_variable(self.messages.application, entry)
+        sender.set_variable(self.messages.allocation, self.application.allocation())
+        sender.set_variable(self.messages.figures, self.application.figures())
+        self._publish_states(sender)
+        self._publish_picture(sender)
 
-    def _publish_states(self, module: Module) -> None:
+    def _publish_states(self, sender: Sender) -> None:
         changes = [self._changes.popleft() for _ in range(len(self._changes))]
         states = {f"{region.component}.{region.name}": region.current for region in self._regions()}
-        module.set_variable(self.messages.states, StatesReport(states, changes), wait=False)
+        sender.set_variable(self.messages.states, StatesReport(states, changes), wait=False)
 
-    def _publish_picture(self, module: Module) -> None:
+    def _publish_picture(self, sender: Sender) -> None:
         if self._picture is not None and (picture := self._picture()) != self._drawn:
             self._drawn = picture
-            module.set_variable(self.messages.picture, picture, wait=False)
+            sender.set_variable(self.messages.picture, picture, wait=False)
 
     def _regions(self) -> list[Region]:
         components = self.application.components.values()

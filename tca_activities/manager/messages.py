@@ -41,7 +41,7 @@ class ControlField(msgspec.Struct, frozen=True):
 
 
 class Control(msgspec.Struct, frozen=True):
-    """A button of the page: it sends a message of the application's program."""
+    """A button of the page: it sends a command or inform of the application's program."""
 
     label: str
     message: str

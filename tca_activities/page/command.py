@@ -56,9 +56,7 @@ def activities(name: str | None, port: int, host: str, central: str | None, *, r
         click.echo(f"{live.name}: {address}  (Ctrl-C ends)")
         if browser:
             webbrowser.open(address)
-        config = uvicorn.Config(
-            application(live, hosts, key, token), log_level="warning", timeout_graceful_shutdown=1
-        )
+        config = uvicorn.Config(application(live, hosts, key, token), log_level="warning", timeout_graceful_shutdown=1)
         with contextlib.suppress(KeyboardInterrupt):
             Server(config).run(sockets=[door])
 

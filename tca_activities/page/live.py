@@ -2,15 +2,16 @@
 
 import contextlib
 import threading
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 
 from tca_activities.manager.messages import APPLICATION, ApplicationMessages
-from tca_module import BadData, Command, MisuseError, Module, Task, TcaError, Timeout
-from tca_module.client import Client
+from tca_module import BadData, Client, Inform, MisuseError, Module, Task, TcaError, Timeout, connect
+
+COMMAND = "tca activities"
+"""The name of its modules: notices do not tell of commands of people's."""
 
 LOOK = 1.0
 """Seconds between two looks whether central and the application are there."""
@@ -20,7 +21,7 @@ PATIENCE = 20.0
 
 
 class PageCommand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A message that a page sends, with its data."""
+    """A command or inform that a page sends, with its data."""
 
     message: str
     data: Any = None
@@ -38,11 +39,12 @@ class LiveApplication:
     def __init__(self, name: str, central: str | None) -> None:
         self.name = name
         self.messages = ApplicationMessages(name)
-        self._module = Module("tca activities", central)
+        self._central = central
+        self._module = Module(COMMAND, central)
         self._parts: dict[str, tuple[int, Any]] = {}
         self._serial = 0
         self._changed = threading.Condition()
-        self._is_over = False
+        self._over = threading.Event()
         for part in ("application", "allocation", "states", "figures", "picture"):
             self._module.handles(getattr(self.messages, part))(self._taker(part))
 
@@ -61,13 +63,13 @@ class LiveApplication:
     def stop(self) -> None:
         """Let nobody wait for news any more."""
         with self._changed:
-            self._is_over = True
+            self._over.set()
             self._changed.notify_all()
 
     def news(self, since: int, patience: float) -> dict[str, Any]:
         """What has changed since a change of that number; waits for something new."""
         with self._changed:
-            self._changed.wait_for(lambda: self._serial > since or self._is_over, patience)
+            self._changed.wait_for(lambda: self._serial > since or self._over.is_set(), patience)
             if since > self._serial:  # of another server at this address
                 since = 0
             parts = {part: value for part, (serial, value) in self._parts.items() if serial > since}
@@ -75,17 +77,17 @@ class LiveApplication:
 
     def send(self, asked: PageCommand) -> str:
         """Have a command carried out; a sentence of what became of it. Raises TcaError."""
-        message = self._module.declared(asked.message)
-        if not isinstance(message, Command):
-            raise MisuseError(f"{message.title} is no command: a page sends commands only")
-        try:
-            sent = self._module.command(message, asked.data)
-        except BadData as error:
-            raise MisuseError(str(error)) from None
-        try:
-            sent.result(timeout=PATIENCE)
-        except Timeout:
-            return f"{asked.message}: goes on"
+        with connect(COMMAND, self._central, patience=PATIENCE) as client:
+            message = client.declared(asked.message)
+            try:
+                if isinstance(message, Inform):
+                    client.inform(message, asked.data)
+                    return f"{asked.message}: sent"
+                client.command(message, asked.data).result(timeout=PATIENCE)
+            except BadData as error:
+                raise MisuseError(str(error)) from None
+            except Timeout:
+                return f"{asked.message}: goes on"
         return f"{asked.message}: done"
 
     # --- inside -----------------------------------------------------------------------------------------------------
@@ -106,18 +108,17 @@ class LiveApplication:
 
     def _watch(self) -> None:
         """Say what is lost, if anything is."""
-        while not self._is_over:
-            self._put("lost", self._lost())
-            end = time.monotonic() + LOOK
-            with self._changed:
-                self._changed.wait_for(lambda: self._is_over or time.monotonic() >= end, LOOK)
+        while not self._over.is_set():
+            try:
+                with connect(COMMAND, self._central, patience=LOOK) as client:
+                    while not self._over.wait(LOOK):
+                        self._put("lost", self._lost(client))
+            except TcaError as error:
+                self._put("lost", str(error))
+                self._over.wait(LOOK)
 
-    def _lost(self) -> str:
-        try:
-            names = [module.name for module in self._module.modules()]
-        except TcaError as error:
-            return f"central does not answer ({error})"
+    def _lost(self, client: Client) -> str:
         _, entry = self._parts.get("application", (0, None))
-        if entry is None or entry["module"] in names:
+        if entry is None or entry["module"] in [module.name for module in client.modules()]:
             return ""
-        return f"the program of '{self.name}' has ended, or does not answer: module '{entry['module']}' is not connected"
+        return f"module '{entry['module']}', which manages '{self.name}', is not connected: its program has ended"

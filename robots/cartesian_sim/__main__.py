@@ -1,0 +1,152 @@
+"""Shows the cleaning robot: it is enabled, referenced, goes to a point and cleans the wall, while its activities are
+allocated anew, again and again. With --page it stays, for the page and its buttons.
+"""
+
+import argparse
+import contextlib
+import itertools
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, Place
+from robots.cartesian_sim.robot import NAME, CleaningRobot
+from robots.processes import Processes
+from tca_activities.manager import ActivityMove, ApplicationMessages
+from tca_activities.page.command import activities
+from tca_module import Client, SentTask, TcaError, connect
+from tca_tools.drawing.pictures import converted
+from tca_tools.errors import NoPicture
+from tca_wire.text.measures import duration
+
+CHANGES = 2.0
+"""Seconds between two allocations while the robot cleans."""
+
+POLICIES = ("one_each", "automatic", "one_for_all")
+
+
+class Show:
+    """One run, with the times at which things are done."""
+
+    def __init__(self, robot: CleaningRobot, central: str) -> None:
+        self._robot, self._central = robot, central
+        self._began = time.monotonic()
+        self.changes: list[str] = []
+        for component in robot.components.all:
+            for region in component.regions.values():
+                region.on_transition(lambda change: self.changes.append(self._stamped(change)))
+
+    def _stamped(self, text: object) -> str:
+        return f"{time.monotonic() - self._began:7.3f} s  {text}"
+
+    def say(self, text: str) -> None:
+        """One line."""
+        print(self._stamped(text), flush=True)
+
+    def run_to_its_end(self) -> int:
+        """The whole show; the exit code."""
+        try:
+            with connect("operator", self._central) as operator:
+                self._run(operator)
+        except TcaError as error:
+            self.say(f"ended: {error}")
+            return 1
+        return 0
+
+    def _run(self, operator: Client) -> None:
+        self._done("enable", operator.command(ENABLE))
+        self._done("reference", operator.command(REFERENCE))
+        operator.inform(SET_SPEED, 0.8)
+        self._done("move to (1.5, 0.9)", operator.command(MOVE_TO, Place(1.5, 0.9)))
+        is_clean = threading.Event()
+        changing = threading.Thread(target=self._keep_changing, args=[is_clean])
+        changing.start()
+        try:
+            self._done("clean", operator.command(CLEAN))
+        finally:
+            is_clean.set()
+            changing.join()
+        self._count()
+
+    def _done(self, text: str, sent: SentTask[None]) -> None:
+        self.say(text)
+        sent.result()
+        self.say(f"{text}: done")
+
+    def _keep_changing(self, is_over: threading.Event) -> None:
+        """One policy after the other, and one activity by hand, while the robot cleans."""
+        messages, policies = ApplicationMessages(NAME), itertools.cycle(POLICIES)
+        with connect("allocator", self._central) as allocator:
+            while not is_over.wait(CHANGES):
+                policy = next(policies)
+                allocator.command(messages.set_policy, policy).result()
+                allocator.command(messages.move, ActivityMove("x.movement.machine", "the x axis")).result()
+                processors = self._robot.application.allocation().processors
+                self.say(f"allocated anew: {policy}, then by hand: {len(processors)} processors")
+
+    def _count(self) -> None:
+        """Whether a tick was lost: each activity is ticked once a period."""
+        application = self._robot.application
+        figures, processors = application.figures(), application.allocation().processors
+        periods = {one.name: one.period for processor in processors for one in processor.activities}
+        due = sum(figures.running_for / period for period in periods.values())
+        ticks = sum(one.ticks for one in figures.activities)
+        late = sum(one.overruns for one in figures.activities)
+        self.say(f"{ticks:,} ticks, {due:,.0f} were due in {duration(figures.running_for)}, {late:,} came too late")
+
+
+def _save(robot: CleaningRobot, changes: list[str], folder: Path) -> None:
+    """The wall as it is now, and the transitions of all regions."""
+    svg = robot.picture()
+    (folder / "wall.svg").write_text(svg)
+    (folder / "transitions.txt").write_text("".join(f"{change}\n" for change in changes))
+    made = ["wall.svg", "transitions.txt"]
+    try:
+        (folder / "wall.png").write_bytes(converted(svg, "png"))
+        made.append("wall.png")
+    except NoPicture as error:
+        print(error, file=sys.stderr)
+    print(f"made {', '.join(made)} in {folder}; 'tca view {folder}/journal' shows the run")
+
+
+def _run(folder: Path, *, page: bool, browser: bool) -> int:
+    with tempfile.TemporaryDirectory(prefix="cartesian") as sockets, contextlib.ExitStack() as stack:
+        central = f"ipc://{sockets}/central.sock"
+        processes = stack.enter_context(Processes(folder, {"TCA_CENTRAL": central}))
+        processes.start("central", "tca_central", "--journal", str(folder / "journal"), "--fresh")
+        robot = CleaningRobot(central)
+        stack.enter_context(robot.module.running())
+        show = Show(robot, central)
+        stack.enter_context(robot.application.running())
+        if page:
+            threading.Thread(target=show.run_to_its_end, daemon=True).start()
+            opens = "--browser" if browser else "--no-browser"
+            activities.main([NAME, "--central", central, opens], "tca activities", standalone_mode=False)
+            code = 0
+        else:
+            code = show.run_to_its_end()
+        _save(robot, show.changes, folder)
+    return code
+
+
+def main() -> int:
+    """The command line; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m robots.cartesian_sim", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("runs/cartesian"), help="folder of its files (%(default)s)")
+    parser.add_argument("--page", action="store_true", help="open 'tca activities', and stay until Ctrl-C")
+    parser.add_argument("--no-browser", action="store_true", help="with --page: print its address only")
+    options = parser.parse_args()
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+        return _run(options.out, page=options.page, browser=not options.no_browser)
+    except OSError as error:
+        parser.error(f"--out: {error}")
+    except KeyboardInterrupt:
+        print("ended by Ctrl-C", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

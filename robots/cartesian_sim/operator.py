@@ -1,0 +1,173 @@
+"""The module that has users' commands carried out: it puts them into the components' ports, and waits until the regions
+say that they are done.
+"""
+
+from collections.abc import Callable
+
+from robots.cartesian_sim.application import Components
+from robots.cartesian_sim.generated import Point, Target
+from robots.cartesian_sim.joint import Joint
+from robots.cartesian_sim.messages import (
+    CLEAN,
+    DISABLE,
+    ENABLE,
+    INTERRUPTED,
+    JOINTS,
+    MOVE_JOINT,
+    MOVE_TO,
+    NO_SUCH_JOINT,
+    NOT_READY,
+    REFERENCE,
+    SET_JOINT_SPEED,
+    SET_SPEED,
+    STOP,
+    JointMove,
+    JointSpeed,
+    Place,
+)  # fmt: skip
+from tca_module import Module, Task
+from tca_module.link.opening import CentralAddress
+
+LOOK = 0.05
+"""Seconds between two looks whether a command is done."""
+
+BEGINS = 0.5
+"""Seconds within which a command that was taken shows in a region."""
+
+
+class Operator:
+    """Carries out commands on the components of a robot."""
+
+    def __init__(self, components: Components) -> None:
+        self.parts = components
+        self._stopped = False
+        self.joints: dict[str, Joint] = {name: getattr(components, name) for name in JOINTS}
+
+    def module(self, central: CentralAddress = None) -> Module:
+        """The module that handles the commands. Those that stop something wait for no other."""
+        module = Module("cleaning robot", central)
+        at_once = module.resource("at once")
+        module.handles(ENABLE)(self.enable)
+        module.handles(REFERENCE)(self.reference)
+        module.handles(MOVE_TO)(self.move_to)
+        module.handles(MOVE_JOINT)(self.move_joint)
+        module.handles(CLEAN)(self.clean)
+        module.handles(DISABLE, resource=at_once)(self.disable)
+        module.handles(STOP, resource=at_once)(self.stop)
+        module.handles(SET_SPEED, resource=at_once)(self.set_speed)
+        module.handles(SET_JOINT_SPEED, resource=at_once)(self.set_joint_speed)
+        return module
+
+    def enable(self, task: Task) -> None:
+        """Enable all joints."""
+        self._tell_joints("enable")
+        self._wait(task, lambda: all(joint.enabling.is_in("enabled") for joint in self.joints.values()), _never)
+
+    def disable(self, _task: Task) -> None:
+        """Stop, and close all brakes."""
+        self._tell_all_to_stop()
+        self._tell_joints("disable")
+
+    def reference(self, task: Task) -> None:
+        """Have all joints find their zero."""
+        self._check_ready("enabling.enabled", "movement.standing")
+        self._tell_joints("reference")
+        self._wait_begun(task, lambda: any(joint.referencing.is_in("searching") for joint in self.joints.values()))
+        self._wait(
+            task,
+            lambda: all(joint.referencing.is_in("referenced") for joint in self.joints.values()),
+            lambda: any(joint.referencing.is_in("unreferenced") for joint in self.joints.values()),
+        )
+
+    def move_to(self, task: Task, place: Place) -> None:
+        """Go to a point of the wall."""
+        self._check_free()
+        guide = self.parts.guide
+        guide.goal.put(Point(place.x, place.y))
+        self._wait_begun(task, lambda: guide.travel.is_in("travelling"))
+        self._wait(task, lambda: guide.travel.is_in("resting"), self._is_stopped)
+
+    def move_joint(self, task: Task, move: JointMove) -> None:
+        """Move one joint to a position."""
+        joint = self._joint(move.joint)
+        self._check_free()
+        joint.target.put(Target(move.position, move.speed))
+        self._wait_begun(task, lambda: not joint.movement.is_in("standing"))
+        self._wait(task, lambda: joint.movement.is_in("standing"), self._is_stopped)
+
+    def clean(self, task: Task) -> None:
+        """Clean the wall."""
+        self._check_free()
+        guide = self.parts.guide
+        guide.command.put("clean")
+        self._wait_begun(task, lambda: guide.cleaning.is_in("working"))
+        self._wait(task, lambda: guide.cleaning.is_in("idle"), self._is_stopped)
+
+    def stop(self, _task: Task) -> None:
+        """Stop all that moves."""
+        self._tell_all_to_stop()
+
+    def set_speed(self, _task: Task, speed: float) -> None:
+        """Change the speed of moves in two dimensions; from the next one on."""
+        self.parts.guide.speed.put(abs(speed))
+
+    def set_joint_speed(self, _task: Task, wanted: JointSpeed) -> None:
+        """Move one joint at a speed; 0 stops it."""
+        joint = self._joint(wanted.joint)
+        if not joint.enabling.is_in("enabled"):
+            raise NOT_READY(joint.name, f"joint {joint.name} is not enabled: enable the joints first")
+        if wanted.speed:
+            joint.jog.put(wanted.speed)
+        else:
+            joint.command.put("stop")
+
+    # --- what they share -------------------------------------------------------------------------------------------
+
+    def _tell_joints(self, command: str) -> None:
+        for joint in self.joints.values():
+            joint.command.put(command)
+
+    def _tell_all_to_stop(self) -> None:
+        self._stopped = True
+        self.parts.guide.command.put("stop")
+        self._tell_joints("stop")
+
+    def _is_stopped(self) -> bool:
+        return self._stopped or not all(joint.enabling.is_in("enabled") for joint in self.joints.values())
+
+    def _joint(self, name: str) -> Joint:
+        if name not in self.joints:
+            raise NO_SUCH_JOINT(name, f"there is no joint '{name}': there are {', '.join(JOINTS)}")
+        return self.joints[name]
+
+    def _check_free(self) -> None:
+        self._check_ready("enabling.enabled", "referencing.referenced")
+        self._stopped = False
+
+    def _check_ready(self, *states: str) -> None:
+        self._stopped = False
+        for joint in self.joints.values():
+            for region, state in (each.split(".") for each in states):
+                if not joint.regions[region].is_in(state):
+                    raise NOT_READY(joint.name, f"joint {joint.name} is not {state}: {joint.regions[region].current}")
+
+    def _wait_begun(self, task: Task, is_begun: Callable[[], bool]) -> None:
+        """What is begun may be over before it is seen: so no failure."""
+        end = task.time() + BEGINS
+        while not is_begun() and task.time() < end:
+            task.sleep(LOOK / 5)
+
+    def _wait(self, task: Task, is_done: Callable[[], bool], is_lost: Callable[[], bool]) -> None:
+        """Wait until it is done; whoever kills the task stops the robot."""
+        try:
+            while not is_done() and not is_lost():
+                task.sleep(LOOK)
+        except BaseException:
+            self._tell_all_to_stop()
+            raise
+        if is_lost():
+            raise INTERRUPTED(text="the robot was stopped, or a joint disabled")
+
+
+def _never() -> bool:
+    return False

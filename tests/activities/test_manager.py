@@ -1,0 +1,131 @@
+"""An application in central: its variables, and the commands that change it."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import pytest
+from activities.joint import Joint
+
+from tca_activities import Application, VirtualBaton, one_for_all
+from tca_activities.manager import (
+    ActivityMove,
+    ActivityPeriod,
+    ApplicationMessages,
+    Control,
+    Manager,
+    ProcessorPriority,
+)
+from tca_module import Client, Command, Module, TaskFailed, connect
+from tca_module.testing import LocalCentral
+
+NAMES = ApplicationMessages("robot")
+
+
+class Town(NamedTuple):
+    central: LocalCentral
+    user: Client
+    joint: Joint
+    baton: VirtualBaton
+    application: Application
+
+    def carry_out(self, message: Command[Any, None], data: Any = None) -> None:
+        """Send a command, and let what comes of it be published. Raises TaskFailed."""
+        sent = self.user.command(message, data)
+        self.central.advance(0.1)
+        sent.result(timeout=5)
+
+    def allocated(self) -> dict[str, list[str]]:
+        """What central knows of the processors."""
+        report = self.user.get_variable(NAMES.allocation)
+        return {one.name: [each.name for each in one.activities] for one in report.processors}
+
+
+@pytest.fixture
+def town() -> Iterator[Town]:
+    joint = Joint()
+    baton = VirtualBaton()
+    application = Application("robot", [joint], one_for_all, baton=baton)
+    application.initialise()
+    with LocalCentral(stepped=True) as central, connect("user", central) as user:
+        module = Module("robot", central)
+        controls = [Control("enable", "enable", group="joint")]
+        Manager(application, controls=controls, picture=lambda: f"<svg>{joint.position.value}</svg>").handle_in(module)
+        with module.running():
+            yield Town(central, user, joint, baton, application)
+
+
+def test_all_there_is_to_know_is_a_variable(town: Town) -> None:
+    entry = town.user.get_variable(NAMES.application)
+    assert (entry.name, entry.module, entry.policies) == ("robot", "robot", ["one_for_all", "one_each", "automatic"])
+    (component,) = entry.components
+    movement = component.regions[3]
+    states = [(state.name, state.parent) for state in movement.states]
+    assert states == [("stopped", ""), ("moving", ""), ("fast", "moving"), ("slow", "moving")]
+    assert [control.label for control in entry.controls] == ["enable"]
+    assert town.user.get_variable(NAMES.states).states["x.enabling"] == "disabled"
+    assert town.user.get_variable(NAMES.picture) == "<svg>None</svg>"
+    assert not town.user.get_variable(NAMES.allocation).is_running
+
+
+def test_every_transition_is_told(town: Town) -> None:
+    town.carry_out(NAMES.start)
+    town.joint.command.put("enable")
+    town.joint.command.put("disable")
+    town.baton.run(0.1)
+    town.central.advance(0.1)
+    told = town.user.get_variable(NAMES.states)
+    assert told.states["x.enabling"] == "disabled"
+    assert [(one.region, one.source, one.target, one.event) for one in told.changes] == [
+        ("x.enabling", "disabled", "enabled", "enable"),
+        ("x.enabling", "enabled", "disabled", "disable"),
+    ]
+    town.central.advance(1.0)
+    figures = {one.name: one.ticks for one in town.user.get_variable(NAMES.figures).activities}
+    assert figures["x.enabling.machine"] == 10
+
+
+def test_commands_change_the_allocation(town: Town) -> None:
+    town.carry_out(NAMES.set_policy, "one_each")
+    assert len(town.allocated()) == len(town.application.activity_names)
+    town.carry_out(NAMES.allocate, {"all": town.application.activity_names})
+    assert list(town.allocated()) == ["all"]
+    town.carry_out(NAMES.move, ActivityMove("x.movement.fast", "fast"))
+    town.carry_out(NAMES.move, ActivityMove("x.movement.slow", "fast", 0))
+    assert town.allocated()["fast"] == ["x.movement.slow", "x.movement.fast"]
+    town.carry_out(NAMES.move, ActivityMove("x.movement.fast", ""))
+    report = town.user.get_variable(NAMES.allocation)
+    assert (report.policy, [one.name for one in report.unallocated]) == ("by hand", ["x.movement.fast"])
+    town.carry_out(NAMES.set_priority, ProcessorPriority("fast", 3))
+    town.carry_out(NAMES.set_period, ActivityPeriod("x.movement.slow", 0.5))
+    first = town.user.get_variable(NAMES.allocation).processors[0]
+    assert (first.name, first.priority, first.period) == ("fast", 3, 0.5)
+
+
+def test_it_starts_stops_and_begins_anew(town: Town) -> None:
+    town.carry_out(NAMES.start)
+    assert town.user.get_variable(NAMES.allocation).is_running
+    with pytest.raises(TaskFailed, match="call stop"):
+        town.carry_out(NAMES.initialise)
+    town.carry_out(NAMES.stop)
+    town.carry_out(NAMES.initialise)
+    assert not town.user.get_variable(NAMES.allocation).is_running
+
+
+@pytest.mark.parametrize(
+    ("message", "data", "why"),
+    [
+        (NAMES.set_policy, "best", "there is no policy 'best': there are one_for_all, one_each, automatic"),
+        (NAMES.allocate, {"all": []}, "x.port handler"),
+        (NAMES.move, ActivityMove("z", "all"), "'z'"),
+        (NAMES.set_period, ActivityPeriod("x.movement.fast", 0.0), "0"),
+        (NAMES.set_priority, ProcessorPriority("best", 1), "'best'"),
+        (NAMES.set_policy, "automatic", "neither an estimate nor a measured time"),
+    ],
+)
+def test_what_can_not_be_done_is_refused_with_the_reason(
+    town: Town, message: Command[Any, None], data: Any, why: str
+) -> None:
+    with pytest.raises(TaskFailed) as failed:
+        town.carry_out(message, data)
+    assert failed.value.failure == "application refused"
+    assert why in str(failed.value)

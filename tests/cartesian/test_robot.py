@@ -1,0 +1,128 @@
+"""The cleaning robot without central: four regions a joint, limits, moves in two dimensions, cleaning."""
+
+import itertools
+import math
+
+import pytest
+from cartesian.virtual_robot import VirtualRobot
+
+from robots.cartesian_sim.generated import Point, Target
+from robots.cartesian_sim.guide import PATTERN
+from robots.cartesian_sim.mechanism import OVERTRAVEL, POWER_UP, Axis
+from robots.cartesian_sim.picture import draw
+from tca_activities import automatic, one_each, one_for_all
+
+
+def test_a_motor_follows_at_its_rate_and_its_brake_stops_it() -> None:
+    axis = Axis(1.0, fastest=0.5, acceleration=1.0, position=0.5, wanted=2.0)
+    axis.advance(1.0)
+    assert (axis.position, axis.speed) == (0.5, 0.0)  # it is off
+    axis.is_on = True
+    axis.advance(POWER_UP)
+    axis.advance(0.1)
+    assert axis.speed == pytest.approx(0.1 + POWER_UP)
+    for _ in range(50):
+        axis.advance(0.01)
+    assert axis.speed == 0.5
+    axis.is_on = False
+    before = axis.position
+    axis.advance(0.1)
+    assert (axis.position, axis.speed) == (before, 0.0)
+
+
+def test_an_axis_ends_at_its_stops_behind_the_switches() -> None:
+    axis = Axis(1.0, fastest=0.5, acceleration=1.0, position=0.9, wanted=0.5, is_on=True)
+    for _ in range(100):
+        axis.advance(0.01)
+    assert axis.position == 1.0 + OVERTRAVEL
+    assert axis.sensed().at_high
+    assert not axis.sensed().at_low
+
+
+def test_a_joint_moves_to_positions_only_when_it_is_enabled_and_referenced() -> None:
+    robot = VirtualRobot()
+    x = robot.parts.x
+    x.target.put(Target(1.0, 0.5))
+    x.command.put("reference")
+    robot.baton.run(0.5)
+    assert (x.movement.current, x.referencing.current) == ("standing", "unreferenced")
+    robot.tell_joints("enable")
+    robot.run_until(lambda: x.enabling.is_in("enabled"))
+    x.target.put(Target(1.0, 0.5))
+    robot.baton.run(0.5)
+    assert x.movement.current == "standing"
+    robot.make_ready()
+    assert max(map(abs, robot.positions())) < 0.001  # the switches open at 0
+    x.target.put(Target(1.0, 0.5))
+    robot.run_until(lambda: x.movement.is_in("to position"))
+    robot.run_until(lambda: x.movement.is_in("standing"))
+    assert robot.positions()[0] == pytest.approx(1.0, abs=0.002)
+    assert robot.parts.x.position.value == pytest.approx(1.0, abs=0.001)
+
+
+def test_a_joint_at_speed_stops_at_its_limit_and_goes_back_only() -> None:
+    robot = VirtualRobot()
+    robot.make_ready()
+    y = robot.parts.y
+    y.jog.put(0.8)
+    robot.run_until(lambda: y.limits.is_in("at high"))
+    robot.run_until(lambda: y.movement.is_in("standing"))
+    assert 1.2 < robot.positions()[1] < 1.2 + OVERTRAVEL
+    y.jog.put(0.8)
+    robot.baton.run(0.2)
+    assert y.movement.current == "standing"
+    y.jog.put(-0.3)
+    robot.run_until(lambda: y.limits.is_in("in range"))
+    y.command.put("stop")
+    robot.run_until(lambda: y.movement.is_in("standing"))
+    assert robot.positions()[1] > 1.0
+
+
+def test_a_joint_that_is_disabled_stops_at_once_and_keeps_its_reference() -> None:
+    robot = VirtualRobot()
+    robot.make_ready()
+    x = robot.parts.x
+    x.target.put(Target(2.0, 0.8))
+    robot.run_until(lambda: robot.positions()[0] > 0.5)
+    x.command.put("disable")
+    robot.run_until(lambda: x.movement.is_in("standing"), 0.1)
+    assert robot.positions()[0] < 0.6
+    assert (x.enabling.current, x.referencing.current) == ("disabled", "referenced")
+
+
+def test_a_search_that_is_stopped_leaves_no_reference() -> None:
+    robot = VirtualRobot()
+    robot.tell_joints("enable")
+    robot.run_until(lambda: robot.parts.x.enabling.is_in("enabled"))
+    robot.tell_joints("reference")
+    robot.run_until(lambda: robot.parts.x.referencing.is_in("searching"))
+    robot.tell_joints("stop")
+    robot.baton.run(0.5)
+    assert robot.parts.x.referencing.current == "unreferenced"
+    before = robot.positions()
+    robot.baton.run(0.5)
+    assert robot.positions() == before
+
+
+def test_the_wall_is_cleaned_while_policies_change() -> None:
+    robot = VirtualRobot()
+    robot.make_ready()
+    guide = robot.parts.guide
+    guide.speed.put(0.8)
+    guide.goal.put(Point(0.4, 0.3))
+    robot.run_until(lambda: guide.travel.is_in("travelling"))
+    guide.command.put("clean")  # not while it travels
+    robot.run_until(lambda: guide.travel.is_in("resting"))
+    assert guide.cleaning.current == "idle"
+    guide.command.put("clean")
+    robot.run_until(lambda: guide.cleaning.is_in("working"))
+    for policy in itertools.cycle((automatic, one_each, one_for_all)):
+        if guide.cleaning.is_in("idle"):
+            break
+        robot.application.allocate(policy)
+        robot.baton.run(1.0)
+    (stroke,) = robot.scene().strokes
+    for corner in PATTERN:
+        assert min(math.dist(point, (corner.x, corner.y)) for point in stroke) < 0.01
+    assert robot.positions()[2] < 0.002
+    assert draw(robot.scene()).count('class="clean"') == 1

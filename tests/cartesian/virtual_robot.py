@@ -1,0 +1,55 @@
+"""The cleaning robot in virtual time."""
+
+from collections.abc import Callable
+
+from robots.cartesian_sim.application import Components
+from robots.cartesian_sim.joint import Joint
+from robots.cartesian_sim.mechanism import Scene
+from tca_activities import Application, VirtualBaton
+
+
+class VirtualRobot:
+    """Its components, ticked by an application without threads."""
+
+    def __init__(self) -> None:
+        self.baton = VirtualBaton(lambda _activity: 0.0)
+        self.parts = Components()
+        self.parts.table.clock = self.baton.clock
+        self.application = Application("cleaning robot", self.parts.all, baton=self.baton)
+        self.joints: list[Joint] = [self.parts.x, self.parts.y, self.parts.tool]
+        self.application.initialise()
+        self.application.start()
+
+    def run_until(self, holds: Callable[[], bool], within: float = 40.0) -> float:
+        """Let time pass until something holds; the time. Fails if it takes too long."""
+        end = self.baton.clock() + within
+        while not holds():
+            assert self.baton.clock() < end, self.states()
+            self.baton.run(0.01)
+        return self.baton.clock()
+
+    def states(self) -> dict[str, str]:
+        """The current state of each region."""
+        return {
+            f"{part.name}.{region.name}": region.current for part in self.parts.all for region in part.regions.values()
+        }
+
+    def positions(self) -> list[float]:
+        """Where the axes truly are."""
+        return [axis.position for axis in self.parts.table.mechanism.axes.values()]
+
+    def scene(self) -> Scene:
+        """What is to be seen."""
+        assert self.parts.table.scene.value is not None
+        return self.parts.table.scene.value
+
+    def tell_joints(self, command: str) -> None:
+        for joint in self.joints:
+            joint.command.put(command)
+
+    def make_ready(self) -> None:
+        """Enable and reference all joints."""
+        self.tell_joints("enable")
+        self.run_until(lambda: all(joint.enabling.is_in("enabled") for joint in self.joints))
+        self.tell_joints("reference")
+        self.run_until(lambda: all(joint.referencing.is_in("referenced") for joint in self.joints))
