@@ -11,7 +11,7 @@ import threading
 import time
 from pathlib import Path
 
-from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, Place
+from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, WallPoint
 from robots.cartesian_sim.robot import NAME, CleaningRobot
 from robots.processes import Processes
 from tca_activities.manager import ActivityMove, ApplicationMessages
@@ -27,7 +27,7 @@ CHANGES = 2.0
 POLICIES = ("one_each", "automatic", "one_for_all")
 
 
-class Show:
+class CleaningShow:
     """One run, with the times at which things are done."""
 
     def __init__(self, robot: CleaningRobot, central: str) -> None:
@@ -59,7 +59,7 @@ class Show:
         self._done("enable", operator.command(ENABLE))
         self._done("reference", operator.command(REFERENCE))
         operator.inform(SET_SPEED, 0.8)
-        self._done("move to (1.5, 0.9)", operator.command(MOVE_TO, Place(1.5, 0.9)))
+        self._done("move to (1.5, 0.9)", operator.command(MOVE_TO, WallPoint(1.5, 0.9)))
         is_clean = threading.Event()
         changing = threading.Thread(target=self._keep_changing, args=[is_clean])
         changing.start()
@@ -118,7 +118,7 @@ def _run(folder: Path, *, page: bool, browser: bool) -> int:
         processes.start("central", "tca_central", "--journal", str(folder / "journal"), "--fresh")
         robot = CleaningRobot(central)
         stack.enter_context(robot.module.running())
-        show = Show(robot, central)
+        show = CleaningShow(robot, central)
         stack.enter_context(robot.application.running())
         if page:
             threading.Thread(target=show.run_to_its_end, daemon=True).start()

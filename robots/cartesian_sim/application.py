@@ -7,9 +7,9 @@ from typing import Any
 
 from tca_activities import Application
 from tca_activities.components import Component, connect
+from robots.cartesian_sim.device import Device
 from robots.cartesian_sim.guide import Guide
 from robots.cartesian_sim.joint import Joint
-from robots.cartesian_sim.table import Table
 from robots.cartesian_sim.generated import JointData
 
 
@@ -17,26 +17,26 @@ class Components:
     """The components of cleaning."""
 
     def __init__(self) -> None:
-        self.table = Table("table")
+        self.device = Device("device")
         self.x = Joint("x", lambda: JointData(length=2.0))
         self.y = Joint("y", lambda: JointData(length=1.2))
         self.tool = Joint("tool", lambda: JointData(length=0.2))
         self.guide = Guide("guide")
         self.all: list[Component[Any]] = [
-            self.table,
+            self.device,
             self.x,
             self.y,
             self.tool,
             self.guide,
         ]
-        connect(self.table.sensed_x, self.x.sensed)
-        connect(self.table.sensed_y, self.y.sensed)
-        connect(self.table.sensed_tool, self.tool.sensed)
-        connect(self.x.drive, self.table.drive_x)
+        connect(self.device.sensed_x, self.x.sensed)
+        connect(self.device.sensed_y, self.y.sensed)
+        connect(self.device.sensed_tool, self.tool.sensed)
+        connect(self.x.drive, self.device.drive_x)
         connect(self.x.position, self.guide.x)
-        connect(self.y.drive, self.table.drive_y)
+        connect(self.y.drive, self.device.drive_y)
         connect(self.y.position, self.guide.y)
-        connect(self.tool.drive, self.table.drive_tool)
+        connect(self.tool.drive, self.device.drive_tool)
         connect(self.tool.position, self.guide.tool)
         connect(self.guide.target_x, self.x.target)
         connect(self.guide.target_y, self.y.target)

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from tca_activities.components import Component
 from robots.cartesian_sim.mechanism import Sensed
 from robots.cartesian_sim.mechanism import Scene
+from robots.cartesian_sim.messages import WallPoint
 
 
 @dataclass(frozen=True)
-class Drive:
+class MotorOrder:
     """Data that ports pass."""
 
     is_on: bool
@@ -19,19 +20,11 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Target:
+class JointTarget:
     """Data that ports pass."""
 
     position: float
     speed: float
-
-
-@dataclass(frozen=True)
-class Point:
-    """Data that ports pass."""
-
-    x: float
-    y: float
 
 
 @dataclass
@@ -57,9 +50,9 @@ class JointBase(Component[JointData], ABC):
         super().__init__(name, data, period=0.01, estimate=0.0001)
         self.sensed = self.input("sensed", Sensed, self.take_sensed)
         self.command = self.input("command", str, self.take_command, keep=8)
-        self.target = self.input("target", Target, self.take_target)
+        self.target = self.input("target", JointTarget, self.take_target)
         self.jog = self.input("jog", float, self.take_jog)
-        self.drive = self.output("drive", Drive)
+        self.drive = self.output("drive", MotorOrder)
         self.position = self.output("position", float)
         self.limits = self.region("limits", period=0.01, estimate=0.0001)
         self.referencing = self.region("referencing", period=0.02, estimate=0.0001)
@@ -186,7 +179,7 @@ class JointBase(Component[JointData], ABC):
         """A value has arrived at port 'command'."""
 
     @abstractmethod
-    def take_target(self, value: Target) -> None:
+    def take_target(self, value: JointTarget) -> None:
         """A value has arrived at port 'target'."""
 
     @abstractmethod
@@ -263,29 +256,29 @@ class JointBase(Component[JointData], ABC):
 
 
 @dataclass
-class TableData:
-    """Data that the activities of Table share."""
+class DeviceData:
+    """Data that the activities of Device share."""
 
 
-class TableBase(Component[TableData], ABC):
-    """The base of Table."""
+class DeviceBase(Component[DeviceData], ABC):
+    """The base of Device."""
 
-    def __init__(self, name: str, data: Callable[[], TableData] = TableData) -> None:
+    def __init__(self, name: str, data: Callable[[], DeviceData] = DeviceData) -> None:
         super().__init__(name, data, period=0.01, estimate=0.0001)
-        self.drive_x = self.input("drive_x", Drive, self.take_drive_x)
-        self.drive_y = self.input("drive_y", Drive, self.take_drive_y)
-        self.drive_tool = self.input("drive_tool", Drive, self.take_drive_tool)
+        self.drive_x = self.input("drive_x", MotorOrder, self.take_drive_x)
+        self.drive_y = self.input("drive_y", MotorOrder, self.take_drive_y)
+        self.drive_tool = self.input("drive_tool", MotorOrder, self.take_drive_tool)
         self.sensed_x = self.output("sensed_x", Sensed)
         self.sensed_y = self.output("sensed_y", Sensed)
         self.sensed_tool = self.output("sensed_tool", Sensed)
         self.scene = self.output("scene", Scene)
-        self.device = self.region("device", period=0.1, estimate=0.0001)
-        self._write_device()
+        self.simulation = self.region("simulation", period=0.1, estimate=0.0001)
+        self._write_simulation()
 
-    def _write_device(self) -> None:
-        region = self.device
+    def _write_simulation(self) -> None:
+        region = self.simulation
         region.state(
-            "simulated",
+            "running",
             entry=self.switch_on,
             activity=self.simulate,
             period=0.01,
@@ -293,24 +286,24 @@ class TableBase(Component[TableData], ABC):
         )
 
     @abstractmethod
-    def take_drive_x(self, value: Drive) -> None:
+    def take_drive_x(self, value: MotorOrder) -> None:
         """A value has arrived at port 'drive_x'."""
 
     @abstractmethod
-    def take_drive_y(self, value: Drive) -> None:
+    def take_drive_y(self, value: MotorOrder) -> None:
         """A value has arrived at port 'drive_y'."""
 
     @abstractmethod
-    def take_drive_tool(self, value: Drive) -> None:
+    def take_drive_tool(self, value: MotorOrder) -> None:
         """A value has arrived at port 'drive_tool'."""
 
     @abstractmethod
     def switch_on(self) -> None:
-        """'device' has come to 'simulated'."""
+        """'simulation' has come to 'running'."""
 
     @abstractmethod
     def simulate(self) -> None:
-        """Once a period, while 'device' is in 'simulated'."""
+        """Once a period, while 'simulation' is in 'running'."""
 
 
 @dataclass
@@ -332,14 +325,14 @@ class GuideBase(Component[GuideData], ABC):
     def __init__(self, name: str, data: Callable[[], GuideData] = GuideData) -> None:
         super().__init__(name, data, period=0.02, estimate=0.0001)
         self.command = self.input("command", str, self.take_command, keep=8)
-        self.goal = self.input("goal", Point, self.take_goal)
+        self.goal = self.input("goal", WallPoint, self.take_goal)
         self.speed = self.input("speed", float, self.take_speed)
         self.x = self.input("x", float, self.take_x)
         self.y = self.input("y", float, self.take_y)
         self.tool = self.input("tool", float, self.take_tool)
-        self.target_x = self.output("target_x", Target)
-        self.target_y = self.output("target_y", Target)
-        self.target_tool = self.output("target_tool", Target)
+        self.target_x = self.output("target_x", JointTarget)
+        self.target_y = self.output("target_y", JointTarget)
+        self.target_tool = self.output("target_tool", JointTarget)
         self.travel = self.region("travel", period=0.02, estimate=0.0001)
         self.cleaning = self.region("cleaning", period=0.02, estimate=0.0001)
         self._write_travel()
@@ -391,7 +384,7 @@ class GuideBase(Component[GuideData], ABC):
         """A value has arrived at port 'command'."""
 
     @abstractmethod
-    def take_goal(self, value: Point) -> None:
+    def take_goal(self, value: WallPoint) -> None:
         """A value has arrived at port 'goal'."""
 
     @abstractmethod

@@ -2,11 +2,12 @@
 
 import math
 
-from robots.cartesian_sim.generated import GuideBase, Point, Target
+from robots.cartesian_sim.generated import GuideBase, JointTarget
+from robots.cartesian_sim.messages import WallPoint
 
 LEFT, RIGHT = 0.4, 1.6
 LANES = (0.3, 0.45, 0.6, 0.75, 0.9)
-PATTERN = [Point(x, y) for lane, y in enumerate(LANES) for x in ((LEFT, RIGHT) if lane % 2 == 0 else (RIGHT, LEFT))]
+PATTERN = [WallPoint(x, y) for lane, y in enumerate(LANES) for x in ((LEFT, RIGHT) if lane % 2 == 0 else (RIGHT, LEFT))]
 """The corners of the way that cleans."""
 
 TOOL_OUT = 0.19
@@ -24,7 +25,7 @@ class Guide(GuideBase):
         """A command is an event: clean, stop."""
         self.post(value)
 
-    def take_goal(self, value: Point) -> None:
+    def take_goal(self, value: WallPoint) -> None:
         """Go to a point."""
         if self.cleaning.is_in("idle"):
             self.data.goal_x, self.data.goal_y = value.x, value.y
@@ -56,8 +57,8 @@ class Guide(GuideBase):
         if whole <= NEAR:
             return
         speeds = [max(data.speed * abs(way) / whole, NEAR) for way in ways]
-        self.target_x.set(Target(data.goal_x, speeds[0]))
-        self.target_y.set(Target(data.goal_y, speeds[1]))
+        self.target_x.set(JointTarget(data.goal_x, speeds[0]))
+        self.target_y.set(JointTarget(data.goal_y, speeds[1]))
 
     def is_there(self) -> bool:
         """Whether both axes are at the goal."""
@@ -72,11 +73,11 @@ class Guide(GuideBase):
 
     def put_tool_out(self) -> None:
         """Press the tool against the wall."""
-        self.target_tool.set(Target(TOOL_OUT, TOOL_SPEED))
+        self.target_tool.set(JointTarget(TOOL_OUT, TOOL_SPEED))
 
     def take_tool_back(self) -> None:
         """Take the tool off the wall."""
-        self.target_tool.set(Target(0.0, TOOL_SPEED))
+        self.target_tool.set(JointTarget(0.0, TOOL_SPEED))
 
     def follow(self) -> None:
         """At each corner go on to the next."""

@@ -2,7 +2,7 @@
 
 import math
 
-from robots.cartesian_sim.generated import Drive, JointBase, Target
+from robots.cartesian_sim.generated import JointBase, JointTarget, MotorOrder
 from robots.cartesian_sim.mechanism import Sensed
 
 SEEKING = 0.15
@@ -40,7 +40,7 @@ class Joint(JointBase):
         """A command is an event: enable, disable, reference, stop."""
         self.post(value)
 
-    def take_target(self, value: Target) -> None:
+    def take_target(self, value: JointTarget) -> None:
         """Move to a position within the range."""
         self.data.target = min(max(value.position, 0.0), self.data.length)
         self.data.speed = abs(value.speed)
@@ -141,7 +141,7 @@ class Joint(JointBase):
         return self.data.reading - self.data.zero
 
     def _drive(self, speed: float) -> None:
-        self.drive.set(Drive(self.data.is_on, speed))
+        self.drive.set(MotorOrder(self.data.is_on, speed))
 
 
 def _safe(left: float) -> float:

@@ -86,7 +86,7 @@ class Scene:
     """Where the tool has wiped."""
 
 
-class Mechanism:
+class CleaningMechanism:
     """Two axes that carry a tool along a wall, and a third one that presses it against it."""
 
     def __init__(self) -> None:

@@ -7,7 +7,7 @@ from tca_module import Command, Failure, Inform
 JOINTS = ("x", "y", "tool")
 
 
-class Place(msgspec.Struct, frozen=True):
+class WallPoint(msgspec.Struct, frozen=True):
     """A point of the wall, in metres from its lower left corner."""
 
     x: float
@@ -31,7 +31,7 @@ class JointSpeed(msgspec.Struct, frozen=True):
 
 ENABLE = Command("enable joints")
 REFERENCE = Command("reference joints")
-MOVE_TO = Command("move to", Place)
+MOVE_TO = Command("move to", WallPoint)
 MOVE_JOINT = Command("move joint", JointMove)
 SET_JOINT_SPEED = Command("set joint speed", JointSpeed)
 CLEAN = Command("clean wall")

@@ -5,7 +5,7 @@ say that they are done.
 from collections.abc import Callable
 
 from robots.cartesian_sim.application import Components
-from robots.cartesian_sim.generated import Point, Target
+from robots.cartesian_sim.generated import JointTarget
 from robots.cartesian_sim.joint import Joint
 from robots.cartesian_sim.messages import (
     CLEAN,
@@ -23,7 +23,7 @@ from robots.cartesian_sim.messages import (
     STOP,
     JointMove,
     JointSpeed,
-    Place,
+    WallPoint,
 )  # fmt: skip
 from tca_module import Module, Task
 from tca_module.link.opening import CentralAddress
@@ -79,11 +79,11 @@ class Operator:
             lambda: any(joint.referencing.is_in("unreferenced") for joint in self.joints.values()),
         )
 
-    def move_to(self, task: Task, place: Place) -> None:
+    def move_to(self, task: Task, point: WallPoint) -> None:
         """Go to a point of the wall."""
         self._check_free()
         guide = self.parts.guide
-        guide.goal.put(Point(place.x, place.y))
+        guide.goal.put(point)
         self._wait_begun(task, lambda: guide.travel.is_in("travelling"))
         self._wait(task, lambda: guide.travel.is_in("resting"), self._is_stopped)
 
@@ -91,7 +91,7 @@ class Operator:
         """Move one joint to a position."""
         joint = self._joint(move.joint)
         self._check_free()
-        joint.target.put(Target(move.position, move.speed))
+        joint.target.put(JointTarget(move.position, move.speed))
         self._wait_begun(task, lambda: not joint.movement.is_in("standing"))
         self._wait(task, lambda: joint.movement.is_in("standing"), self._is_stopped)
 

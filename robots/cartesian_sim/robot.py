@@ -63,5 +63,5 @@ class CleaningRobot:
 
     def picture(self) -> str:
         """What is to be seen, as SVG; nothing before the first step."""
-        scene = self.components.table.scene.value
+        scene = self.components.device.scene.value
         return draw(scene) if scene else ""

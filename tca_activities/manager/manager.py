@@ -16,9 +16,9 @@ from tca_activities.manager.messages import (
     Control,
     ProcessorPriority,
     RegionEntry,
-    StateChange,
     StateEntry,
     StatesReport,
+    TransitionEntry,
 )
 from tca_module import Callback, CentralLost, MisuseError, Module, Sender, Task, Timeout
 
@@ -41,7 +41,7 @@ class Manager:
         self._picture = picture
         self._drawn = ""
         self._module_name = ""
-        self._changes: deque[StateChange] = deque()
+        self._changes: deque[TransitionEntry] = deque()
         self._is_reallocated = False
         self._looks = 0
         application.on_change(self._take_change)
@@ -95,7 +95,7 @@ class Manager:
 
     def _take_transition(self, change: RegionChange) -> None:
         region = f"{change.component}.{change.region}"
-        self._changes.append(StateChange(region, change.source, change.target, change.event))
+        self._changes.append(TransitionEntry(region, change.source, change.target, change.event))
 
     def _publish(self, sender: Callback) -> None:
         """Whatever has changed. A new central is told everything."""

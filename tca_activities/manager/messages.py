@@ -62,7 +62,7 @@ class ApplicationEntry(msgspec.Struct, frozen=True):
     controls: list[Control]
 
 
-class StateChange(msgspec.Struct, frozen=True):
+class TransitionEntry(msgspec.Struct, frozen=True):
     """A transition of a region."""
 
     region: str
@@ -78,7 +78,7 @@ class StatesReport(msgspec.Struct, frozen=True):
     """The leaf that is active in each region, and all transitions since the report before."""
 
     states: dict[str, str]
-    changes: list[StateChange]
+    changes: list[TransitionEntry]
 
 
 class ActivityMove(msgspec.Struct, frozen=True):

@@ -19,7 +19,7 @@ from robots.cartesian_sim.messages import (
     STOP,
     JointMove,
     JointSpeed,
-    Place,
+    WallPoint,
 )  # fmt: skip
 from robots.cartesian_sim.operator import Operator
 from tca_module import Client, SentTask, TaskFailed, TaskKilled, connect
@@ -66,7 +66,7 @@ def moving(town: Town) -> list[str]:
 def test_what_the_robot_is_not_ready_for_is_refused(town: Town) -> None:
     user = town.user
     with pytest.raises(TaskFailed, match="joint x is not enabled: disabled") as failed:
-        town.carried_out(user.command(MOVE_TO, Place(1.0, 0.5)))
+        town.carried_out(user.command(MOVE_TO, WallPoint(1.0, 0.5)))
     assert failed.value.failure == NOT_READY.name
     with pytest.raises(TaskFailed, match="joint x is not enabled: enable the joints first"):
         town.carried_out(user.command(SET_JOINT_SPEED, JointSpeed("x", 0.1)))
@@ -83,7 +83,7 @@ def test_it_moves_by_position_and_by_speed(town: Town) -> None:
     make_ready(town)
     user, robot = town.user, town.robot
     town.carried_out(user.command(MOVE_JOINT, JointMove("y", 0.4)))
-    town.carried_out(user.command(MOVE_TO, Place(0.5, 0.5)))
+    town.carried_out(user.command(MOVE_TO, WallPoint(0.5, 0.5)))
     assert robot.positions()[:2] == pytest.approx([0.5, 0.5], abs=0.002)
     town.carried_out(user.command(SET_JOINT_SPEED, JointSpeed("x", 0.2)))
     town.pass_time(0.5)
@@ -103,7 +103,7 @@ def test_whoever_stops_it_interrupts_its_commands(town: Town) -> None:
         town.carried_out(cleaning)
     assert failed.value.failure == INTERRUPTED.name
 
-    far = town.user.command(MOVE_TO, Place(2.0, 1.2))
+    far = town.user.command(MOVE_TO, WallPoint(2.0, 1.2))
     town.pass_time(0.5)
     far.kill("enough")
     town.pass_time(0.5)
@@ -111,7 +111,7 @@ def test_whoever_stops_it_interrupts_its_commands(town: Town) -> None:
         far.result(timeout=5)
     assert moving(town) == ["standing"] * 3
 
-    far = town.user.command(MOVE_TO, Place(2.0, 1.2))
+    far = town.user.command(MOVE_TO, WallPoint(2.0, 1.2))
     town.pass_time(0.5)
     town.user.inform(DISABLE)
     with pytest.raises(TaskFailed, match="a joint disabled"):

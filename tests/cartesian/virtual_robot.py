@@ -14,7 +14,7 @@ class VirtualRobot:
     def __init__(self) -> None:
         self.baton = VirtualBaton(lambda _activity: 0.0)
         self.parts = Components()
-        self.parts.table.clock = self.baton.clock
+        self.parts.device.clock = self.baton.clock
         self.application = Application("cleaning robot", self.parts.all, baton=self.baton)
         self.joints: list[Joint] = [self.parts.x, self.parts.y, self.parts.tool]
         self.application.initialise()
@@ -36,12 +36,12 @@ class VirtualRobot:
 
     def positions(self) -> list[float]:
         """Where the axes truly are."""
-        return [axis.position for axis in self.parts.table.mechanism.axes.values()]
+        return [axis.position for axis in self.parts.device.mechanism.axes.values()]
 
     def scene(self) -> Scene:
         """What is to be seen."""
-        assert self.parts.table.scene.value is not None
-        return self.parts.table.scene.value
+        assert self.parts.device.scene.value is not None
+        return self.parts.device.scene.value
 
     def tell_joints(self, command: str) -> None:
         for joint in self.joints:

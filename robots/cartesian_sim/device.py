@@ -1,35 +1,35 @@
-"""The table: the device that the joints drive, simulated."""
+"""The device that the joints drive, simulated."""
 
 import time
 from collections.abc import Callable
 
-from robots.cartesian_sim.generated import Drive, TableBase
-from robots.cartesian_sim.mechanism import Axis, Mechanism
+from robots.cartesian_sim.generated import DeviceBase, MotorOrder
+from robots.cartesian_sim.mechanism import Axis, CleaningMechanism
 
 LONGEST = 0.1
 """Seconds that pass in one step at most, however late it comes."""
 
 
-class Table(TableBase):
-    """What the activities of Table do. Its time is that of a clock, whatever the period of the simulation is."""
+class Device(DeviceBase):
+    """What the activities of Device do. Its time is that of a clock, whatever the period of the simulation is."""
 
     clock: Callable[[], float] = staticmethod(time.monotonic)
 
-    def take_drive_x(self, value: Drive) -> None:
-        """Drive the x axis."""
+    def take_drive_x(self, value: MotorOrder) -> None:
+        """MotorOrder the x axis."""
         _drive(self.mechanism.axes["x"], value)
 
-    def take_drive_y(self, value: Drive) -> None:
-        """Drive the y axis."""
+    def take_drive_y(self, value: MotorOrder) -> None:
+        """MotorOrder the y axis."""
         _drive(self.mechanism.axes["y"], value)
 
-    def take_drive_tool(self, value: Drive) -> None:
-        """Drive the axis of the tool."""
+    def take_drive_tool(self, value: MotorOrder) -> None:
+        """MotorOrder the axis of the tool."""
         _drive(self.mechanism.axes["tool"], value)
 
     def switch_on(self) -> None:
         """Begin with a dirty wall."""
-        self.mechanism = Mechanism()
+        self.mechanism = CleaningMechanism()
         self._now = self.clock()
 
     def simulate(self) -> None:
@@ -43,5 +43,5 @@ class Table(TableBase):
         self.scene.set(self.mechanism.scene())
 
 
-def _drive(axis: Axis, wanted: Drive) -> None:
+def _drive(axis: Axis, wanted: MotorOrder) -> None:
     axis.is_on, axis.wanted = wanted.is_on, wanted.speed

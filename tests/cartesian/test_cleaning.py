@@ -6,9 +6,10 @@ import math
 import pytest
 from cartesian.virtual_robot import VirtualRobot
 
-from robots.cartesian_sim.generated import Point, Target
+from robots.cartesian_sim.generated import JointTarget
 from robots.cartesian_sim.guide import PATTERN
 from robots.cartesian_sim.mechanism import OVERTRAVEL, POWER_UP, Axis
+from robots.cartesian_sim.messages import WallPoint
 from robots.cartesian_sim.picture import draw
 from tca_activities import automatic, one_each, one_for_all
 
@@ -42,18 +43,18 @@ def test_an_axis_ends_at_its_stops_behind_the_switches() -> None:
 def test_a_joint_moves_to_positions_only_when_it_is_enabled_and_referenced() -> None:
     robot = VirtualRobot()
     x = robot.parts.x
-    x.target.put(Target(1.0, 0.5))
+    x.target.put(JointTarget(1.0, 0.5))
     x.command.put("reference")
     robot.baton.run(0.5)
     assert (x.movement.current, x.referencing.current) == ("standing", "unreferenced")
     robot.tell_joints("enable")
     robot.run_until(lambda: x.enabling.is_in("enabled"))
-    x.target.put(Target(1.0, 0.5))
+    x.target.put(JointTarget(1.0, 0.5))
     robot.baton.run(0.5)
     assert x.movement.current == "standing"
     robot.make_ready()
     assert max(map(abs, robot.positions())) < 0.001  # the switches open at 0
-    x.target.put(Target(1.0, 0.5))
+    x.target.put(JointTarget(1.0, 0.5))
     robot.run_until(lambda: x.movement.is_in("to position"))
     robot.run_until(lambda: x.movement.is_in("standing"))
     assert robot.positions()[0] == pytest.approx(1.0, abs=0.002)
@@ -82,7 +83,7 @@ def test_a_joint_that_is_disabled_stops_at_once_and_keeps_its_reference() -> Non
     robot = VirtualRobot()
     robot.make_ready()
     x = robot.parts.x
-    x.target.put(Target(2.0, 0.8))
+    x.target.put(JointTarget(2.0, 0.8))
     robot.run_until(lambda: robot.positions()[0] > 0.5)
     x.command.put("disable")
     robot.run_until(lambda: x.movement.is_in("standing"), 0.1)
@@ -109,7 +110,7 @@ def test_the_wall_is_cleaned_while_policies_change() -> None:
     robot.make_ready()
     guide = robot.parts.guide
     guide.speed.put(0.8)
-    guide.goal.put(Point(0.4, 0.3))
+    guide.goal.put(WallPoint(0.4, 0.3))
     robot.run_until(lambda: guide.travel.is_in("travelling"))
     guide.command.put("clean")  # not while it travels
     robot.run_until(lambda: guide.travel.is_in("resting"))
