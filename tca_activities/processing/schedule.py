@@ -40,22 +40,25 @@ class Processor:
     def __init__(self, name: str, now: float) -> None:
         self.name = name
         self.priority = 0
+        self.period = math.inf  #: the least of its activities
         self.activities: list[ScheduledActivity] = []
         self.round: deque[ScheduledActivity] = deque()  #: those that are still to be ticked in it
-        self.due = math.inf  #: when the next of its activities is
+        self._due: float | None = None  #: when the next of its activities is, if that is known
         self.ticks = 0
         self.overruns = 0
         self.times = TickTimes()
         self.load = Load(now)
 
     @property
-    def period(self) -> float:
-        """The least of its activities."""
-        return min((one.period for one in self.activities), default=math.inf)
+    def due(self) -> float:
+        """When the next of its activities is."""
+        if self._due is None:
+            self._due = min((one.release.due for one in self.activities), default=math.inf)
+        return self._due
 
-    def find_due(self) -> None:
-        """After a change of an activity."""
-        self.due = min((one.release.due for one in self.activities), default=math.inf)
+    def look_again(self) -> None:
+        """When one of its activities is due has changed."""
+        self._due = None
 
 
 class ProcessorTurn(NamedTuple):
@@ -119,7 +122,7 @@ class Schedule:
         processor.overruns += now - due > processor.period + _EXACT
         self.ticked = None
         if one.processor is not None:
-            one.processor.find_due()
+            one.processor.look_again()
 
     # --- changes, while it runs too ---------------------------------------------------------------------------------
 
@@ -176,9 +179,11 @@ class Schedule:
     def change_order(self) -> None:
         """After changes: processors without activities go, the others are put in order, and times are measured anew."""
         self.processors = [one for one in self.processors if one.activities]
+        for processor in self.processors:
+            processor.period = min(one.period for one in processor.activities)
         self.processors.sort(key=lambda one: (-one.priority, one.period))  # the sort is stable: then the older one
         for processor in self.processors:
-            processor.find_due()
+            processor.look_again()
             processor.ticks = processor.overruns = 0
             processor.times = TickTimes()
         for activity in self.activities.values():
