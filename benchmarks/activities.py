@@ -2,9 +2,9 @@
 
     python -m benchmarks.activities [--activities 50] [--rate 100] [--processors 1,5,50] [--seconds 5] [--rounds 5]
 
-Each activity does at its rate what a small controller does: a little arithmetic. All are due at the same times. Measured
-are: by how much the first activity begins after it is due; when the last one ends; jitter, by how much the beginning of
-each activity is off its own median; and what a tick costs beside the activity itself, in time of the processor core.
+Each activity does at its rate what a small controller does: a little arithmetic. All are due at the same times. It
+measures by how much the first activity begins after it is due, when the last one ends, jitter (how far the beginning
+of each activity is from its own median), and the processor time of a tick beside that of the activity itself.
 With --beside a thread of the same program computes all the time, and with --switch the interval is set after which the
 interpreter lets another thread go on.
 """
@@ -27,7 +27,7 @@ class Controller:
     """Steers a cart towards a place that moves."""
 
     component = "bench"
-    estimate = None
+    estimate: float | None = None
 
     def __init__(self, number: int, period: float) -> None:
         self.name = f"a{number}"
@@ -41,7 +41,7 @@ class Controller:
 
 
 def play(activities: int, processors: int, period: float, seconds: float) -> tuple[float, float, float, float, float]:
-    """Milliseconds: the first begins (p95), the last ends (p95), jitter (median, p99); and microseconds a tick costs."""
+    """Milliseconds: the first begins (p95), the last ends (p95), jitter (median, p99). Microseconds: a tick."""
     baton = Baton()
     schedule, began = baton.schedule, defaultdict[str, list[float]](list)
     ended = defaultdict[float, float](float)

@@ -58,6 +58,15 @@ PRINTED = {
     "45_state_machine": "drive to the gate\ndrive to the pond\ndrive to the gate\nan intruder: lights on\n",
     "50_preview": "arm begins to move to box B\narm stops on its way to box B\nbase is at B\narm begins to move to box C\n"
     "arm is at box C\nbase is at C\ndropped\nCoordinationEnd(state='delivered', transitions=4, kept=1, wasted=1)\n",
+    "51_activities": (
+        "one_for_all: not schedulable\n"
+        "  all, every 2 ms: no bound\n"
+        "automatic: schedulable\n"
+        "  processor 1, every 2 ms: within 1.9 ms\n"
+        "  processor 2, every 20 ms: within 2.7 ms\n"
+        "maps drawn: True - balanced more often: True\n"
+        "processors: processor 1, processor 2, mapping\n"
+    ),
     "33_direct": "directly\nhighest: 100.0\nthrough central\nasked for 7.0\ndirectly\n",
 }
 LATER = {
