@@ -89,17 +89,17 @@ class Baton:
     def _wait_for_turn(self, mine: ActivityProcessor) -> bool:
         """Until an activity of this processor is to be ticked; False: it has been dismissed."""
         while self._threads.get(mine.processor) is mine:
-            seconds: float | None = None
-            if self._holder is mine:
-                now = self.clock()
-                turn = self.schedule.next_turn(now)
-                if turn is not None and turn.processor is mine.processor:
-                    seconds = turn.at - now
-                    if seconds <= 0:
-                        return True
-                else:
-                    self._hand_on()
-            mine.turn.wait(seconds)
+            if self._holder is not mine:
+                mine.turn.wait()
+                continue
+            now = self.clock()
+            turn = self.schedule.next_turn(now)
+            if turn is None or turn.processor is not mine.processor:
+                self._hand_on()  # by then it may be the turn of this processor again
+            elif turn.at <= now:
+                return True
+            else:
+                mine.turn.wait(turn.at - now)
         return False
 
     def _hand_on(self) -> None:

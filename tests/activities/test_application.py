@@ -10,6 +10,7 @@ from activities.joint import Joint, Target
 
 from tca_activities import Application, VirtualBaton, automatic, one_each, one_for_all
 from tca_activities.components import Component
+from tca_activities.processing import Baton
 from tca_module import MisuseError
 
 
@@ -157,6 +158,25 @@ def test_the_baton_is_handed_on_while_a_tick_runs_for_long() -> None:
     leave.set()
     assert counter.enough.wait(20)
     application.stop()
+
+
+class HastyBaton(Baton):
+    """Now and then much time passes between two looks at the clock."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.looks = 0
+
+    def clock(self) -> float:
+        self.looks += 1
+        return self.looks * 0.00001 + self.looks // 7 * 0.0005
+
+
+def test_the_baton_is_never_lost() -> None:
+    """Not even if another processor is due when it is handed on than when that was decided."""
+    counter = Counter("c")
+    with Application("test", [counter], one_each, baton=HastyBaton()).running():
+        assert counter.enough.wait(20)
 
 
 # --- in virtual time ------------------------------------------------------------------------------------------------
