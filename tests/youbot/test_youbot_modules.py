@@ -121,6 +121,7 @@ def carried(backend: Physics, to: str, lid: Lid | None = None) -> list[JointRead
 
 
 @NO_PHYSICS
+@pytest.mark.slow
 @pytest.mark.parametrize("to", ["B", pytest.param("C", marks=pytest.mark.soak)])
 def test_the_backends_agree_on_what_is_carried_where(to: str) -> None:
     without, real = carried("kinematic", to), carried("pybullet", to)
