@@ -36,7 +36,12 @@ def main() -> int:
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
     try:
-        return _table(options.seeds) if options.seeds is not None else _show(options)
+        if options.seeds is not None:
+            return _table(options.seeds)
+        options.out.mkdir(parents=True, exist_ok=True)
+        return _show(options)
+    except OSError as error:
+        parser.error(f"--out: {error}")
     except TcaError as error:
         print(f"youbot: {error}", file=sys.stderr)
         return 1

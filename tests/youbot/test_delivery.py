@@ -8,7 +8,7 @@ import pytest
 from robots.youbot_sim.__main__ import main
 from robots.youbot_sim.coordination import likelihood, make_coordinator
 from robots.youbot_sim.delivery import make_delivery
-from robots.youbot_sim.messages import CARRY_OBJECTS, MEASURE
+from robots.youbot_sim.messages import CARRY_OBJECTS, MEASURE, MOVE_ARM
 from robots.youbot_sim.outcome import CarriedObject, DoneTask, read_delivery
 from robots.youbot_sim.robot import Physics
 from robots.youbot_sim.seeds import HEAD, box_of, compare, row, summary
@@ -16,8 +16,9 @@ from robots.youbot_sim.show import SCHEDULES, DeliveryShow
 from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.stepped import deliver, robot
 from robots.youbot_sim.vocabulary import ObjectPlace
-from tca_coordination import Coordinator, Discrete, Prior
+from tca_coordination import Continuous, Coordinator, Discrete, Prior
 from tca_module import connect
+from tca_tools.run.fold import History
 from tca_wire.coordination import TaskRole
 
 TO_B = ["taking", "going to B", "arm to box B", "dropping in B", "tucking", "going back", "homing"]
@@ -96,6 +97,19 @@ def test_with_all_likelihoods_0_the_journal_is_that_of_the_plain_machine() -> No
         )
     )
     assert looking == plain
+
+
+def test_an_arm_that_moves_ahead_slowly_is_told_to_hurry_when_its_state_is_entered() -> None:
+    """With the continuous policy it gets faster as the base comes nearer, and is never stopped for that."""
+    coordinator = Coordinator(make_delivery(), policy=Continuous(from_=0.0, to=2.0))
+    central = deliver(Lid(), coordinator)
+    first_arm = next(task for task in History.until(central.entries).tasks.values() if task.name == MOVE_ARM.name)
+    asked = [MOVE_ARM.decode_data(change.body).speed for change in first_arm.life if change.transition == "update"]
+    assert asked == [0.2, 0.3, 0.4, 0.5, 1.0]
+    found = read_delivery(central.entries)
+    arm = the(found, "arm to box B")
+    assert arm.roles == (TaskRole.AHEAD, TaskRole.KEPT)
+    assert arm.end - arm.start > 2.3
 
 
 def test_two_objects_go_into_their_boxes() -> None:
