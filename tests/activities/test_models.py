@@ -217,10 +217,13 @@ def test_files_of_others_stay(model: Path) -> None:
 
 
 def test_a_package_imports_its_own_name(model: Path) -> None:
-    (model.parent / "__init__.py").touch()
-    said(model)
-    assert "from robot.generated import JointBase, Target" in (model.parent / "joint.py").read_text()
-    python(model.parent.parent, "-c", TRY.replace("from app", "from robot.app"))
+    inner = model.parent / "inner"
+    inner.mkdir()
+    for package in (model.parent, inner):
+        (package / "__init__.py").touch()
+    said(model, "-o", inner)
+    assert "from robot.inner.generated import JointBase, Target" in (inner / "joint.py").read_text()
+    python(model.parent.parent, "-c", TRY.replace("from app", "from robot.inner.app"))
 
 
 def test_types_of_a_module_are_imported_from_there(model: Path) -> None:
