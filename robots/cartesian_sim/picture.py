@@ -9,6 +9,7 @@ BRUSH = 0.15
 """Metres that the tool wipes."""
 
 STYLE = """
+polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}
 .wall{fill:#dfe5ea}.clean{stroke:#8fd0a8}.way{stroke:#7b8794}.rail{fill:#52606d}.carriage{fill:#1f2933}
 .tool{fill:#f0a500;stroke:#1f2933}.out{fill:#d9480f}text{fill:#3e4c59;font:0.07px sans-serif}
 @media(prefers-color-scheme:dark){.wall{fill:#2b3540}.clean{stroke:#3f8f62}.rail{fill:#8a99a8}.carriage{fill:#d9dee4}text{fill:#aeb9c4}}
@@ -35,4 +36,4 @@ def draw(scene: Scene) -> str:
 
 def _line(points: Stroke, name: str, width: float, more: str = "") -> str:
     way = " ".join(f"{x:.3f},{HEIGHT - y:.3f}" for x, y in points)
-    return f'<polyline class="{name}" points="{way}" fill="none" stroke-width="{width}" stroke-linejoin="round"{more}/>'
+    return f'<polyline class="{name}" points="{way}" stroke-width="{width}"{more}/>'

@@ -32,7 +32,7 @@ class ControlField(msgspec.Struct, frozen=True):
     """A number that is given with a control."""
 
     name: str
-    """Of the field of the message's data; empty: the number is the data."""
+    """Of the field of the message's data; empty: the number is the whole data."""
     value: float
     """At first."""
     unit: str = ""
@@ -46,6 +46,7 @@ class Control(msgspec.Struct, frozen=True):
     label: str
     message: str
     data: dict[str, str | float] = {}
+    """Its fields; with an empty name: the whole data."""
     fields: list[ControlField] = []
     group: str = ""
     """A heading for controls that follow one another."""

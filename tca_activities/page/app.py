@@ -50,5 +50,7 @@ async def _send(live: LiveApplication, key: PageKey, request: Request) -> Respon
         return JSONResponse({"said": await run_in_threadpool(live.send, asked)})
     except NotAllowed as error:
         return JSONResponse({"error": error.message}, 403)
-    except (TcaError, msgspec.MsgspecError) as error:
+    except TcaError as error:
+        return JSONResponse({"error": str(error)})  # an answer, too: no
+    except msgspec.MsgspecError as error:
         return JSONResponse({"error": str(error)}, 400)

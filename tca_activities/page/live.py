@@ -9,6 +9,7 @@ import msgspec
 
 from tca_activities.manager.messages import APPLICATION, ApplicationMessages
 from tca_module import BadData, Client, Inform, MisuseError, Module, Task, TcaError, Timeout, connect
+from tca_module.link.opening import CentralAddress
 
 COMMAND = "tca activities"
 """The name of its modules: notices do not tell of commands of people's."""
@@ -36,7 +37,7 @@ def applications(client: Client) -> list[str]:
 class LiveApplication:
     """The newest values of an application's variables, as JSON has them, each with the number of its change."""
 
-    def __init__(self, name: str, central: str | None) -> None:
+    def __init__(self, name: str, central: CentralAddress) -> None:
         self.name = name
         self.messages = ApplicationMessages(name)
         self._central = central

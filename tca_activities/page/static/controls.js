@@ -30,9 +30,9 @@ function form({ label, message, data, fields }, run) {
   return made;
 }
 
+// The field with the empty name is the data itself.
 function filled(data, inputs) {
-  const values = inputs.map(({ name, input }) => [name, Number(input.value)]);
-  if (values.length === 1 && values[0][0] === "") return values[0][1];
-  const whole = { ...data, ...Object.fromEntries(values) };
+  const whole = { ...data, ...Object.fromEntries(inputs.map(({ name, input }) => [name, Number(input.value)])) };
+  if ("" in whole) return whole[""];
   return Object.keys(whole).length ? whole : null;
 }

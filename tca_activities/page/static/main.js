@@ -21,6 +21,7 @@ function tell(text, isBad) {
   part("said").classList.toggle("bad", isBad);
 }
 
+const percent = (share) => `${(100 * share).toFixed(1)} %`;
 const inName = (message) => `${message} ${known.application.name}`;
 const regions = new Regions(part("regions"));
 const processors = new Processors(part("processors"), {
@@ -44,7 +45,8 @@ const TAKERS = {
   figures(figures) {
     processors.show(figures);
     const { load, is_schedulable: fits, utilisation } = figures;
-    part("figures").textContent = `load ${(100 * load).toFixed(1)} %${utilisation === null ? "" : `, declared or measured at most ${(100 * utilisation).toFixed(0)} %`}`;
+    part("figures").textContent = `load ${percent(load)}${utilisation === null ? "" : `, utilisation at most ${percent(utilisation)}`}`;
+    part("figures").title = "load: measured in the last second; utilisation: by declared or longest execution times";
     part("verdict").hidden = fits === null;
     part("verdict").textContent = fits ? "schedulable" : "not schedulable";
     part("verdict").className = `badge ${fits ? "good" : "bad"}`;

@@ -20,8 +20,10 @@ export class Processors {
     this.allocation = allocation;
     this.figures = new Map(); // by kind and name: the elements that show them
     const { processors, unallocated } = allocation;
-    this.place.replaceChildren(this.#titles(), ...processors.map((one) => this.#processor(one)),
-      this.#basket(NEW, "drop an activity here for a processor of its own", []), this.#basket(NONE, "nothing ticks what is dropped here", unallocated));
+    this.place.replaceChildren(
+      element("div", { class: "top" }, element("div", { class: "baskets" },
+        this.#basket(NEW, "drop an activity here", []), this.#basket(NONE, "nothing ticks what is dropped here", unallocated)), this.#titles()),
+      ...processors.map((one) => this.#processor(one)));
     if (this.shown) this.show(this.shown);
     if (focused) this.row(focused)?.focus();
   }
@@ -56,11 +58,11 @@ export class Processors {
       element("ul", { class: "activities" }, ...activities.map((activity) => this.#activity(activity))));
     made.dataset.processor = name;
     made.addEventListener("dragover", (event) => this.#over(event, made));
-    made.addEventListener("dragleave", () => unmarked(made));
+    made.addEventListener("dragleave", ({ relatedTarget }) => made.contains(relatedTarget) || unmarked(made));
     made.addEventListener("drop", (event) => {
       event.preventDefault();
-      const before = made.querySelector(".before")?.dataset.activity;
       unmarked(made);
+      const before = this.#rowUnder(event)?.dataset.activity;
       if (this.dragged) this.#move(this.dragged, name, before === undefined ? null : this.#names(name).filter((one) => one !== this.dragged).indexOf(before));
     });
     return made;
@@ -71,8 +73,13 @@ export class Processors {
     event.preventDefault();
     unmarked(place);
     place.classList.add("over");
-    const row = event.target.closest(".activity[data-activity]");
-    if (row && row.dataset.activity !== this.dragged) row.classList.add("before");
+    this.#rowUnder(event)?.classList.add("before");
+  }
+
+  // The activity before which one is dropped.
+  #rowUnder({ target }) {
+    const row = target.closest(".activity[data-activity]");
+    return row && row.dataset.activity !== this.dragged ? row : null;
   }
 
   #activity({ name, component, period, estimate }) {
@@ -102,12 +109,13 @@ export class Processors {
     const row = event.target.classList.contains("activity") ? event.target : null, { key, altKey } = event;
     if (!row) return;
     const rows = [...this.place.querySelectorAll(".activity[data-activity]")], name = row.dataset.activity;
-    const place = row.closest(".processor").dataset.processor, step = { ArrowUp: -1, ArrowDown: 1, ArrowLeft: -1, ArrowRight: 1 }[key];
+    const place = row.closest(".processor").dataset.processor;
+    const rowsOn = { ArrowUp: -1, ArrowDown: 1 }[key], processorsOn = { ArrowLeft: -1, ArrowRight: 1 }[key];
     if (key === "n") this.#move(name, NEW, null);
     else if (key === "Delete") this.#move(name, NONE, null);
-    else if (step && key.endsWith("p") | key.endsWith("n") && !altKey) rows[rows.indexOf(row) + step]?.focus();
-    else if (step && altKey) this.#move(name, place, this.#names(place).indexOf(name) + step);
-    else if (step) this.#move(name, this.#neighbour(place, step), null);
+    else if (rowsOn && altKey) this.#move(name, place, this.#names(place).indexOf(name) + rowsOn);
+    else if (rowsOn) rows[rows.indexOf(row) + rowsOn]?.focus();
+    else if (processorsOn && !altKey) this.#move(name, this.#neighbour(place, processorsOn), null);
     else return;
     event.preventDefault();
   }
