@@ -86,14 +86,19 @@ class ActivitiesAtWork:
         """Start the activity of the current state, unless something is in its way: work that is about to end, or
         something to be restored first. Why it can never begin, in words; or "".
         """
-        if any(one.conflicts_with(activity) or one.state == state for one in self._all() if not one.is_over):
+        if unmet := self._plain.unmet_in_words(activity):
+            return unmet
+        others = [one for one in self._all() if not one.is_over]
+        if self._restoring is not None or any(one.state == state or one.conflicts_with(activity) for one in others):
             return ""
-        if self._restoring is not None or (self._now.unmet(activity) and self._restore(activity)):
+        if (spoiler := self._to_undo(activity)) is not None:
+            if not any(one.conflicts_with(_undoing(spoiler)) for one in others):
+                self._undo(spoiler)
             return ""
-        if self._now.unmet(activity):
-            return self._now.unmet_in_words(activity)
+        if unmet := self._now.unmet_in_words(activity):
+            return unmet
         self.current = work = StartedActivity(state, activity, TaskRole.CURRENT, self._now.begin(activity))
-        self._plain.begin(activity)
+        self._begin_entered(activity)
         self._start(work, 0)
         return ""
 
@@ -104,27 +109,27 @@ class ActivitiesAtWork:
         self.current = None
 
     def enter(self, state: int) -> bool:
-        """A state is entered. Work ahead of it is its activity now; what has failed is sent anew. Whether there is such
-        work.
+        """A state is entered. Work ahead of it is its activity now, unless it has failed or would not begin without a
+        preview. Whether there is such work.
         """
-        work = self._ahead.pop(state, None)
+        work = self._ahead.get(state)
         if work is None:
             return False
-        if work.failed_task is not None:
-            self._ending += [work] * (not work.is_over)
+        if work.failed_task is not None or self._plain.unmet(work.activity):
+            self.drop(state, "its state can't begin so")
             return False
-        self.current = work
+        self.current = self._ahead.pop(state)
         self.kept += len(work.tasks)
         self._set_role(work, TaskRole.KEPT)
         work.share = 1.0
-        self._plain.begin(work.activity)
+        self._begin_entered(work.activity)
         if work.is_finished:
-            self._finish_entered(work.activity)
+            self._plain.finish(work.activity)
         return True
 
-    def _finish_entered(self, activity: Activity) -> None:
-        """An activity whose state was entered is done."""
-        self._plain.finish(activity)
+    def _begin_entered(self, activity: Activity) -> None:
+        """The activity of an entered state begins: what it makes was changed in vain no more."""
+        self._plain.begin(activity)
         for spoiler in self._spoilers:
             spoiler.spoilt -= activity.makes.keys()
         self._forget_spoilers()
@@ -167,20 +172,21 @@ class ActivitiesAtWork:
     def _forget_spoilers(self) -> None:
         self._spoilers = [one for one in self._spoilers if one.spoilt]
 
-    def _restore(self, activity: Activity) -> bool:
-        """Undo what wasted work has changed of that which an activity needs, the last change first; whether there is
-        something to undo.
+    def _to_undo(self, activity: Activity) -> StartedActivity | None:
+        """The newest wasted work to be undone before an activity: it has changed what this needs, or more than this
+        makes anew.
         """
-        unmet = self._now.unmet(activity).keys()
+        needs, makes = activity.needs.keys(), activity.makes.keys()
         for spoiler in reversed(self._spoilers):
-            if spoiler.activity.undo and not spoiler.spoilt.isdisjoint(unmet):
-                work = StartedActivity(spoiler.state, spoiler.activity, TaskRole.RESTORING, {})
-                self._restoring = work, spoiler
-                self._now.begin(spoiler.activity)
-                work.start(self._task, spoiler.activity.undo, 0, self._heard)
-                self._news.append(work)
-                return True
-        return False
+            spoilt = spoiler.spoilt
+            if spoiler.activity.undo and (spoilt & needs or (spoilt & makes and spoilt - makes)):
+                return spoiler
+        return None
+
+    def _undo(self, spoiler: StartedActivity) -> None:
+        work = StartedActivity(spoiler.state, _undoing(spoiler), TaskRole.RESTORING, self._now.begin(spoiler.activity))
+        self._restoring = work, spoiler
+        self._start(work, 0)
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
@@ -213,7 +219,7 @@ class ActivitiesAtWork:
             work.is_finished = True
             self._now.finish(work.activity)
             if work is self.current:
-                self._finish_entered(work.activity)
+                self._plain.finish(work.activity)
         if work.failed_task is not None and work.kill_at is None:  # the others have to end, too
             if work is not self.current:
                 self._waste(work)
@@ -258,3 +264,8 @@ def _phase(work: StartedActivity) -> WorkPhase:
     if work.failed_task is not None:
         return WorkPhase.FAILED if work.is_over else WorkPhase.STOPPING
     return WorkPhase.DONE if work.is_done else WorkPhase.RUNNING
+
+
+def _undoing(work: StartedActivity) -> Activity:
+    """What undoes an activity, as an activity."""
+    return Activity(*work.activity.undo, makes=work.activity.makes)

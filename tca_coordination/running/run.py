@@ -14,6 +14,7 @@ from tca_coordination.model.machine import Coordination
 from tca_coordination.model.situation import Situation
 from tca_coordination.model.statechart import TakenArrow
 from tca_coordination.model.states import DONE, FAILED
+from tca_coordination.preview.conflicts import Reason
 from tca_coordination.preview.decide import Decision
 from tca_coordination.running.activities_at_work import ActivitiesAtWork
 from tca_coordination.running.failures import FailureNotes
@@ -21,6 +22,17 @@ from tca_coordination.running.look_ahead import LookAhead
 from tca_coordination.running.messages import ACTIVITY_STOPPED, NEEDS_NOT_MET, CoordinationEnd
 from tca_module import Task, TcaError
 from tca_wire.coordination import CoordinationReport, Foreseen
+
+_WHY_STOPPED = {
+    Reason.NOT_FORESEEN: "is not foreseen any more",
+    Reason.REPEATED: "is current, or comes twice",
+    Reason.NEEDS: "needs what does not hold any more",
+    Reason.CONFLICT: "is in the way of what comes before it",
+    Reason.BRANCH: "may have to be undone, and can't be",
+    Reason.AGENT: "has to leave its agent to what comes before it",
+    Reason.UTILITY: "is not worth while any more",
+    Reason.FAILED: "has failed",
+}
 
 
 class CoordinationRun:
@@ -100,7 +112,8 @@ class CoordinationRun:
                 pass
             decision = self._decide()
             for stop in decision.stops:
-                self._work.drop(stop.state, f"{self._machine!r}: {stop.reason}")
+                label = self._machine.states[stop.state].label
+                self._work.drop(stop.state, f"'{label}' {_WHY_STOPPED[stop.reason]}")
             self._begin_current()
             if not (self._unmet or self._events):
                 break
@@ -169,7 +182,7 @@ class CoordinationRun:
         self._unmet = ""
         self._taken += taken
         self._transitions += len(taken)
-        self._work.leave(f"{self._machine!r} has left its state")
+        self._work.leave(f"{self._machine!r} has left its state by '{event}'")
         self._is_entered = self._work.enter(self._interpreter.current)
         return True
 

@@ -80,7 +80,7 @@ def _machine(random: Random, *, unlikely: bool) -> Coordination:
             if state.activity is None and not hasattr(state, "children"):
                 state.to(following, on="go", likelihood=likely(random.choice([None, Prior(0.9)])))
                 continue
-            if random.random() < 0.5:
+            if random.random() < 0.7:
                 state.to(other, when=FREE, likelihood=likely(Perceived(FREE)))
                 state.to(following, likelihood=likely(Perceived(FREE, negated=True)))
             else:
@@ -98,9 +98,9 @@ def _activity(random: Random, label: str) -> Activity:
         Do(kind, Work(f"{label} {kind.name}", random.randint(1, 3) + ODD[kind], random.random() < 0.07), AGENTS[kind])
         for kind in kinds
     ]
-    makes = {name: random.randint(0, 2) for name in NAMES if random.random() < 0.35}
-    needs = {name: random.randint(0, 1) for name in NAMES if random.random() < 0.25}
-    undo = [Do(kinds[0], Work(f"undo {label}", 1.007), AGENTS[kinds[0]])] if random.random() < 0.5 else []
+    makes = {name: random.randint(0, 2) for name in NAMES if random.random() < 0.4}
+    needs = {name: random.randint(0, 1) for name in NAMES if random.random() < 0.35}
+    undo = [Do(kinds[0], Work(f"undo {label}", 1.007), AGENTS[kinds[0]])] if random.random() < 0.8 else []
     return Activity(*tasks, makes=makes, needs=needs, undo=undo, cost=random.random())
 
 

@@ -61,5 +61,7 @@ def test_nothing_ahead_violates_a_condition_of_the_current_activity(seed: int) -
 @given(SEEDS)
 def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> None:
     machine = random_machine(Random(seed))
-    ways = sorted((lived(machine, policy, seed, acts=0).path for policy in (EAGER, None)), key=len)
-    assert ways[1][: len(ways[0])] == ways[0]
+    ahead, plain = (lived(machine, policy, seed, acts=0).path for policy in (EAGER, None))
+    both = min(len(ahead), len(plain))
+    assert ahead[:both] == plain[:both]
+    assert len(ahead) >= len(plain) - 1  # a round may have been spent with what was undone
