@@ -135,8 +135,15 @@ cart: Any = None
 mission: Mission = Mission("cart")
 """
 
+COORDINATION = """
+from pathlib import Path
+from tca_coordination import *
+from tca_module import Command, Variable
+MOVE_BASE, BOX_B_FREE, base = Command("a", str), Variable("b", float), Agent("base")
+"""
+
 NAMES = {"life-cycles": LIFE_CYCLES, "ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
-         "missions": MISSIONS, "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
+         "preview-coordination": COORDINATION, "missions": MISSIONS, "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
 """What the pages take for known."""
 
 
