@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "tca_bench": {"tca_module", "tca_wire", "msgspec", "zmq", "click"},
     "tca_missions": {"tca_module", "tca_wire", "msgspec", "click", "statemachine", "IPython"},
     "tca_coordination": {"tca_module", "tca_wire", "msgspec", "statemachine"},
-    "tca_activities": {"tca_module", "tca_wire", "msgspec", "click", "statemachine", "starlette", "uvicorn"},
+    "tca_activities": {"tca_module", "tca_wire", "msgspec", "click", "starlette", "uvicorn"},
     "robots": {
         "tca_activities",
         "tca_coordination",
