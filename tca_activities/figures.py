@@ -40,6 +40,7 @@ def application_figures(application: str, running_for: float, now: float, schedu
         all(one.is_schedulable for one in processors) if is_known else None,
         processors,
         [_activity(one) for one in schedule.activities.values()],
+        schedule.held_by(now),
     )
 
 

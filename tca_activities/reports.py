@@ -93,3 +93,5 @@ class ApplicationFigures(msgspec.Struct, frozen=True):
     is_schedulable: bool | None
     processors: list[ProcessorFigures]
     activities: list[ActivityFigures]
+    held_by: str = ""
+    """An activity whose tick has run for more than a second: nothing else is ticked until it ends."""

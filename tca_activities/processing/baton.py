@@ -3,6 +3,7 @@ the baton to the processor that the schedule names.
 """
 
 import contextlib
+import logging
 import threading
 import time
 from collections.abc import Iterator
@@ -10,6 +11,9 @@ from collections.abc import Iterator
 from tca_activities.processing.schedule import Processor, Schedule
 from tca_activities.processing.ticking import tick
 from tca_module import MisuseError
+
+_LOG = logging.getLogger("tca.activities")
+_PATIENCE = 2.0  # seconds that stop() waits for a tick without a word
 
 
 class ActivityProcessor:
@@ -70,6 +74,9 @@ class Baton:
                 self._dismiss(each)
         for thread in self._leaving:
             if thread is not threading.current_thread():
+                thread.join(_PATIENCE)
+                if thread.is_alive() and (one := self.schedule.ticked):
+                    _LOG.warning("stop() waits for a tick of activity '%s'", one.name)
                 thread.join()
 
     def work(self, mine: ActivityProcessor) -> None:

@@ -10,6 +10,7 @@ from tca_module import MisuseError
 from tca_module.period import Period
 
 _EXACT = 1e-9  # seconds: so much comes of rounding
+_LONG = 1.0  # seconds: no tick should take so long
 
 
 class ScheduledActivity:
@@ -123,6 +124,10 @@ class Schedule:
         self.ticked = None
         if one.processor is not None:
             one.processor.look_again()
+
+    def held_by(self, now: float) -> str:
+        """The activity whose tick takes so long that something must be wrong with it."""
+        return self.ticked.name if self.ticked is not None and now - self._began > _LONG else ""
 
     # --- changes, while it runs too ---------------------------------------------------------------------------------
 

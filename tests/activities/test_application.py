@@ -1,6 +1,7 @@
 """Applications: components whose activities are allocated to threads, and allocated anew while they run."""
 
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -138,7 +139,9 @@ def test_an_activity_may_stop_the_application() -> None:
         assert sum(ticks(application).values()) >= 1
 
 
-def test_the_baton_is_handed_on_while_a_tick_runs_for_long() -> None:
+def test_a_tick_that_takes_long_holds_up_ticks_only(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     counter, slow = Counter("c"), Counter("slow")
     inside, leave = threading.Event(), threading.Event()
 
@@ -151,13 +154,22 @@ def test_the_baton_is_handed_on_while_a_tick_runs_for_long() -> None:
     application.initialise()
     application.start()
     assert inside.wait(20)
+    monkeypatch.setattr("tca_activities.processing.schedule._LONG", 0.0)
+    monkeypatch.setattr("tca_activities.processing.baton._PATIENCE", 0.0)
+    assert application.figures().held_by == "slow.r0.on"
     application.allocate(one_for_all)  # nobody waits for the tick
     application.move("c.r0.on", "own")
     assert set(allocated(application)) == {"all", "own"}
     slow.on_tick = lambda _: None
+    stopping = threading.Thread(target=application.stop)
+    stopping.start()
+    while stopping.is_alive() and not caplog.text:
+        time.sleep(0.001)
+    assert "stop() waits for a tick of activity 'slow.r0.on'" in caplog.text
     leave.set()
-    assert counter.enough.wait(20)
-    application.stop()
+    stopping.join()
+    with application.running():
+        assert counter.enough.wait(20)
 
 
 class HastyBaton(Baton):
