@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from tca_tools.drawing.dot import FAINT, INK, LONGEST_NAME, LOOKS, NOWHERE, POINT, frames, head, tail, text
-from tca_wire.coordination import ActivityKind, CoordinationArrow, CoordinationChart, CoordinationReport
+from tca_wire.coordination import ActivityKind, CoordinationChart, CoordinationReport
 from tca_wire.text.measures import percent
 
 _FILLS = {"current": "#9fdc8f", "foreseen": "#ffe27a"}
@@ -25,14 +25,40 @@ def coordination_dot(chart: CoordinationChart, report: CoordinationReport | None
     return "digraph machine {\n" + LOOKS + "".join(f"  {line}\n" for line in lines) + "}\n"
 
 
+def likely_arrows(chart: CoordinationChart, report: CoordinationReport) -> dict[int, str]:
+    """The arrows on the path that is foreseen, by their places in the chart: their likelihoods in words."""
+    foreseen = {row.state: percent(row.likelihood) for row in reversed(report.preview)}
+    path = [report.current, *(row.state for row in report.preview)]
+    steps = set(pairwise(number for number in path if 0 <= number < len(chart.states)))
+    return {
+        place: foreseen[after]
+        for place, arrow in enumerate(chart.arrows)
+        for before, after in steps
+        if after == _entered(chart, arrow.target) and _leaves(chart, before, arrow.source)
+    }
+
+
+def _entered(chart: CoordinationChart, target: int) -> int:
+    """The state that is entered with one: of a compound the first inside."""
+    while chart.states[target].kind.is_container:
+        target = chart.inside(target)[0]
+    return target
+
+
+def _leaves(chart: CoordinationChart, state: int, source: int) -> bool:
+    """Whether an arrow from *source* leaves a state."""
+    while state not in (source, -1):
+        state = chart.states[state].parent
+    return state == source
+
+
 class _Picture:
     def __init__(self, chart: CoordinationChart, report: CoordinationReport | None) -> None:
         self.chart = chart
         self.states = chart.states
-        self.foreseen = {row.state: row for row in reversed(report.preview)} if report is not None else {}
         self.current = report.current if report is not None else -1
-        path = [self.current, *(row.state for row in report.preview)] if report is not None else []
-        self.steps = set(pairwise(path))
+        self.foreseen = {row.state for row in report.preview} if report is not None else set[int]()
+        self.likely = likely_arrows(chart, report) if report is not None else {}
 
     def inside(self, number: int) -> Iterator[str]:
         """The states that stand in one; of -1, in none."""
@@ -75,11 +101,11 @@ class _Picture:
             if number >= 0:
                 last = self.chart.inside(number)[-1]
                 yield f"{tail(self.states, last)} -> end_{number} [style=invis];"
-        for arrow in self.chart.arrows:
+        for place, arrow in enumerate(self.chart.arrows):
             source, target = tail(self.states, arrow.source), head(self.states, arrow.target)
             words = text(arrow.symbol, LONGEST_NAME)
-            looks = []
-            if likely := self._likelihood(arrow):
+            looks = [f'id="arrow-{place}"']
+            if likely := self.likely.get(place):
                 words += f"<br/><b>{likely}</b>"
                 looks += [f'color="{_LIKELY}"', f'fontcolor="{_LIKELY}"', "penwidth=2"]
             looks.append(f"label=<&#160;{words}&#160;>")
@@ -91,17 +117,3 @@ class _Picture:
 
     def _drawn(self, source: str, target: str, looks: list[str]) -> str:
         return f"{source} -> {target} [{', '.join(looks)}];"
-
-    def _likelihood(self, arrow: CoordinationArrow) -> str:
-        """Of an arrow on the path that is foreseen, in words."""
-        target = arrow.target
-        while self.states[target].kind.is_container:
-            target = self.chart.inside(target)[0]
-        sources = [before for before, after in self.steps if after == target and self._leaves(before, arrow.source)]
-        return percent(self.foreseen[target].likelihood) if sources else ""
-
-    def _leaves(self, leaf: int, source: int) -> bool:
-        """Whether an arrow from *source* leaves a leaf."""
-        while leaf not in (source, -1):
-            leaf = self.states[leaf].parent
-        return leaf == source

@@ -17,6 +17,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tca_tools.errors import ToolError
+from tca_tools.run.coordinators import STANDINGS as PREVIEWED
 from tca_tools.run.fates import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
@@ -113,6 +114,7 @@ def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | 
             "remark": reading.remark,
             "fills": FILLS,
             "handled": HANDLED,
+            "previewed": PREVIEWED,
             "colours": reading.feed.colours(),
             "follows": runs.follows,
             "newest": {"run": newest.address, "name": newest.name},

@@ -13,6 +13,7 @@ from typing import Any
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
 from tca_tools.gantt.titles import changed
+from tca_tools.run.coordinators import coordinator_of
 from tca_tools.run.fates import WATCHING, Failing, failing, watches
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
@@ -20,6 +21,7 @@ from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.traffic import TRAFFIC_TABLES, Traffic
 from tca_tools.view.verdicts import Verdicts
+from tca_wire.coordination import read_report
 from tca_wire.journal.facts import Entry, Failed, Killed, Received, StateChanged
 from tca_wire.life_cycles import Effect
 from tca_wire.text.facts_in_words import by_whom, kill_reason, place
@@ -54,6 +56,9 @@ TABLES = {
     "change.span": "i",  # a request of a task's client, or its answer
     "change.time": "d",
     "change.text": "t",
+    "preview.task": "i",  # one that a coordinator sent
+    "preview.time": "d",
+    "preview.role": "t",
     "said.message": "i",
     "said.time": "d",
     "said.text": "t",  # how it failed, or why it was killed
@@ -207,8 +212,15 @@ class Feed:
         self._tell_failure(self.history.messages.get(number), number, self.history.time, runs[0][1] if runs else -1)
 
     def _tell_changed(self, fact: StateChanged) -> None:
-        """Add a mark to the newest bar of a task; not for an intermediate result, of which there are many."""
+        """Add a mark to the newest bar of a task; not for an intermediate result, of which there are many. That of a
+        coordinator tells what other tasks are to it.
+        """
         task, span = self.history.tasks.get(fact.task), self._newest.get(fact.task)
+        record = coordinator_of(self.history, task) if task is not None else None
+        if record is not None and (report := read_report(fact.body)):
+            for news in report.news:
+                if news.task in record.tasks:
+                    self.columns.add("preview", news.task, self.history.time, news.role)
         if task is None or span is None:
             return
         change = next(one for one in reversed(task.life) if one[1:4] == (fact.transition, fact.state, fact.serial))

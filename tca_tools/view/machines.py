@@ -1,9 +1,10 @@
-"""State machines of tasks: a picture that the page gets once, and which of its states are active at a moment."""
+"""State machines of tasks: a picture that the page gets once, and its active and foreseen states at a moment."""
 
 from functools import lru_cache
 from typing import Any
 
 from tca_tools.drawing.chart_dot import chart_dot
+from tca_tools.drawing.coordination_dot import coordination_dot, likely_arrows
 from tca_tools.drawing.graphviz import drawn
 from tca_tools.errors import NoPicture
 from tca_tools.run.at_time import RunAt, TaskAt
@@ -11,17 +12,33 @@ from tca_tools.run.records import OVER, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.view.reading import Reading
 from tca_wire.charts import MachineChart, read_active, read_machine
+from tca_wire.coordination import CoordinationChart, read_chart, read_report
 
 _MOST_STATES = 200
 """Of a larger machine nobody could read the picture."""
 
 
 def machine_answer(at: RunAt, task: TaskAt) -> dict[str, Any]:
-    """The active states of a task that is a machine; nothing of other tasks."""
+    """The active states of a task that is a machine, and those that it foresees; nothing of other tasks."""
     if (chart := _machine(at.run, task.record)) is None:
         return {}
-    told = read_active(b"" if task.state in OVER else task.life.progress)
-    return {"machine": {"active": [number for number in told.active if number < len(chart.states)]}}
+    told = b"" if task.state in OVER else task.life.progress
+    if isinstance(chart, MachineChart):
+        return {"machine": {"active": _known(chart, read_active(told).active)}}
+    if (report := read_report(told)) is None:
+        return {"machine": {"active": [], "foreseen": [], "likely": {}}}
+    foreseen = _known(chart, [one.state for one in report.preview])
+    return {
+        "machine": {
+            "active": _known(chart, [report.current]),
+            "foreseen": foreseen,
+            "likely": likely_arrows(chart, report),
+        }
+    }
+
+
+def _known(chart: MachineChart | CoordinationChart, numbers: list[int]) -> list[int]:
+    return [number for number in numbers if 0 <= number < len(chart.states)]
 
 
 def machine_picture(reading: Reading, task_id: int) -> dict[str, str] | None:
@@ -35,14 +52,16 @@ def machine_picture(reading: Reading, task_id: int) -> dict[str, str] | None:
     if len(chart.states) > _MOST_STATES:
         return {"problem": f"{len(chart.states)} states are too many for a picture"}
     try:
-        return {"svg": _picture(chart_dot(chart))}
+        dot = chart_dot(chart) if isinstance(chart, MachineChart) else coordination_dot(chart)
+        return {"svg": _picture(dot)}
     except NoPicture as error:
         return {"problem": error.message}
 
 
-def _machine(run: Run, task: Task) -> MachineChart | None:
-    known = run.formats.get(task.name)
-    return read_machine(known.data, task.body) if known is not None else None
+def _machine(run: Run, task: Task) -> MachineChart | CoordinationChart | None:
+    if (known := run.formats.get(task.name)) is None:
+        return None
+    return read_machine(known.data, task.body) or read_chart(known.data, task.body)
 
 
 @lru_cache(maxsize=16)

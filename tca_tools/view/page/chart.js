@@ -7,7 +7,7 @@ import { BETWEEN, LANE, NAMED, THIN, drawCurve, firstWith, inOrder, placed } fro
 import { wasHandled } from "./store.js";
 import { spanWords } from "./words.js";
 
-const NARROW = 1.5; // pixels
+const NARROW = 1.5, STRIP = 4; // pixels; the second, of the mark of what ran ahead of its state
 const ROOM = 0.01; // of the time that is seen, beside it
 const LEAST = 1, LEAST_DONE = 1e-3; // seconds that are seen if the reader does not zoom; the second, of messages of a run that has ended
 const BEFORE = 0.3; // where in the chart the bar of a chosen message begins that was out of sight
@@ -257,6 +257,8 @@ export class Chart {
       context.fillStyle = "rgb(255 255 255 / 62%)";
       if (right > left) context.fillRect(left, y + 1, right - left, tall - 2);
     }
+    const ahead = this.store.aheadOf(span);
+    if (ahead) this.#drawAhead(x, Math.min(this.#x(Math.min(ahead.until, this.store.end)), x + wide), y, ahead.isWasted);
     const isChosen = span.message && span.message === this.chosen, inset = isChosen ? 1 : 0; // two frames are both seen
     const left = span.end > this.time ? Math.max(this.#x(this.time), x) : x; // before a failure is known, only what is to come has its frame
     if (span.outcome === "failed") this.#outline(left + inset, y + inset, x + wide - left - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
@@ -266,6 +268,17 @@ export class Chart {
     }
     if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) this.#drawName(span, x, y, wide, tall);
+  }
+
+  // A blue strip over what ran ahead of its state, of dashes if for nothing.
+  #drawAhead(x, end, y, isWasted) {
+    const { context } = this;
+    context.fillStyle = "#ffffff";
+    context.fillRect(x, y, end - x, STRIP + 1);
+    context.fillStyle = "#7ab4f0";
+    for (let left = x; left < end; left += isWasted ? 2 * STRIP : Infinity) {
+      context.fillRect(left, y, Math.min(isWasted ? STRIP : Infinity, end - left), STRIP);
+    }
   }
 
   // On what is to come in dark letters, and when that has become paler.

@@ -41,7 +41,7 @@ export class Details {
   *#parts(about) {
     yield element("h2", { text: numbered(about.name, about.id) });
     yield* this.#lead(about);
-    if (about.machine) yield this.machines.shown(about.id, about.machine.active);
+    if (about.machine) yield this.machines.shown(about.id, about.machine);
     yield* this.#relations(about);
     if (about.constraints?.length) {
       yield element("h3", { text: "constraints" });

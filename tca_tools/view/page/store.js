@@ -99,6 +99,7 @@ export class Store {
     this.#addStates(tables.state);
     this.#addSaid(tables.said);
     this.#addHolds(tables.hold);
+    this.#addPreviews(tables.preview);
     tables.row.label.forEach((label, i) => this.rows.push(newRow(label, tables.row.module[i])));
     this.#addSpans(tables.span);
     tables.suspended.span.forEach((span, i) => { this.spans[span].by = tables.suspended.by[i]; });
@@ -117,7 +118,7 @@ export class Store {
     ids.forEach((id, i) => {
       const parent = this.byId.get(parents[i]) ?? null, task = {
         id, parent, name: name[i], sender: sender[i], role: role[i], form: form[i], time: time[i], depth: parent ? parent.depth + 1 : 0,
-        children: [], times: [], states: [], holds: [], modules: null, said: [], queued: [], // said: how it failed or why it was killed; queued: its spans
+        children: [], times: [], states: [], holds: [], previews: [], modules: null, said: [], queued: [], // said: how it failed or why it was killed; queued: its spans
         failedBelow: Infinity, // since when something under it has failed
       };
       this.first = Math.min(this.first, task.time);
@@ -156,6 +157,24 @@ export class Store {
       const task = this.byId.get(id), before = this.byId.get(others[i]);
       if (task && before && task !== before) task.holds.push({ before, kind: kind[i], time: time[i] });
     });
+  }
+
+  // What tasks are to the coordinator that sent them.
+  #addPreviews({ task: ids, time, role }) {
+    ids.forEach((id, i) => this.byId.get(id)?.previews.push({ time: time[i], role: role[i] }));
+  }
+
+  // In words, at a time; "" of what was sent for the current state.
+  previewOf(task, time) {
+    const role = task?.previews.findLast((one) => one.time <= time)?.role;
+    return this.head.previewed[role] ?? "";
+  }
+
+  // Until when the task of a bar ran ahead of its state, and whether for nothing; null if it was not sent ahead.
+  aheadOf({ kind, message }) {
+    const previews = kind === "handling" && this.byId.get(message)?.previews || [];
+    if (previews[0]?.role !== "ahead") return null;
+    return { until: previews.find(({ role }) => role === "kept")?.time ?? Infinity, isWasted: previews.at(-1).role === "wasted" };
   }
 
   // A client of a task asked for something, or was answered.

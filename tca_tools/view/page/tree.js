@@ -241,7 +241,7 @@ export class Tree {
       cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
       if (task.failedBelow <= this.time) cell.append(this.#hiddenFailure(task));
     }
-    const mark = task.form === "monitor" ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
+    const mark = task.form === "monitor" ? "monitor" : (ROLE_MARKS[task.role] ?? task.role) || this.store.previewOf(task, this.time);
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const kinds = this.related.has(task) ? [...this.related.get(task)].join(", ") : "";

@@ -56,7 +56,8 @@ export function spanWords({ span: one, wait, row, failure, change }, store, time
   if (wait) return `${later}${what(one, store)} in ${row.label} waits for ${called(wait)}${went(wait, "", store, time)}`;
   const where = one.kind === "suspended" ? one.by : ` ${row.label}`, dealt = wasHandled(one.failure, time) ? ", and handled" : "";
   const how = one.outcome && one.outcome !== "done" ? `: ${one.outcome}${dealt}` : "";
-  return `${later}${what(one, store)} ${VERBS[one.kind]}${where}${went(one, how, store, time)}`;
+  const ahead = one.kind === "handling" && store.previewOf(store.byId.get(one.message), time);
+  return `${later}${what(one, store)}${ahead ? ` (${ahead})` : ""} ${VERBS[one.kind]}${where}${went(one, how, store, time)}`;
 }
 
 const called = ({ name, message }) => numbered(name, message);

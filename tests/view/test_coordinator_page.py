@@ -1,0 +1,64 @@
+"""A coordinator with a preview on the page: its machine, and the marks of what ran ahead."""
+
+import json
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page
+from tools.deliveries import deliver, written
+
+from view.conftest import Look, until
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def delivery(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The box that was foreseen is occupied after 2 s."""
+    return written(deliver(1.0, changed=0.0), tmp_path_factory.mktemp("coordinator") / "delivery")
+
+
+def marked(page: Page, kind: str, expected: str) -> None:
+    script = """([kind, expected]) => [...document.querySelectorAll(`.machine .${kind}`)]
+        .map((one) => one.querySelector("text").textContent.trim()).join(", ") === expected"""
+    until(page, script, [kind, expected])
+
+
+def test_the_machine_shows_what_it_foresees_at_any_moment(look: Look, delivery: Path) -> None:
+    page = look(delivery, "#t=1&task=2")
+    page.wait_for_selector(".machine svg")
+    picture = page.locator(".machine svg").element_handle()
+    marked(page, "active", "going to B")
+    marked(page, "foreseen", "arm to box B, dropping in B, tucking, going back, end")
+    page.evaluate("() => { location.hash = '#t=3&task=2'; }")
+    marked(page, "active", "going to B")
+    marked(page, "foreseen", "going to C, arm to box C, dropping in C, tucking, going back, end")
+    until(page, "() => document.querySelectorAll('.machine .edge.likely .likelihood').length === 6")
+    page.evaluate("() => { location.hash = '#t=40&task=2'; }")
+    marked(page, "active", "")
+    marked(page, "foreseen", "")
+    assert picture.evaluate("(one) => one.isConnected")  # it was drawn once
+
+
+def test_the_tree_marks_what_ran_ahead_as_known_at_the_moment(look: Look, delivery: Path) -> None:
+    page = look(delivery, "#t=1&task=2")
+    marks = "(expected) => [...document.querySelectorAll('.row .role')].map((one) => one.textContent).join('; ') === expected"
+    for moment, expected in ((1, "ahead"), (3, "ahead, wasted; ahead"), (20, "ahead, wasted; ahead, kept")):
+        page.evaluate("(time) => { location.hash = `#t=${time}&task=2`; }", moment)
+        until(page, marks, expected)
+
+
+def test_the_server_tells_which_states_are_likely(serve: Callable[[Path], str], delivery: Path) -> None:
+    address = serve(delivery)
+
+    def asked(moment: float) -> Any:
+        with urllib.request.urlopen(f"{address}api/message/2?at={moment}", timeout=20) as answer:
+            return json.loads(answer.read())["machine"]
+
+    assert asked(3)["active"] == [1]
+    assert asked(3)["foreseen"] == [2, 4, 6, 7, 8, 9]
+    assert set(asked(3)["likely"].values()) == {"100%"}
+    assert asked(40) == {"active": [], "foreseen": [], "likely": {}}
