@@ -7,7 +7,7 @@ probable of all, and where one arrow of each state is likely, hardly anything be
 from collections.abc import Iterator
 from dataclasses import dataclass
 from heapq import heappop, heappush
-from math import fsum
+from math import frexp, fsum, ldexp
 
 from tca_coordination.model.automaton import Automaton
 from tca_module import MisuseError
@@ -44,22 +44,34 @@ _NO_LIMITS = PreviewLimits()
 
 
 class _Path:
-    """A path to a state: the arrow that enters it last, and the path before that."""
+    """A path to a state: the arrow that enters it last, and the path before that.
 
-    __slots__ = ("arrow", "before", "length", "likelihood", "probability", "state")
+    The probability of a path of thousands of states is less than the least float; so it is kept as two numbers.
+    """
+
+    __slots__ = ("arrow", "before", "exponent", "length", "likelihood", "mantissa", "state")
 
     def __init__(self, state: int, before: "_Path | None" = None, arrow: int = 0, likelihood: float = 1.0) -> None:
         self.state = state
         self.before = before
         self.arrow = arrow  # its place among those of the state before
         self.likelihood = likelihood
-        self.probability: float = likelihood * before.probability if before else 1.0
         self.length: int = before.length + 1 if before else 0
+        mantissa, exponent = frexp(likelihood * before.mantissa if before else 1.0)
+        self.mantissa: float = mantissa
+        self.exponent: int = exponent + before.exponent if before else exponent
+
+    @property
+    def probability(self) -> float:
+        """0 if it is less than the least float."""
+        return ldexp(self.mantissa, self.exponent)
 
     def __lt__(self, other: "_Path") -> bool:
         """Whether it comes first: more probable; then shorter; then by the order in which arrows are written."""
-        if self.probability != other.probability:
-            return self.probability > other.probability
+        if self.exponent != other.exponent:
+            return self.exponent > other.exponent
+        if self.mantissa != other.mantissa:
+            return self.mantissa > other.mantissa
         if self.length != other.length:
             return self.length < other.length
         mine, others = self, other

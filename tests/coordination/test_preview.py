@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import pytest
+from coordination.drawn_machines import Drawn
 
 from tca_coordination import (
     Activity,
@@ -13,6 +14,7 @@ from tca_coordination import (
     Discrete,
     Do,
     Fact,
+    LikelyArrow,
     Perceived,
     Policy,
     PreviewLimits,
@@ -142,6 +144,37 @@ def test_a_list_ends_at_its_horizon() -> None:
     assert foreseen("going to B", limits=PreviewLimits(horizon=2)) == ["arm to B", "dropping at B"]
 
 
+def test_of_equally_probable_paths_the_shorter_one_and_then_the_first_one() -> None:
+    def arrows(*targets: int) -> list[LikelyArrow]:
+        return [LikelyArrow("done", target, 1 / len(targets)) for target in targets]
+
+    ends: dict[int, list[LikelyArrow]] = {8: [], 9: []}
+    assert most_likely(Drawn({0: arrows(1, 9), 1: arrows(8), **ends}), 0) == [Foreseen(9, 0.5, 0.5)]
+    seen_late = Drawn({
+        0: [LikelyArrow("done", 1, 0.5), LikelyArrow("done", 3, 0.25)],
+        1: arrows(2), 2: [LikelyArrow("done", 8, 0.5), LikelyArrow("done", 0, 0.5)], 3: arrows(9), **ends,
+    })  # fmt: skip
+    assert [one.state for one in most_likely(seen_late, 0)] == [3, 9], "0.25, as that by 1 and 2"
+    two_long = Drawn({0: arrows(1, 2), 1: arrows(8), 2: arrows(9), **ends})
+    assert [one.state for one in most_likely(two_long, 0)] == [1, 8]
+    unlike = Drawn(
+        {0: [LikelyArrow("done", 1, 0.25), LikelyArrow("done", 2, 0.75)], 1: arrows(8), 2: arrows(3, 4, 9), **ends}
+    )
+    unlike.arrows |= {3: arrows(0), 4: arrows(0)}
+    assert [one.state for one in most_likely(unlike, 0)] == [1, 8], "both have 0.25; its first arrow is written first"
+
+
+def test_a_path_of_a_thousand_unlikely_arrows_is_the_best_one_still() -> None:
+    """Its probability is less than the least float."""
+    length = 2000
+    arrows = {state: [LikelyArrow("done", state + 1, 0.55)] for state in range(length)}
+    for state in range(length - 1):
+        arrows[state].append(LikelyArrow("short cut", state + 2, 0.45))
+    found = most_likely(Drawn({**arrows, length: []}), 0)
+    assert [one.state for one in found] == list(range(2, length + 1, 2))
+    assert found[-1].probability == 0
+
+
 def test_thresholds_make_states_steady() -> None:
     with Coordination("doubt") as doubt:
         first, second, third = (doubt.state(label, arm(label)) for label in ("one", "two", "three"))
@@ -213,6 +246,7 @@ def test_a_wrong_prediction_stops_the_arm_and_then_sends_it_elsewhere() -> None:
 
     stopping = decided("going to C", without_arm, [ahead("arm to B", WorkPhase.STOPPING)])
     assert (stopping.starts, stopping.stops) == ([], [])
+    assert stopping.refused[0] == Objection(number("arm to C"), Reason.CONFLICT, "arm", number("arm to B"))
 
     assert decided("going to C", without_arm).starts == [Start(number("arm to C"))]
 
@@ -301,6 +335,71 @@ def test_an_activity_that_runs_may_change_what_it_needed() -> None:
     assert decided("going to B", machine=machine).starts == [Start(1)]
     runs = decided("going to B", {"base": "A", "holding": True}, [EarlyWork(1)], machine=machine)
     assert (runs.stops, runs.refused) == ([], [])
+
+
+def test_an_activity_that_changes_what_it_needs_must_be_undoable() -> None:
+    lift = Activity(Do(MOVE_ARM, "up", ARM), needs={"arm": "home"}, makes={"arm": "up"})
+    with Coordination("lifting", facts=START) as machine:
+        going = machine.state("going to B", base("B"))
+        lifting = machine.state("lifting", lift)
+        end = machine.final("end")
+        going.to(lifting)
+        lifting.to(end)
+    assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm")]
+
+
+def test_nothing_is_built_on_what_comes_later() -> None:
+    """The camera could look at B now: the arm is there. But it is there for a later state."""
+    look = Activity(Do(MOVE_GRIPPER, "look", GRIPPER), needs={"arm": "B"})
+    with Coordination("later", facts={**START, "arm": "B"}) as machine:
+        going = machine.state("going to B", base("B"))
+        looking = machine.state("looking", look)
+        reach = machine.state("arm to B", arm("B"))
+        end = machine.final("end")
+        going.to(looking)
+        looking.to(reach)
+        reach.to(end)
+    done = EarlyWork(2, WorkPhase.DONE)
+    decision = decided("going to B", {**START, "arm": "B"}, [done], machine=machine)
+    assert decision.refused == [Objection(1, Reason.NEEDS, "arm")]
+    assert decision.stops == [Objection(2, Reason.CONFLICT, "arm", 1)]
+
+
+def test_the_progress_before_passes_the_end_of_a_compound_but_no_wait() -> None:
+    with Coordination("passing", facts=START) as machine:
+        with machine.compound("first") as first:
+            going = machine.state("going to B", base("B"))
+            gone = machine.final("gone")
+            going.to(gone)
+        reach = machine.state("arm to B", arm("B"))
+        pause = machine.state("waiting")
+        grip = machine.state("gripping", Activity(Do(MOVE_GRIPPER, "close", GRIPPER)))
+        end = machine.final("end")
+        first.to(reach)
+        reach.to(pause)
+        pause.to(grip, on="object seen", likelihood=Prior(0.9))
+        grip.to(end)
+    decision = decided("going to B", machine=machine)
+    assert decision.starts == [Start(reach.number)]
+    arm_done = [EarlyWork(reach.number, WorkPhase.DONE)]
+    decision = decided("going to B", {**START, "arm": "B"}, arm_done, machine=machine)
+    assert decision.refused == [Objection(grip.number, Reason.UTILITY)]
+
+
+def test_the_cost_of_undoing_counts_where_a_branch_may_need_it() -> None:
+    """The arm costs 0.2, and as much again to undo."""
+    policy = Discrete(0.3)
+    with Coordination("costs", facts=START) as machine:
+        going = machine.state("going to B", base("B"))
+        reach = machine.state("arm to B", arm("B", can_undo=True))
+        greet = machine.state("greeting", Activity(Do(MOVE_GRIPPER, "wave", GRIPPER), needs={"arm": "home"}))
+        end = machine.final("end")
+        going.to(reach, likelihood=Prior(0.75))
+        going.to(greet, on="somebody comes", likelihood=Prior(0.25))
+        reach.to(end)
+        greet.to(end)
+    assert decided("going to B", machine=machine, policy=policy, progress=0.5).starts == [], "0.375 - 0.25 * 0.4"
+    assert decided("going to B", machine=machine, policy=policy, progress=0.6).starts == [Start(1)]
 
 
 def test_the_agent_of_the_current_activity_is_its_own() -> None:

@@ -23,7 +23,8 @@ class BlindMachine(Drawn):
 
 @st.composite
 def automata(draw: st.DrawFn) -> Drawn:
-    """Up to six states with up to three arrows each. Likelihoods are eighths, whose products are exact."""
+    """Up to six states with up to three arrows each. Likelihoods are eighths, whose products are
+    exact, and often equal."""
     number = draw(st.integers(1, 6))
     arrows = {}
     for state in range(number):
@@ -31,7 +32,7 @@ def automata(draw: st.DrawFn) -> Drawn:
         left = 8
         arrows[state] = list[LikelyArrow]()
         for place, target in enumerate(targets):
-            eighths = draw(st.integers(0, left))
+            eighths = min(left, draw(st.sampled_from((0, 1, 2, 4, 4, 8))))
             left -= eighths
             arrows[state].append(LikelyArrow(str(place), target, eighths / 8))
     return Drawn(arrows)
