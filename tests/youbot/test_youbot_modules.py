@@ -110,11 +110,12 @@ def carried(backend: Physics, to: str, lid: Lid | None = None) -> list[JointRead
     found = []
     with robot(backend, lid) as (central, user):
         user.command(OFFER_OBJECT).wait(timeout=5)
-        for message, goal in (
-            (MOVE_GRIPPER, "closed"), (MOVE_BASE, to), (MOVE_ARM, f"box {to}"), (MOVE_GRIPPER, "open"), (MOVE_ARM, "tucked"),
+        for message, goal, seconds in (
+            (MOVE_GRIPPER, "closed", 1.5), (MOVE_BASE, to, 5.5), (MOVE_ARM, f"box {to}", 3.0),
+            (MOVE_GRIPPER, "open", 2.0), (MOVE_ARM, "tucked", 4.0),
         ):  # fmt: skip
             moving = user.command(message, Move(goal))
-            central.advance(7.0)
+            central.advance(seconds)
             assert moving.wait(timeout=5) is Outcome.DONE
             found.append(user.query(MEASURE))
     return found
