@@ -37,7 +37,7 @@ class Application:
         self.components: dict[str, Component[Any]] = {}
         self.policy = BY_HAND
         self._baton = baton or Baton()
-        self._started_at: float | None = None
+        self._started_at = self._stopped_at = 0.0
         self._changed: list[Callable[[], object]] = []
         for component in components:
             self._add(component)
@@ -80,12 +80,15 @@ class Application:
 
     def start(self) -> None:
         """Tick the activities: all are due at once."""
+        if not self.is_running:
+            self._started_at = self._baton.clock()
         self._baton.start()
-        self._started_at = self._baton.clock()
         self._tell()
 
     def stop(self) -> None:
         """Tick no more. The tick that runs is waited for, unless it is the one that calls this."""
+        if self.is_running:
+            self._stopped_at = self._baton.clock()
         self._baton.stop()
         self._tell()
 
@@ -168,7 +171,7 @@ class Application:
         """What was measured so far, and what analysis says."""
         with self._baton.lock:
             now = self._baton.clock()
-            running_for = now - self._started_at if self._started_at is not None else 0.0
+            running_for = (now if self.is_running else self._stopped_at) - self._started_at
             return application_figures(self.name, running_for, now, self._baton.schedule)
 
     # --- inside -----------------------------------------------------------------------------------------------------

@@ -259,6 +259,8 @@ def test_without_execution_times_there_is_no_verdict(baton: VirtualBaton) -> Non
     assert (application.policy, application.figures().is_schedulable) == ("one_for_all", None)
     with application.running():
         baton.run(0.1)
+    baton.run(1.0)
+    assert application.figures().running_for == 0.1
     assert application.figures().is_schedulable
     application.allocate(automatic)
     assert list(allocated(application)) == ["processor 1"]
