@@ -2,17 +2,16 @@
 
 from pathlib import Path
 
-from coordination.delivery_robot import delivery, play
+from coordination.delivery_robot import ARM, MOVE_ARM, arm, delivery, opened, play
+from coordination.test_previews import AS_SOON_AS_LIKELY, fork
 from tools.runs import OPENED
 
-from tca_coordination import Discrete, Policy
+from tca_coordination import Do, Policy
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
 
-LIKELY = Discrete(0.5, utility=lambda candidate: candidate.probability)
 
-
-def deliver(free: float, policy: Policy | None = LIKELY, changed: float | None = None) -> list[Entry]:
+def deliver(free: float, policy: Policy | None = AS_SOON_AS_LIKELY, changed: float | None = None) -> list[Entry]:
     """An object is delivered to box B if it is free; after 2 s that may change."""
     with play(delivery(), policy) as run:
         ran = run.begin()
@@ -22,6 +21,19 @@ def deliver(free: float, policy: Policy | None = LIKELY, changed: float | None =
         if changed is not None:
             run.box_b(changed)
         run.central.advance(60.0)
+        ran.result(timeout=5)
+        return [OPENED, *run.central.entries]
+
+
+def undone() -> list[Entry]:
+    """The arm is ahead at box B when that turns out to be taken, and has to go home first."""
+    ahead = arm("box B", undo=Do(MOVE_ARM, "home", ARM))
+    with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(4)
+        run.box_b(0.0)
+        run.central.advance(20)
         ran.result(timeout=5)
         return [OPENED, *run.central.entries]
 

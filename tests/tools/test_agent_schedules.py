@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from tools.deliveries import figure_7
+from tools.deliveries import figure_7, undone, written
 
 from tca_tools.gantt.chart import Bar
 from tca_tools.run.coordinators import coordinators, gain
@@ -102,6 +102,20 @@ def test_a_report_tells_what_the_preview_gained(tca: Tca, logs: list[Path], run:
         cells = re.findall(r"<tr><td>deliver</td>(.*)</tr>", page.read_text())
         assert [" ".join(re.findall(r">([^<]+)</td>", one)) for one in cells] == [row] * bool(row)
         assert ("What the preview gained" in page.read_text()) == bool(row)
+
+
+def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
+    log = written(undone(), tmp_path / "undone")
+    run = folded(open_log(log))
+    ((task, record),) = coordinators(run)
+    found = gain(run, task, record)
+    assert (found.right, found.wrong, found.wasted, found.restored) == pytest.approx((0, 1, 3.0, 3.0))
+    (plan,) = schedules(run, log.name)
+    assert [look(box) for box in boxes(plan, "arm")] == ["arm to(box B) wasted", "undo arm to(home) current"]
+    restoring = next(one.id for one in record.tasks.values() if not one.is_early and one.agent == "arm")
+    assert f"arm to {{{restoring}}} (restoring)" in tca("tree", log).stdout
+    told = tca("tree", log, "--story", restoring).stdout
+    assert "undoes what was wasted ahead of the state 'free'" in told
 
 
 def test_a_run_without_coordinators_has_no_schedule(tca: Tca, run: Path) -> None:

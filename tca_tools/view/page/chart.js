@@ -7,7 +7,7 @@ import { BETWEEN, LANE, NAMED, THIN, drawCurve, firstWith, inOrder, placed } fro
 import { wasHandled } from "./store.js";
 import { spanWords } from "./words.js";
 
-const NARROW = 1.5, STRIP = 4; // pixels; the second, of the mark of what ran ahead of its state
+const NARROW = 1.5, STRIP = 3; // pixels; the second, of the mark of what ran ahead of its state
 const ROOM = 0.01; // of the time that is seen, beside it
 const LEAST = 1, LEAST_DONE = 1e-3; // seconds that are seen if the reader does not zoom; the second, of messages of a run that has ended
 const BEFORE = 0.3; // where in the chart the bar of a chosen message begins that was out of sight
