@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 from activities.joint import Joint, Target
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tca_activities import Application, VirtualBaton, automatic, one_each, one_for_all
 from tca_activities.components import Component
@@ -295,6 +297,28 @@ def test_allocation_by_hand(baton: VirtualBaton) -> None:
     application.allocate(one_for_all)
     application.add(Counter("e"))
     assert list(allocated(application).values()) == [application.activity_names]
+
+
+@given(st.data())
+def test_no_tick_is_lost_whatever_the_policy(data: st.DataObject) -> None:
+    baton = VirtualBaton()
+    application = Application("test", [Counter("c", estimate=0.00002)], baton=baton)
+    names = application.activity_names
+    with application.running():
+        for _ in range(6):
+            baton.run(data.draw(st.floats(0.0001, 0.01)))
+            if policy := data.draw(st.sampled_from([one_for_all, one_each, automatic, None])):
+                application.allocate(policy)
+            else:
+                order = data.draw(st.permutations(names))
+                cut = data.draw(st.integers(1, len(names) - 1))
+                application.allocate({"first": order[:cut], "all": order[cut:]})
+                application.set_priority("all", data.draw(st.integers(-1, 1)))
+        now = application.figures().running_for
+    periods = {one.name: one.period for each in application.allocation().processors for one in each.activities}
+    for one in application.figures().activities:
+        assert one.overruns == 0
+        assert now / periods[one.name] - 1 <= one.ticks <= now / periods[one.name] + 1
 
 
 @pytest.mark.parametrize(
