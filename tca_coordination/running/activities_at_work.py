@@ -245,13 +245,13 @@ class ActivitiesAtWork:
     @property
     def kill_due(self) -> float | None:
         """When the patience with something that is to end is over."""
-        return min((one.kill_at for one in self._all() if one.kill_at is not None and not one.is_over), default=None)
+        waited = [one.kill_at for one in self._all() if one.kill_at is not None and not (one.is_over or one.is_killed)]
+        return min(waited, default=None)
 
     def kill_late(self) -> None:
         """Kill what was asked to end, and has not ended in time."""
         for work in self._all():
-            if work.kill_at is not None and work.kill_at <= self._task.time():
-                work.kill_at = float("inf")
+            if work.kill_at is not None and work.kill_at <= self._task.time() and not work.is_killed:
                 work.kill(f"it has not ended within {self._patience:g} s")
 
     def kill_all(self, why: str) -> None:

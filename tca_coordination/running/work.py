@@ -88,6 +88,7 @@ class StartedActivity:
         self.tasks: list[ActivityTask] = []
         self.kill_at: float | None = None
         """It has been asked to end; at that moment it is killed."""
+        self.is_killed = False
         self.is_finished = False
         """What it makes is known to hold."""
 
@@ -130,6 +131,7 @@ class StartedActivity:
 
     def kill(self, why: str) -> None:
         """End its tasks, whatever their handlers say."""
+        self.is_killed = True
         for task in self.tasks:
             if not task.is_over:
                 task.sent.kill(why)

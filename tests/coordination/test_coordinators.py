@@ -189,6 +189,27 @@ def test_patience_with_a_task_that_goes_on() -> None:
         assert ran.wait(timeout=5) is Outcome.DONE
 
 
+def test_the_end_waits_for_a_task_that_makes_things_safe() -> None:
+    robot = Module("robot")
+
+    @robot.handles(MOVE_BASE, resource="base", refuses=["cancel"])
+    def drive(task: Task, _: str) -> None:
+        with task.shielded():
+            task.sleep(8)
+
+    with Coordination("drive", facts=SIMPLE) as machine:
+        there, end = machine.state("there", base("B")), machine.final("end")
+        there.to(end)
+        there.to(end, on="noise")
+    with play(machine, None, robot, patience=2.0) as run:
+        ran = run.begin()
+        run.event("noise")
+        run.central.advance(7)
+        assert ran.info() is not None
+        run.central.advance(2)
+        assert ran.wait(timeout=5) is Outcome.DONE
+
+
 def test_a_guard_is_asked_again_when_a_variable_changes() -> None:
     with Coordination("gate", facts=SIMPLE) as machine:
         there, end = machine.state("there", base("B")), machine.final("end")
