@@ -28,9 +28,9 @@ def draw(scene: Scene) -> str:
         f'<rect class="rail" x="{x - 0.02:.3f}" y="-0.06" width="0.04" height="{HEIGHT + 0.12}"/>',
         f'<rect class="carriage" x="{x - 0.06:.3f}" y="{y - 0.06:.3f}" width="0.12" height="0.12" rx="0.015"/>',
         f'<circle class="tool{" out" * is_out}" cx="{x:.3f}" cy="{y:.3f}" r="{reach:.3f}" stroke-width="0.008"/>',
-        f'<text x="0" y="{HEIGHT + 0.1}">x {scene.x:.3f} m   y {scene.y:.3f} m   tool {scene.tool:.3f} m</text>',
+        f'<text x="0" y="{HEIGHT + 0.14}">x {scene.x:.3f} m   y {scene.y:.3f} m   tool {scene.tool:.3f} m</text>',
     ]
-    box = f"{-MARGIN} {-MARGIN} {WIDTH + 2 * MARGIN} {HEIGHT + 2 * MARGIN}"
+    box = f"{-MARGIN} {-MARGIN} {WIDTH + 2 * MARGIN} {HEIGHT + 2 * MARGIN + 0.06}"
     return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}"><style>{STYLE}</style>{"".join(parts)}</svg>'
 
 

@@ -99,7 +99,7 @@ export class Processors {
       this.dragged = null;
       made.classList.remove("dragged");
     });
-    this.figures.set(`activity ${name}`, cells);
+    this.figures.set(`activity ${name}`, { ...cells, estimate });
     return made;
   }
 
@@ -156,6 +156,9 @@ export class Processors {
       const cells = this.figures?.get(`activity ${one.name}`);
       if (!cells) continue;
       for (const kind of ["longest", "response", "jitter"]) cells[kind].textContent = duration(one[kind]);
+      const isLonger = cells.estimate !== null && one.longest > cells.estimate;
+      cells.longest.classList.toggle("bad", isLonger);
+      cells.longest.title = isLonger ? `longer than was declared (${duration(cells.estimate)})` : "";
       cells.ticks.textContent = one.ticks.toLocaleString("en");
       cells.ticks.classList.toggle("bad", one.errors > 0 || one.overruns > 0);
       cells.ticks.title = one.errors ? `${one.errors} raised, the last one: ${one.error}` : one.overruns ? `${one.overruns} ended after the next was due, or were left out` : "";
