@@ -57,6 +57,8 @@ QUOTES = {
     "@display.handles(POSE, pending=1)": "15_what_waits",
     'with task.lock("controller"': "34_locks",
     "with LocalCentral(stepped=True) as central, make_planner": "06_testing_without_central",
+    "class Robot(Component[list[str]])": "51_activities",
+    'application = Application("balancing robot", [robot])': "51_activities",
 }
 """How blocks begin that are taken from an example."""
 
@@ -127,6 +129,17 @@ user = connect()
 watching = user.command(WATCH, 0.0)
 """
 
+ACTIVITIES = """
+from dataclasses import dataclass
+from typing import Any
+from tca_activities import *
+from tca_activities.components import Component
+from tca_activities.manager import *
+from tca_module import *
+application, user = Application("any"), connect()
+joint: Any = None
+"""
+
 MISSIONS = """
 from typing import Any
 from tca_missions import *
@@ -143,7 +156,7 @@ MOVE_BASE, BOX_B_FREE, base = Command("a", str), Variable("b", float), Agent("ba
 """
 
 NAMES = {"life-cycles": LIFE_CYCLES, "ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
-         "preview-coordination": COORDINATION, "missions": MISSIONS, "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
+         "preview-coordination": COORDINATION, "missions": MISSIONS, "activities": ACTIVITIES, "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
 """What the pages take for known."""
 
 

@@ -30,8 +30,9 @@ def draw(scene: Scene) -> str:
         f'<circle class="tool{" out" * is_out}" cx="{x:.3f}" cy="{y:.3f}" r="{reach:.3f}" stroke-width="0.008"/>',
         f'<text x="0" y="{HEIGHT + 0.14}">x {scene.x:.3f} m   y {scene.y:.3f} m   tool {scene.tool:.3f} m</text>',
     ]
-    box = f"{-MARGIN} {-MARGIN} {WIDTH + 2 * MARGIN} {HEIGHT + 2 * MARGIN + 0.06}"
-    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}"><style>{STYLE}</style>{"".join(parts)}</svg>'
+    width, height = WIDTH + 2 * MARGIN, HEIGHT + 2 * MARGIN + 0.06
+    size = f'viewBox="{-MARGIN} {-MARGIN} {width} {height}" width="{300 * width:.0f}" height="{300 * height:.0f}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size}><style>{STYLE}</style>{"".join(parts)}</svg>'
 
 
 def _line(points: Stroke, name: str, width: float, more: str = "") -> str:
