@@ -116,7 +116,7 @@ class ActivitiesAtWork:
         if work is None:
             return False
         if work.failed_task is not None or self._plain.unmet(work.activity):
-            self.drop(state, "its state can't begin so")
+            self.drop(state, "its state can't go on with it")
             return False
         self.current = self._ahead.pop(state)
         self.kept += len(work.tasks)

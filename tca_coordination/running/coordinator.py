@@ -98,7 +98,7 @@ class Coordinator:
             self._run = None
 
     def _note_event(self, _: Task, told: MachineEvent) -> None:
-        if told.machine == self.machine.name:
+        if told.machine == self.machine.name and told.event in self.machine.events:  # nobody else says "done"
             self._tell(told.event)
 
     def _watch(self, module: Module, variable: Variable[Any], resource: str) -> None:

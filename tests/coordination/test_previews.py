@@ -223,6 +223,20 @@ def test_a_kill_ends_all_that_runs() -> None:
         assert run.user.tasks() == []
 
 
+def test_a_suspended_run_starts_nothing() -> None:
+    with play(delivery(), AS_SOON_AS_LIKELY) as run:
+        run.box_b(0.0)
+        ran = run.begin()
+        ran.suspend()
+        run.event("object given")
+        run.box_b(1.0)
+        run.central.advance(20)
+        assert [line for line in run.happened() if line.endswith("done")] == []
+        ran.resume()
+        run.central.advance(30)
+        assert ran.wait(timeout=5) is Outcome.DONE
+
+
 def test_the_end_of_the_module_ends_all_that_runs() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         run.box_b(1.0)
