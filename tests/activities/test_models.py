@@ -3,13 +3,14 @@
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
 from tca_activities.models.command import generate
-from tca_activities.models.reading import read_model
+from tca_activities.models.reading import model_of, read_model
 from tca_wire.user_toml import BadUserFile
 
 HERE = Path(__file__).parent
@@ -129,6 +130,12 @@ def test_the_command_says_it_in_a_line(tmp_path: Path) -> None:
         2,
         f"Error: {tmp_path}/no.toml can't be read: No such file or directory\n",
     )
+
+
+def test_the_model_of_the_docs_is_good() -> None:
+    page = (HERE.parent.parent / "docs" / "activities.md").read_text()
+    model = model_of("docs", tomllib.loads(page.split("```toml\n")[1].split("```")[0]))
+    assert list(model.instances) == ["x", "y", "panel"]
 
 
 # --- code ----------------------------------------------------------------------------------------------------------
