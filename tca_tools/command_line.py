@@ -22,7 +22,7 @@ _GROUPS = {
     "Run": ("central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached", "bench"),
     "Send and steer": (
         "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume", "retry", "raise",
-        "unlock", "detach", "console",
+        "unlock", "detach", "console", "activities",
     ),
     "See a run, live or afterwards": (
         "view", "tree", "gantt", "schedule", "report", "replay", "log", "stats", "check", "export",
