@@ -31,6 +31,8 @@ def generate(model: Path, output: Path | None) -> None:
 
     The exit code is 2 when the model is wrong.
     """
+    if output is not None and output.suffix not in ("", *KINDS) and not output.is_dir():
+        raise click.UsageError(f"-o {output}: a picture is {', '.join(KINDS)}, and a new folder has no suffix")
     try:
         read = read_model(model)
         if output is not None and output.suffix in KINDS:

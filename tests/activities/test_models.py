@@ -281,3 +281,6 @@ def test_a_model_is_drawn(model: Path) -> None:
         "length = 2.0",
     ]
     assert [word for word in words if word not in shown] == []
+    refused = said(model, "-o", model.with_suffix(".jpg"))
+    assert refused.exit_code == 2
+    assert "a picture is .svg, .png, .pdf, .dot, and a new folder has no suffix" in refused.output
