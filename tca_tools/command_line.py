@@ -19,7 +19,10 @@ from click.shell_completion import get_completion_class
 
 COMMANDS = "tca.commands"
 _GROUPS = {
-    "Run": ("central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached", "bench"),
+    "Run": (
+        "central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached", "activities",
+        "bench",
+    ),
     "Send and steer": (
         "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume", "retry", "raise",
         "unlock", "detach", "console", "activities",

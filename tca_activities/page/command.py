@@ -72,4 +72,4 @@ def _chosen(name: str | None, central: str | None) -> str:
     there = ", ".join(f"'{one}'" for one in names)
     if name is None:
         raise ToolError(f"central knows several applications: give the name of one of {there}")
-    raise ToolError(f"central knows no application '{name}': there are {there}")
+    raise ToolError(f"central knows no application '{name}': it knows {there}")

@@ -1,0 +1,26 @@
+"""The whole show, with a central of its own."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+@pytest.mark.soak
+def test_the_wall_is_cleaned_in_a_show(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "robots.cartesian_sim", "--out", str(tmp_path)]
+    shown = subprocess.run(command, text=True, capture_output=True, timeout=120, check=False)
+    assert (shown.returncode, shown.stderr) == (0, "")
+    done = re.findall(r"s  (.*): done", shown.stdout)
+    assert done == ["enable", "reference", "move to (1.5, 0.9)", "clean"]
+    assert "allocated anew: automatic" in shown.stdout
+    counted = re.search(r"([\d,]+) ticks, ([\d,]+) were due in .*, ([\d,]+) came too late", shown.stdout)
+    assert counted is not None
+    ticks, due, late = (int(number.replace(",", "")) for number in counted.groups())
+    assert due - late - 100 <= ticks <= due + 100
+    assert (tmp_path / "wall.svg").read_text().count('class="clean"') == 1
+    transitions = (tmp_path / "transitions.txt").read_text()
+    assert "tool.referencing: off switch to referenced" in transitions
+    assert "guide.cleaning: lifting to idle" in transitions
