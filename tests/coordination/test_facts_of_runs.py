@@ -1,0 +1,208 @@
+"""Facts in runs: what early work changes is undone where it matters, and the machine goes the way that it goes without."""
+
+import pytest
+from coordination.delivery_robot import (
+    ARM,
+    BASE,
+    BOX_B_FREE,
+    MOVE_ARM,
+    MOVE_BASE,
+    Play,
+    arm,
+    base,
+    opened,
+    play,
+)
+
+from tca_coordination import Activity, Coordination, Discrete, Do, Perceived, Prior, Situation
+from tca_module import ExceptionHandler, Module, Task, TaskFailed
+from tca_wire.coordination import read_report
+from tca_wire.journal.facts import StateChanged
+
+AS_SOON_AS_LIKELY = Discrete(0.2, utility=lambda candidate: candidate.probability)
+FACTS = {"base": "A", "arm": "home", "lid": "shut"}
+HOME = Do(MOVE_ARM, "home", ARM)
+
+
+def fork(free: Activity, *taken: Activity) -> Coordination:
+    """The base goes to B; then one activity follows if box B is free, and else others."""
+    with Coordination("fork", facts=FACTS) as machine:
+        to_b, if_free, end = machine.state("to B", base("B")), machine.state("free", free), machine.final("end")
+        states = [machine.state(f"taken {number}", activity) for number, activity in enumerate(taken, 1)]
+        to_b.to(if_free, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
+        to_b.to(states[0], likelihood=Perceived(BOX_B_FREE, negated=True))
+        if_free.to(end)
+        for state, following in zip(states, [*states[1:], end], strict=True):
+            state.to(following)
+    return machine
+
+
+def mistaken(run: Play) -> list[str]:
+    """Box B is free until early work is done; what happens from the end of the drive on."""
+    run.box_b(1.0)
+    run.begin()
+    run.central.advance(4)
+    run.box_b(0.0)
+    run.central.advance(30)
+    return [line for line in run.happened() if float(line.split()[0]) > 4]
+
+
+def test_nothing_is_undone_that_is_made_anew() -> None:
+    with play(fork(arm("box B", undo=HOME), arm("box C"), opened(arm="box C", base="B")), AS_SOON_AS_LIKELY) as run:
+        assert "arm to home: restoring" not in " ".join(mistaken(run))
+        assert run.happened()[-1].endswith("-> end (done)")
+
+
+def test_all_is_undone_where_a_part_would_be_made_anew() -> None:
+    both = Activity(Do(MOVE_ARM, "box B", ARM), makes={"arm": "box B", "lid": "open"}, undo=HOME)
+    with play(fork(both, arm("box C"), opened(lid="shut", arm="box C")), AS_SOON_AS_LIKELY) as run:
+        assert mistaken(run) == [
+            "8 base to B: done",
+            "8 -> taken 1 (done)",
+            "8 arm to home: restoring",
+            "11 arm to home: done",
+            "11 arm to box C: current",
+            "14 arm to box C: done",
+            "14 -> taken 2 (done)",
+            "14 gripper open: current",
+            "15 gripper open: done",
+            "15 -> end (done)",
+        ]
+
+
+def test_what_cannot_be_restored_fails() -> None:
+    ahead = arm("box B", undo=Do(MOVE_ARM, "stuck", ARM))
+    with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(4)
+        run.box_b(0.0)
+        run.central.advance(30)
+        with pytest.raises(TaskFailed, match="'taken 1' can't begin: 'arm' must be 'home' and is unknown"):
+            ran.result(timeout=5)
+
+
+def test_early_work_lets_no_state_begin_that_would_not_begin_without() -> None:
+    with play(fork(arm("box B", undo=HOME), opened(arm="box B")), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(4)
+        run.box_b(0.0)
+        run.central.advance(30)
+        with pytest.raises(TaskFailed, match="'taken 1' can't begin: 'arm' must be 'box B' and is 'home'"):
+            ran.result(timeout=5)
+        assert run.happened()[-1] == "8 -> taken 1 (done)"
+
+
+def test_early_work_is_not_kept_where_its_state_would_not_begin_without() -> None:
+    """The way past the arm is unlikely. Taken at the last moment it is as without a preview: the arm is not there."""
+    with Coordination("past", facts=FACTS) as machine:
+        to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B", undo=HOME))
+        drop, end = machine.state("drop", opened(arm="box B")), machine.final("end")
+        to_b.to(reach, when=BOX_B_FREE, likelihood=Prior(0.9))
+        to_b.to(drop, likelihood=Prior(0.1))
+        reach.to(drop)
+        drop.to(end)
+    with play(machine, AS_SOON_AS_LIKELY) as run:
+        run.box_b(0.0)
+        ran = run.begin()
+        run.central.advance(30)
+        assert "3 gripper open: ahead" in run.happened()
+        with pytest.raises(TaskFailed, match="'drop' can't begin"):
+            ran.result(timeout=5)
+
+
+def test_guards_see_the_facts_of_the_machine() -> None:
+    def is_home(situation: Situation) -> bool:
+        return situation.facts["arm"] == "home"
+
+    with Coordination("guarded", facts=FACTS) as machine:
+        to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B"))
+        lost, end = machine.final("lost"), machine.final("end")
+        to_b.to(reach, when=is_home, likelihood=Prior(0.9))
+        to_b.to(lost)
+        reach.to(end)
+    with play(machine, AS_SOON_AS_LIKELY) as run:
+        ran = run.begin()
+        run.central.advance(30)
+        end_of_run = ran.result(timeout=5)
+        assert (end_of_run.state, end_of_run.kept) == ("end", 1)
+
+
+def test_a_state_that_fails_at_once_round_and_round_ends_the_run() -> None:
+    with Coordination("round", facts=FACTS) as machine:
+        reach, grasp = machine.state("reach", arm("stuck")), machine.state("grasp", opened(arm="stuck"))
+        reach.to(grasp)
+        reach.to(grasp, on="failed")
+        grasp.to(machine.final("end"))
+        grasp.to(grasp, on="failed")
+    with play(machine, None) as run:
+        ran = run.begin()
+        run.central.advance(5)
+        with pytest.raises(TaskFailed, match="'grasp' can't begin"):
+            ran.result(timeout=5)
+
+
+def test_what_is_left_lets_go_of_facts_first() -> None:
+    robot = Module("robot")
+
+    @robot.handles(MOVE_BASE, resource="base", takes=["cancel"])
+    def drive(task: Task, _: str) -> None:
+        task.wait_for_request()
+        task.sleep(2)  # it takes a while to stand still
+        raise task.aborted()
+
+    @robot.handles(MOVE_ARM, resource="arm")
+    def move(_: Task, __: str) -> None: ...
+
+    careful = Activity(Do(MOVE_BASE, "B", BASE), needs={"arm": "home"})
+    with Coordination("careful", facts=FACTS) as machine:
+        there, wave, end = machine.state("there", careful), machine.state("wave", arm("up")), machine.final("end")
+        there.to(end)
+        there.to(wave, on="greet")
+        wave.to(end)
+    with play(machine, None, robot) as run:
+        run.begin()
+        run.event("greet")
+        run.central.advance(5)
+        assert run.happened() == [
+            "0 base to B: current",
+            "0 -> wave (greet)",
+            "2 base to B: killed",
+            "2 arm to up: current",
+            "2 arm to up: done",
+            "2 -> end (done)",
+        ]
+
+
+def test_nothing_runs_on_where_somebody_takes_care_of_the_runs_failure() -> None:
+    shrug = ExceptionHandler("shrug")
+    carefree = Module("carefree")
+    carefree.handles(shrug)(lambda _: None)
+    with Coordination("both", facts=FACTS) as machine:
+        reach, drive = machine.state("reach", arm("stuck")), machine.state("drive", base("B"))
+        reach.to(drive)
+        drive.to(machine.final("end"))
+    with play(machine, AS_SOON_AS_LIKELY) as run:
+        carefree.central = run.central
+        with carefree.running():
+            run.user.on_failure(None, shrug)
+            run.begin()
+            run.central.advance(1)
+            assert "0 base to B: ahead" in run.happened()
+            assert run.user.tasks() == []
+
+
+def test_a_report_tells_of_news_only() -> None:
+    with play(fork(arm("box B"), arm("box C")), Discrete(2.0)) as run:
+        run.box_b(1.0)
+        run.begin()
+        run.central.advance(2)  # the base reports its progress
+        run.box_b(0.0)
+        run.box_b(0.0)
+        reports = [read_report(fact.body) for fact in run.central.facts if isinstance(fact, StateChanged)]
+        chart = run.coordinator.chart
+        assert [[chart.states[one.state].label for one in report.preview] for report in reports if report] == [
+            ["free", "end"],
+            ["taken 1", "end"],
+        ]
