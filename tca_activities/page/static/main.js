@@ -67,8 +67,9 @@ function take(parts) {
 
 function status(problem) {
   const isRunning = known.allocation?.is_running ?? false, isKnown = known.application !== undefined;
-  part("problem").hidden = !problem;
-  part("problem").textContent = problem;
+  const holder = known.figures?.held_by, warning = problem || (holder ? `${holder} has been ticked for more than a second: nothing else is ticked until it ends` : "");
+  part("problem").hidden = !warning;
+  part("problem").textContent = warning;
   document.body.classList.toggle("lost", problem !== "");
   part("status").textContent = problem ? "lost" : !isKnown ? "reading" : isRunning ? "running" : "stopped";
   part("status").className = `badge ${problem ? "bad" : isRunning ? "live" : ""}`;

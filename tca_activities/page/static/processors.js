@@ -10,12 +10,16 @@ const WIDE = new Set(["response", "jitter"]);
 export class Processors {
   // `moved(activity, processor, position)`, `hasPeriod(activity, seconds)`, `hasPriority(processor, priority)` send commands.
   constructor(place, commands) {
-    Object.assign(this, { place, commands, allocation: null, dragged: null });
+    Object.assign(this, { place, commands, allocation: null, dragged: null, late: null });
     place.addEventListener("keydown", (event) => this.#onKey(event));
   }
 
   // New structure: built anew, and what had the focus has it again.
   build(allocation) {
+    if (this.dragged) { // what is dragged stays where it is until it is dropped
+      this.late = allocation;
+      return;
+    }
     const focused = document.activeElement?.closest?.(".activity")?.dataset.activity;
     this.allocation = allocation;
     this.figures = new Map(); // by kind and name: the elements that show them
@@ -42,7 +46,7 @@ export class Processors {
     const told = element("span", { class: "figures" }), verdict = element("span", { class: "verdict" });
     this.figures.set(`processor ${name}`, { told, verdict });
     const head = element("div", { class: "head" }, element("h2", { text: name }),
-      element("span", { class: "value", text: `every ${duration(period)}` }), element("label", { text: "priority " }, input), told, verdict);
+      element("span", { class: "value", text: `every ${duration(period)}` }), element("label", { text: "priority " }, input), verdict, told);
     return this.#place(name, head, activities);
   }
 
@@ -98,6 +102,8 @@ export class Processors {
     made.addEventListener("dragend", () => {
       this.dragged = null;
       made.classList.remove("dragged");
+      if (this.late) this.build(this.late);
+      this.late = null;
     });
     this.figures.set(`activity ${name}`, { ...cells, estimate });
     return made;
