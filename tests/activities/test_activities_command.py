@@ -1,15 +1,19 @@
 """``tca activities``: which application it means, and what it says if there is none."""
 
+import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from activities.joint import Joint
 from click.testing import CliRunner
 from integration.programs import central
 
 from tca_activities import Application
-from tca_activities.manager import Manager
+from tca_activities.manager import ApplicationMessages, Manager
 from tca_activities.page.command import activities
-from tca_module import Module
+from tca_activities.page.live import LiveApplication
+from tca_module import Module, connect
 
 
 def said(address: str, *arguments: str) -> str:
@@ -31,3 +35,39 @@ def test_the_application_is_found_or_asked_for(tmp_path: Path) -> None:
             assert said(daemon.address, "leg").endswith("no application 'leg': it knows 'arm', 'base'")
             assert "can't serve there" in said(daemon.address, "arm", "--host", "192.0.2.1")
     assert "does not answer" in said(daemon.address)
+
+
+def until_told(live: LiveApplication, part: str, words: str) -> None:
+    """Wait until the newest value of a part has some words."""
+    since, end = 0, time.monotonic() + 30
+    while time.monotonic() < end:
+        news = live.news(since, 1.0)
+        since = news["serial"]
+        if words in str(news["parts"].get(part)):
+            return
+    raise AssertionError(words)
+
+
+@pytest.mark.slow
+def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(tmp_path: Path) -> None:
+    address, names = f"ipc://{tmp_path}/central.sock", ApplicationMessages("arm")
+    module, live = Module("robot", address), LiveApplication("arm", address)
+    Manager(Application("arm", [Joint()])).handle_in(module)
+    with ExitStack() as robot:
+        with central(tmp_path / "first", "--quiet", bind=address):
+            robot.enter_context(module.running())
+            robot.enter_context(live.running())
+            until_told(live, "application", "referencing")
+        until_told(live, "lost", "does not answer")
+        with central(tmp_path / "second", "--quiet", bind=address), connect("user", address) as user:
+            end = time.monotonic() + 30
+            while user.get_variable(names.application, None) is None:
+                assert time.monotonic() < end
+                time.sleep(0.1)
+            assert user.get_variable(names.states).states.keys() == {
+                "x.limits",
+                "x.referencing",
+                "x.enabling",
+                "x.movement",
+            }
+            robot.close()
