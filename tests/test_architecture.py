@@ -300,10 +300,15 @@ def parsed(path: Path) -> ast.Module:
 
 
 @cache
+def nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(parsed(path)))
+
+
+@cache
 def imports(path: Path) -> frozenset[str]:
     """Dotted names that a file imports, for types or anything else."""
     found = set()
-    for node in ast.walk(parsed(path)):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -312,6 +317,7 @@ def imports(path: Path) -> frozenset[str]:
     return frozenset(found)
 
 
+@cache
 def files(package: str) -> list[Path]:
     return sorted((ROOT / package).rglob("*.py"))
 
@@ -414,7 +420,7 @@ def test_nothing_runs_what_it_reads() -> None:
         for path in files(package):
             is_copying = path == ROOT / "tca_explorer/search/snapshot.py"
             assert is_copying or not {dotted.split(".")[0] for dotted in imports(path)} & never, path
-            for node in ast.walk(parsed(path)):
+            for node in nodes(path):
                 called = node.func if isinstance(node, ast.Call) else None
                 assert not isinstance(called, ast.Name) or called.id not in ("eval", "exec", "__import__"), path
                 assert not isinstance(called, ast.Attribute) or called.attr not in ("recv_pyobj", "send_pyobj"), path

@@ -104,6 +104,7 @@ def test_every_order_of_client_and_server(wishes: dict[str, Any]) -> None:
     good(grasping(**wishes))
 
 
+@pytest.mark.soak
 def test_two_updates_and_a_cancel_while_the_handler_answers() -> None:
     result = good(grasping(updates=2, takes=["update", "cancel"]))
     assert result.states > 300

@@ -83,8 +83,9 @@ LATER = {
 
 
 RUNNER = """
-import os, runpy, sys
+import gc, os, runpy, sys
 import tca_explorer, tca_module.testing
+gc.freeze()  # a child's collections copy no memory
 for line in sys.stdin:
     path, address, output = line.split()
     if not (child := os.fork()):

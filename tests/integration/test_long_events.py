@@ -34,7 +34,7 @@ DIGGER = """
         import signal; signal.pause()
 """
 
-TASKS = 5_000
+TASKS = 2_000
 
 
 def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path: Path) -> None:

@@ -78,7 +78,8 @@ def assert_walked(walk: Walk) -> None:
     assert path.state is TaskState.ACHIEVED
 
 
-@pytest.mark.parametrize("backend", ["kinematic", pytest.param("pybullet", marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("backend", ["kinematic", "pybullet"])
 def test_over_a_low_rock_the_leg_is_raised(backend: str, tmp_path: Path) -> None:
     if backend == "pybullet":
         pytest.importorskip("pybullet")

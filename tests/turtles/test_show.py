@@ -43,7 +43,7 @@ def test_so_are_the_others(tmp_path: Path, name: str) -> None:
     assert 'class="stroke"' in (tmp_path / "sheet.svg").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_three_turtles_over_a_link_that_loses_half(tmp_path: Path) -> None:
     shown = show(tmp_path, "three-turtles", "--loss", "0.5", "--pace", "16")
     assert (shown.returncode, shown.stderr) == (0, "")

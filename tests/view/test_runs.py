@@ -92,6 +92,7 @@ def begun_anew_after_a_kill(first: Central, start: Start) -> None:
     start("arm", REST)
 
 
+@pytest.mark.soak
 def test_the_chooser_names_the_run_that_is_shown_when_another_has_begun_in_its_folder(
     look: Look, serve: Callable[..., str], start: Start
 ) -> None:
