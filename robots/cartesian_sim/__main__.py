@@ -5,6 +5,7 @@ allocated anew, again and again. With --page it stays, for the page and its butt
 import argparse
 import contextlib
 import itertools
+import signal
 import sys
 import tempfile
 import threading
@@ -138,6 +139,7 @@ def main() -> int:
     parser.add_argument("--page", action="store_true", help="open 'tca activities', and stay until Ctrl-C")
     parser.add_argument("--no-browser", action="store_true", help="with --page: print its address only")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # central ends, too
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         return _run(options.out, page=options.page, browser=not options.no_browser)
