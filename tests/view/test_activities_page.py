@@ -7,6 +7,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack
+from queue import Queue
 from typing import NamedTuple
 
 import pytest
@@ -42,12 +43,12 @@ class Town(NamedTuple):
     """Closed, the application's program has ended."""
     address: str
     key: str
-    speeds: list[float]
+    speeds: Queue[float]
 
 
 @pytest.fixture
 def town() -> Iterator[Town]:
-    joint, speeds = Joint(), list[float]()
+    joint, speeds = Joint(), Queue[float]()
     application = Application("robot", [joint], one_for_all)
     with LocalCentral() as central, ExitStack() as robot:
         module = Module("robot", central)
@@ -58,7 +59,7 @@ def town() -> Iterator[Town]:
 
         @module.handles(MOVE)
         def move(_task: Task, speed: float) -> None:
-            speeds.append(speed)
+            speeds.put(speed)
 
         Manager(application, controls=CONTROLS, picture=lambda: PICTURE).handle_in(module)
         robot.enter_context(module.running())
@@ -98,7 +99,7 @@ def test_an_application_is_seen_and_changed_while_it_runs(town: Town, look: Look
     page.get_by_label("speed").fill("0.25")
     page.get_by_role("button", name="speed").click()
     expect(page.locator("#said")).to_have_text("move joint: sent")
-    assert town.speeds == [0.25]
+    assert town.speeds.get(timeout=60) == 0.25
 
     fast, slow = "x.movement.fast", "x.movement.slow"
     page.locator(f".activity[data-activity='{fast}']").drag_to(page.locator("[data-processor='new processor'] .head"))
