@@ -6,6 +6,7 @@ import resource
 import signal
 import subprocess
 import sys
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -45,9 +46,14 @@ def compile_once(config: pytest.Config) -> None:
         subprocess.run(command, cwd=config.invocation_params.dir, stdout=subprocess.DEVNULL, check=False)
 
 
-def pytest_collection_finish(session: pytest.Session) -> None:
-    """No collection of garbage looks through thousands of tests, and all modules, again."""
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """No collection of garbage looks through thousands of tests and all modules: not while they come, and not later."""
+    gc.disable()
+    found = yield
     gc.freeze()
+    gc.enable()
+    return found
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -395,6 +395,7 @@ def test_a_goal_that_waits_for_what_is_under_it_waits_for_nobody_else() -> None:
     assert good(beside_a_clock(is_watched_over, never_stuck())).longest is None
 
 
+@pytest.mark.soak
 def test_what_is_stuck_under_a_goal_is_named_and_not_the_goal() -> None:
     scenario = beside_a_clock(steps_once, never_stuck())
     scenario.modules["legs"].may_be_lost = 1

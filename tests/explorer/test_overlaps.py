@@ -225,6 +225,7 @@ def test_an_arm_does_one_thing_at_a_time(users: int, policy: str, takes: list[st
     good(crowded(users, policy, takes))
 
 
+@pytest.mark.soak
 def test_a_task_that_is_to_be_cancelled_may_lose_its_server_and_be_retried() -> None:
     scenario = Scenario("losing", never_stuck())
     scenario.observe()

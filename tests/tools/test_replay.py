@@ -96,6 +96,7 @@ def play(
 ) -> Replay:
     """Run the application from the start, and do something with it."""
     app = Replay(Recording(entries), "walk", speed=speed, at=at)
+    app.animation_level = "none"
 
     async def run() -> None:
         async with app.run_test(size=size) as pilot:

@@ -99,6 +99,7 @@ def test_a_journal_that_can_t_be_followed_any_more_is_told_of(
         expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
 
 
+@pytest.mark.soak
 def test_a_journal_that_is_whole_again_or_there_again_is_read_anew(
     look: Look, serve: Callable[[Path], str], tmp_path: Path
 ) -> None:

@@ -104,6 +104,7 @@ def test_a_query_that_failed_is_no_task_that_was_chosen_before(look: Look, tmp_p
     expect(chosen(page)).to_have_count(0)
 
 
+@pytest.mark.soak
 def test_where_nothing_is_handled_the_tree_shows_what_happened_last_unless_one_scrolls(look: Look, walk: Path) -> None:
     page = look(walk)
     who_scrolls_is_left_alone_until_he_asks(page)

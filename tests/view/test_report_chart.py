@@ -36,7 +36,7 @@ def pool() -> Story:
     return story.acted(story.command("pick", "user"), "arm#2", 1.0)
 
 
-@pytest.fixture(params=[long_walk, pool])
+@pytest.fixture(params=[long_walk, pytest.param(pool, marks=pytest.mark.soak)])
 def paged(request: pytest.FixtureRequest, browser: Browser, tmp_path: Path) -> Iterator[Page]:
     """The page of a report."""
     out = tmp_path / "run.html"

@@ -200,6 +200,7 @@ def test_what_is_wrong_with_a_journal_stands_whole_in_the_list_of_runs(
         assert page.evaluate("document.getElementById('all').scrollWidth <= document.getElementById('all').clientWidth")
 
 
+@pytest.mark.soak
 def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
     look: Look, serve: Callable[..., str], tmp_path: Path
 ) -> None:
