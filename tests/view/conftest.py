@@ -30,6 +30,7 @@ def until(page: Page, holds: str, arg: object = None) -> None:
     end = time.monotonic() + SOON / 1000
     while not page.evaluate(holds, arg):
         assert time.monotonic() < end, holds
+        time.sleep(0.01)
 
 
 def written(page: Page) -> list[tuple[str, str]]:
