@@ -1,7 +1,7 @@
 """A machine as a statechart of python-statemachine, whose rules decide which arrow an event takes.
 
-A leaf is an atomic state and a compound a compound state, with final states as they are written. Events of the user may
-have any name, and get numbers here.
+A leaf is an atomic state and a compound a compound state, with their final states as they are written. Events of the
+user may have any name, and get numbers here.
 """
 
 from typing import Any, NamedTuple
@@ -46,8 +46,15 @@ class Interpreter:
             validate_final_reachability=False,
         )
         self._chart = made()
-        self.current = states[0].leaf.number
+        self._first = states[0].leaf.number
+        self.current = self._first
         """The current leaf."""
+
+    def restart(self) -> None:
+        """Begin anew: to build one for each run would take longer than many a run."""
+        self._chart.current_state_value = None
+        self._chart.activate_initial_state()
+        self.current = self._first
 
     @property
     def is_ended(self) -> bool:
@@ -71,7 +78,8 @@ class Interpreter:
     # --- its definition --------------------------------------------------------------------------------------------
 
     def _defined(self, state: AuthoredState) -> dict[str, Any]:
-        defined: dict[str, Any] = {"final": True} if state.kind is ActivityKind.FINAL else {}
+        is_end_of_compound = state.kind is ActivityKind.FINAL and state.parent is not None
+        defined: dict[str, Any] = {"final": True} if is_end_of_compound else {}  # a chart that has ended can't restart
         if isinstance(state, CompoundState):
             defined["states"] = {_name(child): self._defined(child) for child in state.children}
             defined["states"][_name(state.children[0])]["initial"] = True

@@ -1,9 +1,11 @@
 """Coordinator: a machine whose runs are tasks of a module."""
 
 from contextlib import suppress
+from threading import Lock
 from typing import Any
 
 from tca_coordination.model.machine import Coordination
+from tca_coordination.model.statechart import Interpreter
 from tca_coordination.preview.policy import Policy
 from tca_coordination.preview.walk import PreviewLimits
 from tca_coordination.running.failures import FailureNotes
@@ -12,6 +14,7 @@ from tca_coordination.running.messages import COORDINATION_EVENT, CoordinationEn
 from tca_coordination.running.run import CoordinationRun
 from tca_module import Command, MisuseError, Module, Sender, Task, TcaError, Variable
 from tca_wire.coordination import CoordinationChart, CoordinationReport
+from tca_wire.points import TaskId
 
 _PATIENCE = 5.0
 
@@ -45,7 +48,14 @@ class Coordinator:
         self._look_ahead = LookAhead(machine, policy, limits or PreviewLimits()) if policy is not None else None
         self._patience = patience
         self._failures = FailureNotes(self.message.name)
+        self._interpreter: Interpreter | None = None
+        """Of one run after the other; None if another program handles them."""
+        self._home = ""
+        """The module that handles them."""
         self._run: CoordinationRun | None = None
+        self._unheard: list[tuple[TaskId, str]] = []
+        """Events for a run, by its task, whose handler has not begun."""
+        self._coming = Lock()
 
     def __repr__(self) -> str:
         return f"the coordinator of {self.machine!r}"
@@ -55,6 +65,7 @@ class Coordinator:
         one coordinator.
         """
         news = f"news of {self.machine.name}"
+        self._interpreter, self._home = self.machine.interpreter(), module.name
         module.handles(self.message, resource=self.message.name, refuses=["update"])(self._coordinate)
         self._failures.handle_in(module, self.message, news)
         module.handles(COORDINATION_EVENT, resource=news)(self._note_event)
@@ -80,9 +91,6 @@ class Coordinator:
         if event not in self.machine.events:
             known = ", ".join(f"'{name}'" for name in sorted(self.machine.events)) or "none"
             raise MisuseError(f"{self.machine!r} has no event {event!r:.60}; it has {known}")
-        self._tell(event)
-
-    def _tell(self, event: str) -> None:
         if (run := self._run) is not None:
             run.note_event(event)
 
@@ -91,15 +99,39 @@ class Coordinator:
     def _coordinate(self, task: Task, chart: CoordinationChart) -> CoordinationEnd:
         if chart != self.chart:
             raise task.rejected(f"{self.machine!r} has another structure here: start the program anew that sends it")
-        self._run = CoordinationRun(self.machine, self._look_ahead, task, self._failures, self._patience)
+        assert self._interpreter is not None
+        self._interpreter.restart()
+        run = CoordinationRun(
+            self.machine, self._interpreter, self._look_ahead, task, self._failures, self._patience
+        )  # fmt: skip
+        with self._coming:
+            self._run = run
+            for of, event in self._unheard:
+                if of == task.id:
+                    run.note_event(event)
+            self._unheard.clear()
         try:
-            return self._run.until_end()
+            return run.until_end()
         finally:
             self._run = None
 
-    def _note_event(self, _: Task, told: MachineEvent) -> None:
-        if told.machine == self.machine.name and told.event in self.machine.events:  # nobody else says "done"
-            self._tell(told.event)
+    def _note_event(self, task: Task, told: MachineEvent) -> None:
+        if told.machine != self.machine.name or told.event not in self.machine.events:  # nobody else says "done"
+            return
+        coming = self._given_run(task) if self._run is None else None
+        with self._coming:
+            if self._run is not None:
+                self._run.note_event(told.event)
+            elif coming is not None:
+                self._unheard.append((coming, told.event))
+
+    def _given_run(self, task: Task) -> TaskId | None:
+        """The run that central has given to this module, if there is one: its handler may be about to begin."""
+        for run in task.tasks(self.message):
+            info = run.info()
+            if info is not None and info.module == self._home:
+                return info.id
+        return None
 
     def _watch(self, module: Module, variable: Variable[Any], resource: str) -> None:
         def note(_: Task, value: Any) -> None:

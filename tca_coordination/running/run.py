@@ -12,7 +12,7 @@ from typing import Any
 from tca_coordination.model.activities import Activity
 from tca_coordination.model.machine import Coordination
 from tca_coordination.model.situation import Situation
-from tca_coordination.model.statechart import TakenArrow
+from tca_coordination.model.statechart import Interpreter, TakenArrow
 from tca_coordination.model.states import DONE, FAILED
 from tca_coordination.preview.conflicts import Reason
 from tca_coordination.preview.decide import Decision
@@ -39,12 +39,14 @@ class CoordinationRun:
     """A machine at work, as a task."""
 
     def __init__(
-        self, machine: Coordination, look_ahead: LookAhead | None, task: Task, failures: FailureNotes, patience: float
-    ) -> None:
+        self, machine: Coordination, interpreter: Interpreter, look_ahead: LookAhead | None, task: Task,
+        failures: FailureNotes, patience: float,
+    ) -> None:  # fmt: skip
+        """*interpreter*: the machine's, in its first state."""
         self._machine = machine
         self._look_ahead = look_ahead
         self._task = task
-        self._interpreter = machine.interpreter()
+        self._interpreter = interpreter
         self._heard = deque[Callable[[], object]]()
         self._events = deque[str]()
         self._variables: dict[str, Any] = {}

@@ -17,8 +17,9 @@ from coordination.delivery_robot import (
     play,
 )
 
-from tca_coordination import Activity, Coordination, Coordinator, Discrete, Do
-from tca_module import Command, ExceptionHandler, MisuseError, Module, Outcome, Recovery, Task, TaskFailed
+from tca_coordination import COORDINATION_EVENT, Activity, Coordination, Coordinator, Discrete, Do, MachineEvent
+from tca_module import Command, ExceptionHandler, MisuseError, Module, Outcome, Recovery, Task, TaskFailed, connect
+from tca_module.testing import LocalCentral
 
 ALWAYS = Discrete(0.2, utility=lambda candidate: candidate.probability)
 SIMPLE = {"base": "A", "arm": "home"}
@@ -278,3 +279,22 @@ def test_run_waits_for_the_end() -> None:
 
     with play(machine, None, robot) as run:
         assert run.coordinator.run(run.user).state == "end"
+
+
+def test_an_event_for_a_run_that_is_just_beginning_is_heard() -> None:
+    with Coordination("long", facts=SIMPLE) as machine:
+        waiting, end = machine.state("waiting"), machine.final("end")
+        moves = [machine.state(f"move {number}", arm("box B")) for number in range(300)]
+        waiting.to(moves[0], on="go")
+        waiting.to(end, on="stop")
+        for move, following in zip(moves, [*moves[1:], end], strict=True):
+            move.to(following)
+    coordinator, module = Coordinator(machine), Module("coordinator")
+    coordinator.handle_in(module)
+    with LocalCentral() as central, connect("user", central) as user:
+        module.central = central
+        with module.running():
+            for _ in range(5):  # one run after the other, with one interpreter
+                run = user.command(coordinator.message, coordinator.chart)
+                user.broadcast(COORDINATION_EVENT, MachineEvent("long", "stop"))
+                assert run.result(timeout=5).state == "end"

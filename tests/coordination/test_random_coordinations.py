@@ -101,6 +101,9 @@ def test_a_machine_does_what_its_automaton_foresees(data: st.DataObject) -> None
     machine = drawn(data)
     check_definition(machine, machine.automaton(Situation()))
     run = machine.interpreter()
+    for event in data.draw(st.lists(st.sampled_from(EVENTS), max_size=8)):
+        run.take(event, Situation("", dict.fromkeys(GUARDS, True)))
+    run.restart()
     assert run.current == machine.automaton(Situation()).initial
     for event in data.draw(st.lists(st.sampled_from(EVENTS), min_size=8, max_size=20)):
         facts = {guard: data.draw(st.booleans()) for guard in GUARDS}
