@@ -53,6 +53,6 @@ def drop(_: Task) -> None:
 if __name__ == "__main__":
     coordinator = Coordinator(deliver, policy=Discrete(0.4, utility=progress_only))
     coordinator.handle_in(robot)
-    with robot.running():
+    with robot.running(patience=2):
         robot.set_variable(BOX_B_FREE, True)
         print(coordinator.run(robot))

@@ -48,6 +48,8 @@ QUOTES = {
     'with Coordination("deliver", facts={"base": "A", "arm": "home"})': "50_preview",
     '@robot.handles(MOVE_BASE, resource="base")': "50_preview",
     "coordinator = Coordinator(deliver, policy=": "50_preview",
+    "coordinator = Coordinator(make_tea, policy=": "52_three_programs",
+    "def use() -> None:": "52_three_programs",
     'WATCH = Command("watch"': "37_follow_and_update",
     "watching = user.command(WATCH, 10.0)": "37_follow_and_update",
     'with TaskServer("cart", Cart(), tasks=[Drive, WaitForRain]': "41_mission",

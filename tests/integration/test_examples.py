@@ -56,6 +56,7 @@ PRINTED = {
         "rejected: nobody is there\nlooks at a face at 0, 1.7\nit is a banana\nlooks at a thing at 0.4, 0.1\n"
     ),
     "45_state_machine": "drive to the gate\ndrive to the pond\ndrive to the gate\nan intruder: lights on\n",
+    "52_three_programs": "table is laid\nwater is hot\nserved\n",
     "50_preview": "arm begins to move to box B\narm stops on its way to box B\nbase is at B\narm begins to move to box C\n"
     "arm is at box C\nbase is at C\ndropped\nCoordinationEnd(state='delivered', transitions=4, kept=1, wasted=1)\n",
     "51_activities": (
