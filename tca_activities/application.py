@@ -21,8 +21,8 @@ BY_HAND = "by hand"
 class Application:
     """Components whose activities are ticked by processors, as a policy or the user allocates them.
 
-    All its methods are for any thread, and for ticks. Changes while it runs neither lose a tick nor double one. With a
-    ``VirtualBaton`` it has no threads, and time passes when its ``run`` is called.
+    All its methods are for any thread, and all but ``initialise`` for ticks. Changes while it runs neither lose a tick
+    nor double one. With a ``VirtualBaton`` it has no threads, and time passes when its ``run`` is called.
     """
 
     def __init__(
@@ -130,6 +130,10 @@ class Application:
         """Let another processor tick an activity: one that is there, or a new one of that name. It is subscribed last,
         or at a position (0 is the first). A processor without activities goes.
         """
+        if not (isinstance(processor, str) and processor):
+            raise MisuseError(f"a processor has a name, not {processor!r:.60}: give one, or call remove()")
+        if not (position is None or (isinstance(position, int) and position >= 0)):
+            raise MisuseError(f"the position on processor '{processor}' is 0 or more, not {position!r:.60}")
         with self._by_hand() as schedule:
             now = self._baton.clock()
             one = schedule.activity(activity)
@@ -148,6 +152,8 @@ class Application:
 
     def set_priority(self, processor: str, priority: int) -> None:
         """The higher one goes first. All begin with 0, and among equal ones the shorter period goes first."""
+        if not isinstance(priority, int):
+            raise MisuseError(f"the priority of processor '{processor}' is a whole number, not {priority!r:.60}")
         with self._by_hand() as schedule:
             if (found := schedule.processor(processor)) is None:
                 there = ", ".join(one.name for one in schedule.processors) or "none"

@@ -55,10 +55,10 @@ def _entry(one: ScheduledActivity) -> ActivityEntry:
 
 
 def _activity(one: ScheduledActivity) -> ActivityFigures:
-    did = one.execution
+    did, left_out = one.execution, one.release.left_out
     return ActivityFigures(
-        one.name, did.ticks, one.release.missed, did.errors, did.error, did.mean, did.longest, one.times.response,
-        one.times.jitter,
+        one.name, did.ticks, one.release.missed - left_out, left_out, did.errors, did.error, did.mean, did.longest,
+        one.times.response, one.times.jitter,
     )  # fmt: skip
 
 

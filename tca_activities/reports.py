@@ -41,7 +41,9 @@ class ActivityFigures(msgspec.Struct, frozen=True):
     name: str
     ticks: int
     overruns: int
-    """Ticks that ended after the next was due, and those left out."""
+    """Ticks that ended after the next was due."""
+    left_out: int
+    """Times at which it was due and not ticked, as the tick before had not begun yet, or took too long."""
     errors: int
     """Ticks that raised."""
     error: str

@@ -13,6 +13,7 @@ class Period:
         self.seconds = seconds
         self.due = start  #: of the present iteration
         self.missed = 0  #: number of iterations that ended after the next was due, and of those left out
+        self.left_out = 0  #: of these, those left out
         self._start = start
         self._turn = 0
         self._before = start - seconds  # when the iteration before the present one was due
@@ -26,6 +27,7 @@ class Period:
         late = now - self._start - (self._turn + 1) * seconds
         left_out = max(0, math.floor(late / seconds))
         self.missed += left_out + (late > _EXACT)
+        self.left_out += left_out
         self._before = self.due
         self._turn += 1 + left_out
         self.due = self._start + self._turn * seconds

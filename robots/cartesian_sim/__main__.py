@@ -88,14 +88,19 @@ class CleaningShow:
                 self.say(f"allocated anew: {policy}, then by hand: {len(processors)} processors")
 
     def _count(self) -> None:
-        """Whether a tick was lost: each activity is ticked once a period."""
+        """Whether a tick was lost: each activity is ticked once a period, or left out if it is too late for that."""
         application = self._robot.application
         figures, processors = application.figures(), application.allocation().processors
         periods = {one.name: one.period for processor in processors for one in processor.activities}
         due = sum(figures.running_for / period for period in periods.values())
         ticks = sum(one.ticks for one in figures.activities)
-        late = sum(one.overruns for one in figures.activities)
-        self.say(f"{ticks:,} ticks, {due:,.0f} were due in {duration(figures.running_for)}, {late:,} came too late")
+        late, left_out = (sum(getattr(one, of) for one in figures.activities) for of in ("overruns", "left_out"))
+        lost = due - ticks - left_out
+        told = "no other is missing" if abs(lost) <= len(periods) else f"{lost:,.0f} are missing"
+        self.say(
+            f"{due:,.0f} ticks were due in {duration(figures.running_for)}: {ticks:,} were made ({late:,} too late),"
+            f" {left_out:,} were left out as the next was due already, {told}"
+        )
 
 
 def _save(robot: CleaningRobot, changes: list[str], folder: Path) -> None:

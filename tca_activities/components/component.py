@@ -206,6 +206,9 @@ def initialise(components: Iterable[Component[Any]]) -> None:
     """
     components = list(components)
     for component in components:
+        if component.turn.is_mine():
+            raise MisuseError(f"{component!r} can't be initialised from a tick of its own: use another thread")
+    for component in components:
         component.forget()
     for component in components:
         component.begin()

@@ -25,6 +25,9 @@ from tca_module import Callback, CentralLost, MisuseError, Module, Sender, Task,
 PERIOD = 0.1
 """Seconds between two looks at what has changed."""
 
+_MOST_WAITING = 10_000
+"""Transitions that wait for central."""
+
 _PICTURES, _FIGURES = 2, 10
 """Periods between two pictures, and between figures."""
 
@@ -41,8 +44,9 @@ class Manager:
         self._picture = picture
         self._drawn = ""
         self._module_name = ""
-        self._changes: deque[TransitionEntry] = deque()
+        self._changes: deque[TransitionEntry] = deque(maxlen=_MOST_WAITING)
         self._is_reallocated = False
+        self._is_behind = False
         self._looks = 0
         application.on_change(self._take_change)
         for region in self._regions():
@@ -98,25 +102,26 @@ class Manager:
         self._changes.append(TransitionEntry(region, change.source, change.target, change.event))
 
     def _publish(self, sender: Callback) -> None:
-        """Whatever has changed. A new central is told everything."""
         self._looks += 1
+        try:
+            self._publish_news(sender)
+        except (CentralLost, Timeout):
+            self._is_behind = True  # what was told meanwhile may be lost
+
+    def _publish_news(self, sender: Sender) -> None:
+        """Whatever has changed. A new central is told everything, and so is one that was away."""
+        is_second = self._looks % _FIGURES == 0
+        if self._is_behind or (is_second and sender.get_variable(self.messages.application, None) is None):
+            self._publish_all(sender)
+            self._is_behind = False
         if self._changes:
             self._publish_states(sender)
         if self._is_reallocated:
-            self._is_reallocated = False
-            sender.set_variable(self.messages.allocation, self.application.allocation(), wait=False)
+            self._publish_allocation(sender)
         if self._looks % _PICTURES == 0:
             self._publish_picture(sender)
-        if self._looks % _FIGURES == 0:
+        if is_second:
             sender.set_variable(self.messages.figures, self.application.figures(), wait=False)
-            self._publish_to_new_central(sender)
-
-    def _publish_to_new_central(self, sender: Sender) -> None:
-        try:
-            if sender.get_variable(self.messages.application, None) is None:
-                self._publish_all(sender)
-        except (CentralLost, Timeout):
-            pass  # later
 
     def _publish_all(self, sender: Sender) -> None:
         name, components = self.application.name, self.application.components
@@ -124,15 +129,21 @@ class Manager:
         entry = ApplicationEntry(name, self._module_name, entries, list(POLICIES), self._controls)
         self._drawn = ""
         sender.set_variable(self.messages.application, entry)
-        sender.set_variable(self.messages.allocation, self.application.allocation())
+        self._publish_allocation(sender)
         sender.set_variable(self.messages.figures, self.application.figures())
         self._publish_states(sender)
         self._publish_picture(sender)
 
+    def _publish_allocation(self, sender: Sender) -> None:
+        self._is_reallocated = False
+        sender.set_variable(self.messages.allocation, self.application.allocation())
+
     def _publish_states(self, sender: Sender) -> None:
-        changes = [self._changes.popleft() for _ in range(len(self._changes))]
+        changes = list(self._changes)
         states = {f"{region.component}.{region.name}": region.current for region in self._regions()}
-        sender.set_variable(self.messages.states, StatesReport(states, changes), wait=False)
+        sender.set_variable(self.messages.states, StatesReport(states, changes))
+        for _ in changes:  # none is forgotten before central has it
+            self._changes.popleft()
 
     def _publish_picture(self, sender: Sender) -> None:
         if self._picture is not None and (picture := self._picture()) != self._drawn:

@@ -3,7 +3,7 @@
 import msgspec
 
 from tca_activities.reports import AllocationReport, ApplicationFigures
-from tca_module import Command, Failure, Variable
+from tca_module import Command, Failure, MisuseError, Variable
 
 
 class StateEntry(msgspec.Struct, frozen=True):
@@ -45,11 +45,19 @@ class Control(msgspec.Struct, frozen=True):
 
     label: str
     message: str
-    data: dict[str, str | float] = {}
+    """Its name."""
+    data: dict[str, str | float | bool] = {}
     """Its fields; with an empty name: the whole data."""
     fields: list[ControlField] = []
     group: str = ""
     """A heading for controls that follow one another."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.message, str):
+            raise MisuseError(f"control '{self.label}': message is a name, not {self.message!r:.60}: give MESSAGE.name")
+        for name, value in self.data.items():
+            if not isinstance(value, (str, int, float)):
+                raise MisuseError(f"control '{self.label}': data '{name}' is a text, number or bool, not {value!r:.60}")
 
 
 class ApplicationEntry(msgspec.Struct, frozen=True):

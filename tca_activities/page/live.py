@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from tca_activities.manager.messages import APPLICATION, ApplicationMessages
-from tca_module import BadData, Client, Inform, MisuseError, Module, Task, TcaError, Timeout, connect
+from tca_module import BadData, CentralLost, Client, Inform, MisuseError, Module, Task, TcaError, Timeout, connect
 from tca_module.link.opening import CentralAddress
 
 COMMAND = "tca activities"
@@ -120,6 +120,9 @@ class LiveApplication:
 
     def _lost(self, client: Client) -> str:
         _, entry = self._parts.get("application", (0, None))
-        if entry is None or entry["module"] in [module.name for module in client.modules()]:
-            return ""
+        try:
+            if entry is None or entry["module"] in [module.name for module in client.modules()]:
+                return ""
+        except (CentralLost, Timeout) as error:
+            return str(error)  # the connection stays: central awaits it when it is back
         return f"module '{entry['module']}', which manages '{self.name}', is not connected: its program has ended"

@@ -25,9 +25,11 @@ class TickTimes:
 
 
 class Execution:
-    """How long the ticks of an activity take."""
+    """How long the ticks of an activity take. *estimate* was declared as the longest time."""
 
-    def __init__(self) -> None:
+    def __init__(self, estimate: float | None) -> None:
+        self._estimate = math.inf if estimate is None else estimate
+        self._longer = 0  # ticks that took longer than declared
         self.ticks = 0
         self.errors = 0
         self.error = ""
@@ -39,11 +41,17 @@ class Execution:
         """Seconds a tick."""
         return self._total / self.ticks if self.ticks else 0.0
 
+    @property
+    def is_refuted(self) -> bool:
+        """Whether most ticks take longer than was declared."""
+        return 2 * self._longer > self.ticks
+
     def add(self, seconds: float, error: str) -> None:
         """Take in a tick, and the error that it raised, if any."""
         self.ticks += 1
         self._total += seconds
         self.longest = max(self.longest, seconds)
+        self._longer += seconds > self._estimate
         if error:
             self.errors += 1
             self.error = error

@@ -8,6 +8,7 @@ from tca_activities.activity import StateActivity
 from tca_activities.processing.measured import Execution, Load, TickTimes
 from tca_module import MisuseError
 from tca_module.period import Period
+from tca_wire.text.measures import duration
 
 _EXACT = 1e-9  # seconds: so much comes of rounding
 _LONG = 1.0  # seconds: no tick should take so long
@@ -22,14 +23,16 @@ class ScheduledActivity:
         self.period = activity.period  #: seconds, as they are wanted now
         self.processor: Processor | None = None  #: None: nothing ticks it
         self.release = Period(0.0, activity.period)
-        self.execution = Execution()
+        self.execution = Execution(activity.estimate)
         self.times = TickTimes()
 
     @property
     def cost(self) -> float | None:
-        """Its longest execution time: as declared, else as measured; None: unknown."""
+        """Its longest execution time: as declared, else as measured; None: unknown. What is declared does not count any
+        more once most ticks take longer: then their mean does.
+        """
         if self.activity.estimate is not None:
-            return self.activity.estimate
+            return self.execution.mean if self.execution.is_refuted else self.activity.estimate
         return self.execution.longest if self.execution.ticks else None
 
 
@@ -136,6 +139,7 @@ class Schedule:
         if activity.name in self.activities:
             raise MisuseError(f"two activities are called '{activity.name}': give their components different names")
         _check_period(activity.name, activity.period)
+        _check_estimate(activity.name, activity.estimate)
         self.activities[activity.name] = ScheduledActivity(activity)
 
     def processor(self, name: str) -> Processor | None:
@@ -177,6 +181,8 @@ class Schedule:
     def set_period(self, one: ScheduledActivity, seconds: float, now: float) -> None:
         """It counts from the tick before. A tick that is due stays due."""
         _check_period(one.name, seconds)
+        if seconds < (takes := one.activity.estimate or 0.0):
+            raise MisuseError(f"activity '{one.name}' takes {duration(takes)}: its period can't be {duration(seconds)}")
         one.period = seconds
         if one is not self.ticked:
             one.release.change(now, seconds)
@@ -196,5 +202,10 @@ class Schedule:
 
 
 def _check_period(name: str, seconds: float) -> None:
-    if not 0 < seconds < math.inf:
-        raise MisuseError(f"the period of activity '{name}' must be more than 0 seconds, not {seconds!r}")
+    if not (isinstance(seconds, (int, float)) and 0 < seconds < math.inf):
+        raise MisuseError(f"the period of activity '{name}' must be more than 0 seconds, not {seconds!r:.60}")
+
+
+def _check_estimate(name: str, seconds: float | None) -> None:
+    if not (seconds is None or (isinstance(seconds, (int, float)) and 0 <= seconds < math.inf)):
+        raise MisuseError(f"the estimate of activity '{name}' must be 0 seconds or more, not {seconds!r:.60}")

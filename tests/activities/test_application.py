@@ -1,5 +1,6 @@
 """Applications: components whose activities are allocated to threads, and allocated anew while they run."""
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -141,6 +142,30 @@ def test_an_activity_may_stop_the_application() -> None:
         assert sum(ticks(application).values()) >= 1
 
 
+def test_no_component_is_initialised_in_its_own_tick() -> None:
+    """It would wait for itself."""
+    counter, other = Counter("c"), Counter("d")
+    refused: list[str] = []
+
+    def begin_anew(_number: int) -> None:
+        counter.on_tick = lambda _: None
+        application.stop()
+        for initialise in (counter.initialise, application.initialise, other.initialise):
+            try:
+                initialise()
+            except MisuseError as error:
+                refused.append(str(error))
+        counter.enough.set()
+
+    counter.on_tick = begin_anew
+    application = Application("test", [other, counter])
+    application.initialise()
+    application.start()
+    assert counter.enough.wait(20)
+    assert refused == ["Counter 'c' can't be initialised from a tick of its own: use another thread"] * 2
+    application.stop()
+
+
 def test_a_tick_that_takes_long_holds_up_ticks_only(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -254,6 +279,29 @@ def test_too_much_for_one_processor_is_divided_before_it_runs(baton: VirtualBato
     assert application.figures().running_for == 0.0
 
 
+def test_late_ticks_and_those_left_out_are_counted(baton: VirtualBaton) -> None:
+    application = Application("test", [Counter("c", estimate=0.0006)], baton=baton)
+    with application.running():
+        baton.run(0.5)
+        figures = {one.name: one for one in application.figures().activities}
+    for name, due in (("c.r0.on", 500), ("c.r1.on", 250), ("c.r2.on", 125)):
+        one = figures[name]
+        assert abs(one.ticks + one.left_out - due) <= 1
+    assert figures["c.r0.on"].left_out > 0
+    assert figures["c.r0.on"].overruns > 0
+
+
+def test_an_estimate_that_ticks_refute_does_not_count() -> None:
+    baton = VirtualBaton(lambda _: 0.002)
+    application = Application("test", [Counter("c", estimate=0.0001)], baton=baton)
+    assert application.figures().is_schedulable
+    with application.running():
+        baton.run(0.5)
+        assert not application.figures().is_schedulable
+        with pytest.raises(MisuseError, match=r"activity 'c\.r2\.on' takes 100 µs: its period can't be 10 µs"):
+            application.set_period("c.r2.on", 0.00001)
+
+
 def test_without_execution_times_there_is_no_verdict(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c")], baton=baton)
     with pytest.raises(MisuseError, match=r"'c\.r0\.machine' has neither an estimate nor a measured time: declare one"):
@@ -327,6 +375,22 @@ def test_no_tick_is_lost_whatever_the_policy(data: st.DataObject) -> None:
         (lambda one: one.move("c.r9.on", "all"), "there is no activity 'c.r9.on': there are c.r0.machine, c.r1.mach"),
         (lambda one: one.set_priority("fast", 1), "there is no processor 'fast': there are all"),
         (lambda one: one.set_period("c.r0.on", 0), "the period of activity 'c.r0.on' must be more than 0 seconds, not"),
+        (
+            lambda one: one.set_period("c.r0.on", "x"),
+            "the period of activity 'c.r0.on' must be more than 0 seconds, not",
+        ),
+        (lambda one: one.move("c.r0.on", "all", "x"), "the position on processor 'all' is 0 or more, not 'x'"),
+        (lambda one: one.move("c.r0.on", "all", -1), "the position on processor 'all' is 0 or more, not -1"),
+        (lambda one: one.move("c.r0.on", ""), "a processor has a name, not '': give one, or call remove()"),
+        (lambda one: one.set_priority("all", 0.5), "the priority of processor 'all' is a whole number, not 0.5"),
+        (
+            lambda one: one.add(Counter("d", estimate=-1)),
+            "the estimate of activity 'd.r0.machine' must be 0 seconds or ",
+        ),
+        (
+            lambda one: one.add(Counter("d", estimate=math.nan)),
+            "the estimate of activity 'd.r0.machine' must be 0 seco",
+        ),
         (lambda one: one.allocate({"p": ["c.r0.on"] * 2}), "activity 'c.r0.on' is allocated twice: give it one proc"),
         (lambda one: one.allocate({"p": ["c.r0.on"]}), "activity 'c.r0.machine' is on no processor: allocate each act"),
         (lambda one: one.add(Counter("c")), "two components are called 'c': give one of them another name"),

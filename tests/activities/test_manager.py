@@ -15,7 +15,7 @@ from tca_activities.manager import (
     Manager,
     ProcessorPriority,
 )
-from tca_module import Client, Command, Module, TaskFailed, connect
+from tca_module import Client, Command, MisuseError, Module, TaskFailed, connect
 from tca_module.testing import LocalCentral
 
 NAMES = ApplicationMessages("robot")
@@ -99,6 +99,15 @@ def test_commands_change_the_allocation(town: Town) -> None:
     town.carry_out(NAMES.set_period, ActivityPeriod("x.movement.slow", 0.5))
     first = town.user.get_variable(NAMES.allocation).processors[0]
     assert (first.name, first.priority, first.period) == ("fast", 3, 0.5)
+
+
+def test_a_control_is_checked_when_it_is_made() -> None:
+    assert Control("on", "lamp", {"": True}).data == {"": True}
+    with pytest.raises(MisuseError) as refused:
+        Control("on", Command("lamp", bool))  # type: ignore[arg-type]
+    assert str(refused.value).startswith("control 'on': message is a name, not Command('lamp'")
+    with pytest.raises(MisuseError, match="control 'on': data 'a' is a text, number or bool, not None"):
+        Control("on", "lamp", {"a": None})  # type: ignore[dict-item]
 
 
 def test_it_starts_stops_and_begins_anew(town: Town) -> None:

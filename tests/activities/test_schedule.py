@@ -142,6 +142,28 @@ def test_an_activity_that_moves_during_its_own_tick_is_not_ticked_twice() -> Non
     assert (turn.processor.name, turn.at) == ("q", 5.0)
 
 
+def test_an_activity_that_moves_in_a_round_is_ticked_by_its_new_processor_only() -> None:
+    schedule = Schedule()
+    old = schedule.new_processor("old", 0.0)
+    for name in ("first", "second"):
+        schedule.add(Ticked(name, 10.0))
+        schedule.put(schedule.activity(name), old, 0.0)
+    schedule.start(0.0)
+    assert schedule.begin(old, 0.0).name == "first"
+    new = schedule.new_processor("new", 1.0)
+    schedule.put(schedule.activity("second"), new, 1.0)
+    schedule.change_order()
+    schedule.end(1.0)
+    turn = schedule.next_turn(1.0)
+    assert turn is not None
+    assert turn.processor is new
+    assert schedule.begin(new, 1.0).name == "second"
+    schedule.end(2.0)
+    turn = schedule.next_turn(2.0)
+    assert turn is not None
+    assert turn.at == 10.0
+
+
 def test_response_times_overruns_and_jitter() -> None:
     baton = in_virtual_time([[Demand("fast", 4.0, 1.0)], [Demand("slow", 12.0, 6.0)]])
     baton.run(24.0)

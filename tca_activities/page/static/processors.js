@@ -166,8 +166,8 @@ export class Processors {
       cells.longest.classList.toggle("bad", isLonger);
       cells.longest.title = isLonger ? `longer than was declared (${duration(cells.estimate)})` : "";
       cells.ticks.textContent = one.ticks.toLocaleString("en");
-      cells.ticks.classList.toggle("bad", one.errors > 0 || one.overruns > 0);
-      cells.ticks.title = one.errors ? `${one.errors} raised, the last one: ${one.error}` : one.overruns ? `${one.overruns} ended after the next was due, or were left out` : "";
+      cells.ticks.classList.toggle("bad", one.errors > 0 || one.overruns > 0 || one.left_out > 0);
+      cells.ticks.title = one.errors ? `${one.errors} raised, the last one: ${one.error}` : one.overruns || one.left_out ? `${one.overruns} ended after the next was due, ${one.left_out} more were left out` : "";
     }
   }
 }

@@ -1,0 +1,60 @@
+"""Central is killed, and is away for longer than anybody waits: it knows everything once it is back."""
+
+import logging
+import signal
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from activities.joint import Joint
+from integration.programs import Central
+
+from tca_activities import Application, VirtualBaton, one_each
+from tca_activities.central_ports import publish
+from tca_activities.manager import ApplicationMessages, Manager
+from tca_module import Callback, CentralLost, Module, Variable, connect
+
+NAMES, POSITION, OTHER = ApplicationMessages("robot"), Variable("position of x", float), Variable("other", int)
+
+
+def test_what_changes_while_central_is_away_is_told_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    joint, baton, losses = Joint(), VirtualBaton(), threading.Semaphore(0)
+    application = Application("robot", [joint], baton=baton)
+    central = Central(tmp_path)
+    module = Module("robot", central.address)
+    Manager(application).handle_in(module)
+    publish(module, joint.position, POSITION)
+
+    @module.every(0.05, resource=module.resource("other"))
+    def set_other(callback: Callback) -> None:
+        try:
+            callback.set_variable(OTHER, 1)
+        except CentralLost:
+            losses.release()
+
+    with module.running(patience=0.2), application.running():
+        central.signal(signal.SIGKILL)
+        central.process.communicate()
+        joint.command.put("enable")
+        baton.run(0.1)
+        application.allocate(one_each)
+        joint.position.set(0.7)
+        for _ in range(3):  # by then all have lost patience
+            assert losses.acquire(timeout=60)
+        central = Central(tmp_path)
+        try:
+            with connect("user", central.address, patience=20) as user:
+                until = time.monotonic() + 60
+                while not (
+                    user.get_variable(NAMES.allocation).policy == "one_each"
+                    and user.get_variable(NAMES.states).states["x.enabling"] == "enabled"
+                    and user.get_variable(POSITION, 0.0) == 0.7
+                ):
+                    assert time.monotonic() < until
+                    time.sleep(0.05)
+                changes = user.get_variable(NAMES.states).changes
+        finally:
+            central.stop()
+    assert (changes[-1].region, changes[-1].target) == ("x.enabling", "enabled")
+    assert not [one for one in caplog.records if one.levelno >= logging.ERROR]
