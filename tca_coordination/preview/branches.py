@@ -33,12 +33,15 @@ def needed_later(machine: Coordination) -> dict[int, frozenset[str]]:
 def live_variables(
     arrows: Mapping[int, Sequence[BareArrow]], activities: Mapping[int, Activity]
 ) -> dict[int, frozenset[str]]:
-    """For each state, the variables that, on some path after it, a state needs before one has made them anew."""
-    entering: dict[int, set[str]] = {state: set() for state in arrows}
+    """For each state, the variables that, on some path after it, a state needs before one has made them anew. The end,
+    a state without arrows, needs all of them: the next run builds on what this one leaves.
+    """
+    changed = set().union(*(activity.makes for activity in activities.values()))
+    entering: dict[int, set[str]] = {state: set() if following else changed for state, following in arrows.items()}
     is_stable = False
     while not is_stable:
         is_stable = True
-        for state in reversed(list(arrows)):  # needs travel against the arrows
+        for state in reversed([state for state in arrows if arrows[state]]):  # needs travel against the arrows
             live = _live_before(arrows[state], entering, activities.get(state))
             if live != entering[state]:
                 entering[state] = live

@@ -53,8 +53,8 @@ class ActivitiesAtWork:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing runs any more."""
-        return all(work.is_over for work in self._all())
+        """Whether nothing runs any more, and nothing is to be undone."""
+        return all(work.is_over for work in self._all()) and not any(self._undoable())
 
     def present(self, state: int, situation: Situation) -> Present:
         """How the run stands in that state."""
@@ -92,8 +92,7 @@ class ActivitiesAtWork:
         if self._restoring is not None or any(one.state == state or one.conflicts_with(activity) for one in others):
             return ""
         if (spoiler := self._to_undo(activity)) is not None:
-            if not any(one.conflicts_with(_undoing(spoiler)) for one in others):
-                self._undo(spoiler)
+            self._undo(spoiler)
             return ""
         if unmet := self._now.unmet_in_words(activity):
             return unmet
@@ -101,6 +100,11 @@ class ActivitiesAtWork:
         self._begin_entered(activity)
         self._start(work, 0)
         return ""
+
+    def restore(self) -> None:
+        """The machine has ended: begin to undo what was changed in vain, the newest first."""
+        if self._restoring is None and (spoiler := next(self._undoable(), None)) is not None:
+            self._undo(spoiler)
 
     def leave(self, why: str) -> None:
         """The current state is left: what still runs of its activity has to end."""
@@ -177,13 +181,19 @@ class ActivitiesAtWork:
         makes anew.
         """
         needs, makes = activity.needs.keys(), activity.makes.keys()
-        for spoiler in reversed(self._spoilers):
-            spoilt = spoiler.spoilt
-            if spoiler.activity.undo and (spoilt & needs or (spoilt & makes and spoilt - makes)):
+        for spoiler in self._undoable():
+            if spoiler.spoilt & needs or (spoiler.spoilt & makes and spoiler.spoilt - makes):
                 return spoiler
         return None
 
+    def _undoable(self) -> Iterator[StartedActivity]:
+        """Wasted work that can be undone, the newest first."""
+        return (one for one in reversed(self._spoilers) if one.activity.undo)
+
     def _undo(self, spoiler: StartedActivity) -> None:
+        """Undo wasted work, if nothing that runs is in the way of that."""
+        if any(one.conflicts_with(_undoing(spoiler)) for one in self._all()):
+            return
         work = StartedActivity(spoiler.state, _undoing(spoiler), TaskRole.RESTORING, self._now.begin(spoiler.activity))
         self._restoring = work, spoiler
         self._start(work, 0)
@@ -226,13 +236,21 @@ class ActivitiesAtWork:
             work.request_end("another task of its activity has failed", self._task.time() + self._patience)
         if work.is_over and work in self._ending:
             self._ending.remove(work)
+        if work.is_over and work.spoilt and not work.has_begun:
+            self._forget(work)
 
     def _note_restored(self, work: StartedActivity, spoiler: StartedActivity) -> None:
         if not work.is_over:
             return
         self._restoring = None
         if work.is_done:
-            self._now.known |= {name: value for name, value in spoiler.before.items() if name in spoiler.spoilt}
+            self._forget(spoiler)
+        spoiler.spoilt.clear()
+        self._forget_spoilers()
+
+    def _forget(self, spoiler: StartedActivity) -> None:
+        """What it would have changed is as it was before."""
+        self._now.known |= {name: value for name, value in spoiler.before.items() if name in spoiler.spoilt}
         spoiler.spoilt.clear()
         self._forget_spoilers()
 

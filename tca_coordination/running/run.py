@@ -143,7 +143,11 @@ class CoordinationRun:
         return self._machine.states[state].activity
 
     def _begin_current(self) -> None:
-        """Start the activity of the current state, if it has one and nothing is in its way any more."""
+        """Start the activity of the current state, if it has one and nothing is in its way any more; at the end, what
+        undoes early work.
+        """
+        if self._interpreter.is_ended:
+            self._work.restore()
         activity = self._activity(self._interpreter.current)
         if activity is not None and self._work.current is None:
             self._unmet = self._work.begin(self._interpreter.current, activity)

@@ -20,6 +20,8 @@ class ActivityTask:
         """*share*: of its full speed."""
         self.do = do
         self.progress = 0.0
+        self.has_begun = False
+        """A handler has got it."""
         self.is_over = False
         self.failure: NotedFailure | None = None
         self.killed = ""
@@ -41,6 +43,9 @@ class ActivityTask:
         if self._reports is not None:
             for report in self._reports.arrived():
                 self.progress = self._activity.progress(report)
+        if change.state != self.do.message.life_cycle.initial:
+            is_killed = change.is_over and change.by == "central"
+            self.has_begun |= change.is_late or change.missed > 0 or not (is_killed or change.by == "client")
         if not change.is_over or self.is_over:
             return
         self.is_over, self.progress = True, 1.0
@@ -101,6 +106,11 @@ class StartedActivity:
     def is_over(self) -> bool:
         """Whether all of its tasks have ended."""
         return all(task.is_over for task in self.tasks)
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether a handler has got any of its tasks."""
+        return any(task.has_begun for task in self.tasks)
 
     @property
     def failed_task(self) -> ActivityTask | None:

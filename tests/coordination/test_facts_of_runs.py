@@ -15,7 +15,7 @@ from coordination.delivery_robot import (
 )
 
 from tca_coordination import Activity, Coordination, Discrete, Do, Perceived, Prior, Situation
-from tca_module import ExceptionHandler, Module, Task, TaskFailed
+from tca_module import ExceptionHandler, Module, Task, TaskFailed, connect
 from tca_wire.coordination import read_report
 from tca_wire.journal.facts import StateChanged
 
@@ -70,6 +70,25 @@ def test_all_is_undone_where_a_part_would_be_made_anew() -> None:
         ]
 
 
+def test_the_end_of_a_run_leaves_all_as_it_would_be_without_a_preview() -> None:
+    """The next run believes that the arm is at home."""
+    with play(fork(arm("box B", undo=HOME), opened()), AS_SOON_AS_LIKELY) as run:
+        assert mistaken(run)[-2:] == ["8 arm to home: restoring", "11 arm to home: done"]
+
+
+def test_what_could_not_be_undone_at_the_end_is_not_begun() -> None:
+    with play(fork(arm("box B"), opened()), AS_SOON_AS_LIKELY) as run:
+        assert "arm" not in " ".join(mistaken(run))
+
+
+def test_nothing_is_undone_that_never_began() -> None:
+    """The arm is locked, so its early task waits in a queue until it is stopped."""
+    with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
+        with connect("locker", run.central) as locker, locker.lock("arm"):
+            assert "8 -> end (done)" in mistaken(run)
+        assert "arm to home" not in " ".join(run.happened())
+
+
 def test_what_cannot_be_restored_fails() -> None:
     ahead = arm("box B", undo=Do(MOVE_ARM, "stuck", ARM))
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
@@ -117,7 +136,7 @@ def test_guards_see_the_facts_of_the_machine() -> None:
         return situation.facts["arm"] == "home"
 
     with Coordination("guarded", facts=FACTS) as machine:
-        to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B"))
+        to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B", undo=HOME))
         lost, end = machine.final("lost"), machine.final("end")
         to_b.to(reach, when=is_home, likelihood=Prior(0.9))
         to_b.to(lost)

@@ -300,7 +300,7 @@ def test_a_branch_may_fail_before_it_makes_a_variable_anew() -> None:
         greet.to(end)
         greet.to(look, on="failed")
         look.to(end)
-    assert needed_later(machine)[0] == {"light", "arm"}
+    assert needed_later(machine)[0] == {"light", "arm", "base"}
     assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm")]
 
 

@@ -155,7 +155,7 @@ def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
             speeds.append((task.time(), request.goal))
             request.accept()
 
-    ahead = arm("full speed", slow=lambda _, share: f"at {share:g}")
+    ahead = arm("full speed", slow=lambda _, share: f"at {share:g}", undo=Do(MOVE_ARM, "home", ARM))
     policy = Continuous(0.0, 1.0, utility=lambda candidate: candidate.progress_before)
     with play(fork(ahead, opened()), policy, robot) as run:
         run.box_b(1.0)
@@ -308,13 +308,16 @@ def test_the_likely_way_round_again() -> None:
         grasp = machine.state("grasp", arm("down"))
         lift = machine.state("lift", arm("up", needs={"arm": "down"}))
         back = machine.state("back", base("A"))
-        end = machine.final("end")
+        tidy = machine.state(
+            "tidy", Activity(Do(MOVE_BASE, "A"), Do(MOVE_ARM, "home"), makes={"base": "A", "arm": "home"})
+        )
+        tidy.to(machine.final("end"))
         there.to(grasp)
         grasp.to(lift)
         lift.to(back)
         back.to(there, likelihood=Prior(0.9))
         for state in (there, grasp, lift, back):
-            state.to(end, on="enough")
+            state.to(tidy, on="enough")
     with play(machine, AS_SOON_AS_LIKELY) as run:
         run.begin()
         run.central.advance(40)
@@ -333,6 +336,6 @@ def test_the_likely_way_round_again() -> None:
             "40 base to A: ahead",
             "40 arm to up: killed",
             "40 base to A: killed",
-            "40 -> end (enough)",
+            "40 -> tidy (enough)",
             "40 base to A: wasted",
         ]
