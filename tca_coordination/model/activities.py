@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import inf
 from typing import Any
 
 from tca_coordination.model.situation import Fact, Situation
@@ -96,8 +96,11 @@ class Activity:
             )
         if wrong := next((task for task in (*self.tasks, *self.undo) if not isinstance(task, Do)), None):
             raise MisuseError(f"a task of an activity must be a Do, not {wrong!r:.60}")
-        if not callable(self._cost) and not (isinstance(self._cost, int | float) and isfinite(self._cost)):
-            raise MisuseError(f"{self!r}: cost must be a number or a function, not {self._cost!r:.60}")
+        if not callable(self._cost) and not (isinstance(self._cost, int | float) and 0 <= self._cost < inf):
+            raise MisuseError(f"{self!r}: cost must be a number, 0 or more, or a function, not {self._cost!r:.60}")
+        for name, function in (("progress", self._progress), ("slow", self.slow)):
+            if function is not None and not callable(function):
+                raise MisuseError(f"{self!r}: {name} must be a function, not {function!r:.60}")
         for task in self.tasks:
             if self._progress is None and task.message.progress.kind not in (float, int, type(None)):
                 told = f"{task.message.title} reports {task.message.progress}"

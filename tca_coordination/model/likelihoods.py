@@ -1,7 +1,7 @@
 """How likely a transition is: models that are attached to it."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import fsum
+from math import fsum, inf
 from typing import Any
 
 from tca_coordination.model.errors import UnsoundCoordination
@@ -41,6 +41,10 @@ class Learned(LikelihoodModel):
     """
 
     def __init__(self, counts: Mapping[tuple[str, str], int]) -> None:
+        if not isinstance(counts, Mapping) or not all(type(count) is int and count >= 0 for count in counts.values()):
+            raise MisuseError(
+                f"Learned wants counts by (label, symbol), as count_transitions makes them, not {counts!r:.60}"
+            )
         self.counts = dict(counts)
         self._left: dict[str, int] = {}
         for (label, _), count in self.counts.items():
@@ -90,9 +94,10 @@ class Weighted(LikelihoodModel):
     """The mean of several models with weights; those that are unknown are left out of it."""
 
     def __init__(self, parts: Iterable[tuple[float, Likelihood]]) -> None:
-        self.parts = [(weight, as_model(model)) for weight, model in parts]
-        if not self.parts or any(weight <= 0 for weight, _ in self.parts):
+        pairs = list(parts)
+        if not pairs or not all(_is_weighted(pair) for pair in pairs):
             raise MisuseError("Weighted wants pairs of a weight above 0 and a model, such as [(2.0, Prior(0.8)), ...]")
+        self.parts = [(weight, as_model(model)) for weight, model in pairs]
         self.is_constant = all(model.is_constant for _, model in self.parts)
         self.variables = [variable for _, model in self.parts for variable in model.variables]
 
@@ -102,6 +107,10 @@ class Weighted(LikelihoodModel):
         known = [(weight, value) for weight, value in values if value is not None]
         weights = fsum(weight for weight, _ in known)
         return fsum(weight * value for weight, value in known) / weights if known else None
+
+
+def _is_weighted(pair: Any) -> bool:
+    return isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], int | float) and 0 < pair[0] < inf
 
 
 def as_model(likelihood: Likelihood) -> LikelihoodModel:

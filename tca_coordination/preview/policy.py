@@ -52,6 +52,8 @@ class Policy:
     """How the utility of an activity becomes a share of full speed. Base class: give ``wanted``."""
 
     def __init__(self, utility: Utility = expected_gain) -> None:
+        if not callable(utility):
+            raise MisuseError(f"utility must be a function of the Candidate, not {utility!r:.60}")
         self.utility = utility
 
     def wanted(self, utility: float) -> float:

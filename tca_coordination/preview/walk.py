@@ -27,9 +27,9 @@ class PreviewLimits:
     horizon: int | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.final <= 1:
+        if not isinstance(self.final, int | float) or not 0 < self.final <= 1:
             raise MisuseError(f"final must be above 0, and 1 at most, not {self.final!r:.60}")
-        if not 0 <= self.transition < 1:
+        if not isinstance(self.transition, int | float) or not 0 <= self.transition < 1:
             raise MisuseError(f"transition must be 0 or more, and less than 1, not {self.transition!r:.60}")
         if self.horizon is not None and (type(self.horizon) is not int or self.horizon < 1):
             raise MisuseError(f"horizon must be 1 or more, or None for no limit, not {self.horizon!r:.60}")

@@ -1,6 +1,7 @@
 """Coordinator: a machine whose runs are tasks of a module."""
 
 from contextlib import suppress
+from math import isfinite
 from threading import Lock
 from typing import Any
 
@@ -38,6 +39,7 @@ class Coordinator:
         """*policy*: when activities start ahead of their states; None: never, without a preview. *limits*: where a
         preview ends. *patience*: seconds after which a task is killed that was asked to end and has not.
         """
+        _check(machine, policy, limits, patience)
         self.machine = machine
         self.chart = machine.chart
         """The machine as data: those of its command."""
@@ -66,9 +68,15 @@ class Coordinator:
         """
         news = f"news of {self.machine.name}"
         self._interpreter, self._home = self.machine.interpreter(), module.name
+        declare = module.handles(COORDINATION_EVENT, resource=news)
+        try:
+            declare(self._note_event)
+        except MisuseError:
+            raise MisuseError(
+                f"module '{module.name}' has a coordinator already: handle {self.machine!r} in another one"
+            ) from None
         module.handles(self.message, resource=self.message.name, refuses=["update"])(self._coordinate)
         self._failures.handle_in(module, self.message, news)
-        module.handles(COORDINATION_EVENT, resource=news)(self._note_event)
         for variable in self.machine.variables:
             self._watch(module, variable, news)
 
@@ -139,3 +147,14 @@ class Coordinator:
                 run.note_variable(variable.name, value)
 
         module.handles(variable, resource=resource)(note)
+
+
+def _check(machine: Any, policy: Any, limits: Any, patience: Any) -> None:
+    if not isinstance(machine, Coordination):
+        raise MisuseError(f"Coordinator wants a Coordination, not {machine!r:.60}")
+    if policy is not None and not isinstance(policy, Policy):
+        raise MisuseError(f"policy must be a Policy such as Discrete(0.5), or None for no preview, not {policy!r:.60}")
+    if limits is not None and not isinstance(limits, PreviewLimits):
+        raise MisuseError(f"limits must be PreviewLimits(...), not {limits!r:.60}")
+    if not isinstance(patience, int | float) or not isfinite(patience) or patience <= 0:
+        raise MisuseError(f"patience must be a number of seconds above 0, not {patience!r:.60}")

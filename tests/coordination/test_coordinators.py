@@ -298,3 +298,10 @@ def test_an_event_for_a_run_that_is_just_beginning_is_heard() -> None:
                 run = user.command(coordinator.message, coordinator.chart)
                 user.broadcast(COORDINATION_EVENT, MachineEvent("long", "stop"))
                 assert run.result(timeout=5).state == "end"
+
+
+def test_a_module_has_one_coordinator() -> None:
+    module = Module("coordinator")
+    Coordinator(lost()).handle_in(module)
+    with pytest.raises(MisuseError, match="has a coordinator already: handle machine 'deliver' in another one"):
+        Coordinator(delivery()).handle_in(module)

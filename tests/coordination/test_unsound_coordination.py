@@ -9,9 +9,13 @@ from tca_coordination import (
     Activity,
     Agent,
     Coordination,
+    Coordinator,
+    Discrete,
     Do,
     Fact,
+    Learned,
     Perceived,
+    PreviewLimits,
     Prior,
     Situation,
     UnsoundCoordination,
@@ -196,6 +200,7 @@ def test_unsound_machines(write: Callable[[Coordination], None]) -> None:
     assert str(refused.value) == MACHINES[write]
 
 
+PAIRS = "Weighted wants pairs of a weight above 0 and a model, such as [(2.0, Prior(0.8)), ...]"
 MISUSES: dict[Callable[[Coordination], object], str] = {
     lambda _: Coordination(""): "a machine needs a name, not ''",
     lambda _: Coordination("n").state("a"): "machine 'n': its states are written inside its with block",
@@ -206,7 +211,11 @@ MISUSES: dict[Callable[[Coordination], object], str] = {
     lambda _: Do(MOVE, 7): "command 'move' wants data of type str: Expected `str`, got `int`",
     lambda _: Activity(): "an activity needs a task, such as Do(MOVE, data, agent); a state that only waits needs none",
     lambda _: Activity(Do(LOOK)): "command 'look' reports list: give Activity(..., progress=...), a function that makes a number of it",
-    lambda _: move(cost="high"): "Activity(move \"B\"): cost must be a number or a function, not 'high'",
+    lambda _: move(cost="high"): "Activity(move \"B\"): cost must be a number, 0 or more, or a function, not 'high'",
+    lambda _: move(cost=-1.0): 'Activity(move "B"): cost must be a number, 0 or more, or a function, not -1.0',
+    lambda _: move(cost=float("nan")): 'Activity(move "B"): cost must be a number, 0 or more, or a function, not nan',
+    lambda _: move(progress=0.5): 'Activity(move "B"): progress must be a function, not 0.5',
+    lambda _: move(slow=0.5): 'Activity(move "B"): slow must be a function, not 0.5',
     lambda _: move(undo=7): "a task of an activity must be a Do, not 7",
     lambda m: m.state(""): "machine 'm': the label of a state is text, not ''",
     lambda m: m.state("a", MOVE): "state 'a': its activity must be an Activity(Do(...)), not Command('move', str -> None)",  # type: ignore[arg-type]
@@ -216,7 +225,22 @@ MISUSES: dict[Callable[[Coordination], object], str] = {
     lambda m: m.state("a").to("b", when=7): "'a'.to('b', on='done'): when must be a Variable or a function of the Situation, not 7",  # type: ignore[arg-type]
     lambda m: m.state("a").to("b", likelihood=0.5): "a likelihood must be a model such as Prior(0.8), or a function, not 0.5",  # type: ignore[arg-type]
     lambda _: Perceived(NAME): "Perceived wants a variable of bool or float: variable 'name' holds str",
-    lambda _: Weighted([]): "Weighted wants pairs of a weight above 0 and a model, such as [(2.0, Prior(0.8)), ...]",
+    lambda _: Weighted([]): PAIRS,
+    lambda _: Weighted([Prior(1)]): PAIRS,  # type: ignore[list-item]
+    lambda _: Weighted([("2", Prior(1))]): PAIRS,  # type: ignore[list-item]
+    lambda _: Weighted([(float("nan"), Prior(1))]): PAIRS,
+    lambda _: Learned([1]): "Learned wants counts by (label, symbol), as count_transitions makes them, not [1]",  # type: ignore[arg-type]
+    lambda _: Learned({("a", "done"): -1}): "Learned wants counts by (label, symbol), as count_transitions makes them, not {('a', 'done'): -1}",
+    lambda _: Discrete(0.5, utility=1): "utility must be a function of the Candidate, not 1",  # type: ignore[arg-type]
+    lambda _: PreviewLimits(final="1"): "final must be above 0, and 1 at most, not '1'",  # type: ignore[arg-type]
+    lambda _: Coordinator("n"): "Coordinator wants a Coordination, not 'n'",  # type: ignore[arg-type]
+    lambda _: Coordinator(Coordination("n")): "machine 'n' is not built: that happens at the end of its with block",
+    lambda m: Coordinator(m, policy="discrete"): "policy must be a Policy such as Discrete(0.5), or None for no preview, not 'discrete'",  # type: ignore[arg-type]
+    lambda m: Coordinator(m, policy=Discrete): "policy must be a Policy such as Discrete(0.5), or None for no preview, not <class 'tca_coordination.preview.policy.Discrete'>",  # type: ignore[arg-type]
+    lambda m: Coordinator(m, limits={"final": 0.5}): "limits must be PreviewLimits(...), not {'final': 0.5}",  # type: ignore[arg-type]
+    lambda m: Coordinator(m, patience="5"): "patience must be a number of seconds above 0, not '5'",  # type: ignore[arg-type]
+    lambda m: Coordinator(m, patience=float("nan")): "patience must be a number of seconds above 0, not nan",
+    lambda m: Coordinator(m, patience=0): "patience must be a number of seconds above 0, not 0",
 }  # fmt: skip
 
 
