@@ -90,6 +90,15 @@ class CoordinatorRecord:
                     outcomes.add((news.state, news.role is TaskRole.KEPT))
             self.predictions += (is_right for _, is_right in sorted(outcomes))
         self._read = len(coordinator.life)
+        if coordinator.has_ended:
+            self._waste_rest(coordinator.time_of(Moment.END_ACHIEVING))
+
+    def _waste_rest(self, end: float) -> None:
+        """The run has ended: what is still ahead then, as it died, was in vain."""
+        rest = [task for task in self.tasks.values() if task.role() is TaskRole.AHEAD]
+        self.predictions += [False] * len({task.state for task in rest})
+        for task in rest:
+            task.roles.append((end, TaskRole.WASTED))
 
 
 def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:

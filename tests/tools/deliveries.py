@@ -38,6 +38,18 @@ def undone() -> list[Entry]:
         return [OPENED, *run.central.entries]
 
 
+def killed() -> list[Entry]:
+    """The arm moves ahead when somebody kills the delivery."""
+    with play(delivery(), AS_SOON_AS_LIKELY) as run:
+        ran = run.begin()
+        run.box_b(1.0)
+        run.event("object given")
+        run.central.advance(2)
+        ran.kill("not now")
+        run.central.advance(5)
+        return [OPENED, *run.central.entries]
+
+
 def written(entries: list[Entry], folder: Path) -> Path:
     """A journal of them."""
     folder.mkdir()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from tools.deliveries import figure_7, undone, written
+from tools.deliveries import figure_7, killed, undone, written
 
 from tca_tools.gantt.chart import Bar
 from tca_tools.run.coordinators import coordinators, gain
@@ -116,6 +116,16 @@ def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
     assert f"arm to {{{restoring}}} (restoring)" in tca("tree", log).stdout
     told = tca("tree", log, "--story", restoring).stdout
     assert "undoes what was wasted ahead of the state 'free'" in told
+
+
+def test_early_work_of_a_run_that_died_was_in_vain(tca: Tca, tmp_path: Path) -> None:
+    log = written(killed(), tmp_path / "killed")
+    run = folded(open_log(log))
+    ((task, record),) = coordinators(run)
+    found = gain(run, task, record)
+    assert (found.right, found.wrong, found.kept, found.wasted) == pytest.approx((0, 1, 0.0, 2.0))
+    (plan,) = schedules(run, log.name)
+    assert [look(box) for box in boxes(plan, "arm")] == ["arm to(box B) wasted"]
 
 
 def test_a_run_without_coordinators_has_no_schedule(tca: Tca, run: Path) -> None:
