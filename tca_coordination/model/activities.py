@@ -82,7 +82,20 @@ class Activity:
 
     def cost(self, situation: Situation) -> float:
         """The cost of doing it in vain, as things are."""
-        return self._cost(situation) if callable(self._cost) else self._cost
+        cost = self._cost(situation) if callable(self._cost) else self._cost
+        if not (isinstance(cost, int | float) and 0 <= cost < inf):
+            raise MisuseError(f"{self!r}: its cost must be a number, 0 or more, not {cost!r:.60}")
+        return cost
+
+    def data_at(self, share: float, task: Do) -> Any:
+        """The data of one of its tasks at a share of full speed."""
+        return task.data if share == 1 or self.slow is None else self.slow(task.data, share)
+
+    def check_data_at(self, share: float) -> bool:
+        """Raises what ``slow`` raises, and MisuseError if its data do not fit; otherwise true."""
+        for task in self.tasks:
+            task.message.encode_data(self.data_at(share, task))
+        return True
 
     def progress(self, report: Any) -> float:
         """The progress in [0, 1] that a report of one of its tasks stands for."""

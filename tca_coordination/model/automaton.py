@@ -4,10 +4,13 @@ They are evaluated when a state is looked at, once in each situation: a preview 
 """
 
 from collections.abc import Sequence
+from functools import partial
 from math import fsum
 from typing import NamedTuple, Protocol
 
 from tca_coordination.model.activities import Activity
+from tca_coordination.model.likelihoods import checked_likelihood
+from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Situation
 from tca_coordination.model.states import DONE, AuthoredArrow, AuthoredState
 from tca_wire.coordination import ActivityKind
@@ -60,8 +63,9 @@ def nominal(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
 class FlatAutomaton:
     """The automaton of a machine in one situation."""
 
-    def __init__(self, states: Sequence[AuthoredState], situation: Situation) -> None:
+    def __init__(self, states: Sequence[AuthoredState], situation: Situation, mistakes: Mistakes) -> None:
         self._states = states
+        self._mistakes = mistakes
         self._situation = situation
         self._known: dict[int, list[LikelyArrow]] = {}
 
@@ -92,10 +96,16 @@ class FlatAutomaton:
             for arrow, likelihood in zip(arrows, likelihoods, strict=True)
         ]
 
+    def _value(self, leaf: AuthoredState, arrow: AuthoredArrow) -> float | None:
+        value = 0.0 if arrow.model is None else arrow.model.value(self._situation, leaf.label, arrow.symbol)
+        return None if value is None else checked_likelihood(value, f"the likelihood of '{arrow.symbol}'")
+
     def _likelihoods(self, leaf: AuthoredState, arrows: list[AuthoredArrow]) -> list[float]:
         found = []
         for arrow in arrows:
-            value = 0.0 if arrow.model is None else arrow.model.value(self._situation, leaf.label, arrow.symbol)
+            value = self._mistakes.otherwise(
+                None, f"nothing is foreseen beyond '{leaf.label}'", partial(self._value, leaf, arrow)
+            )
             if value is None:
                 return [0.0] * len(arrows)
             found.append(value)

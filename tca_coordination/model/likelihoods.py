@@ -8,6 +8,8 @@ from tca_coordination.model.errors import UnsoundCoordination
 from tca_coordination.model.situation import Situation, check_confidence
 from tca_module import MisuseError, Variable
 
+_ROUNDING = 1e-9
+
 
 class LikelihoodModel:
     """The likelihood of a transition. Base class: give ``value``."""
@@ -28,7 +30,7 @@ class Prior(LikelihoodModel):
     is_constant = True
 
     def __init__(self, likelihood: float) -> None:
-        self.likelihood = _checked(likelihood, "Prior")
+        self.likelihood = checked_likelihood(likelihood, "Prior")
 
     def value(self, _situation: Situation, _leaf: str, _symbol: str, /) -> float | None:
         """The number."""
@@ -83,7 +85,7 @@ class Computed(LikelihoodModel):
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
         """The function's number."""
         value = self.function(situation)
-        return None if value is None else _checked(value, f"the likelihood of '{symbol}' in state '{leaf}'")
+        return None if value is None else checked_likelihood(value, f"the likelihood of '{symbol}' in state '{leaf}'")
 
 
 Likelihood = LikelihoodModel | Callable[[Situation], float | None]
@@ -122,7 +124,8 @@ def as_model(likelihood: Likelihood) -> LikelihoodModel:
     return Computed(likelihood)
 
 
-def _checked(likelihood: Any, what: str) -> float:
-    if not isinstance(likelihood, int | float) or not 0 <= likelihood <= 1:
+def checked_likelihood(likelihood: Any, what: str) -> float:
+    """It as a number in [0, 1]; what is outside by rounding is cut. Raises UnsoundCoordination."""
+    if not isinstance(likelihood, int | float) or not -_ROUNDING <= likelihood <= 1 + _ROUNDING:
         raise UnsoundCoordination(f"{what} must be a number in [0, 1], not {likelihood!r:.60}")
-    return float(likelihood)
+    return min(max(float(likelihood), 0.0), 1.0)

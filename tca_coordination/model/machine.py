@@ -9,6 +9,7 @@ from tca_coordination.model.activities import Activity, Agent, checked_facts
 from tca_coordination.model.automaton import FlatAutomaton
 from tca_coordination.model.drawing import draw
 from tca_coordination.model.errors import UnsoundCoordination
+from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Fact, Situation
 from tca_coordination.model.soundness import check
 from tca_coordination.model.statechart import Interpreter
@@ -136,9 +137,9 @@ class Coordination:
         ]
         return CoordinationChart(self.name, [agent.name for agent in self.agents], list(map(_row, self.states)), arrows)
 
-    def automaton(self, situation: Situation) -> FlatAutomaton:
-        """The machine with its likelihoods in that situation."""
-        return FlatAutomaton(self.states, situation)
+    def automaton(self, situation: Situation, mistakes: Mistakes | None = None) -> FlatAutomaton:
+        """The machine with its likelihoods in that situation. *mistakes*: takes what their functions raise."""
+        return FlatAutomaton(self.states, situation, mistakes or Mistakes())
 
     def interpreter(self) -> Interpreter:
         """The machine at work, in its first state."""

@@ -1,16 +1,18 @@
 """What to do ahead, as things are: the one question that a coordinator asks at every event."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import isnan, nan
 
 from tca_coordination.model.activities import Activity
 from tca_coordination.model.automaton import Automaton
+from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Fact, Situation
 from tca_coordination.preview.agents import Places
 from tca_coordination.preview.branches import harmed
 from tca_coordination.preview.conflicts import Objection, Reason, Reservations, holds
-from tca_coordination.preview.policy import Candidate, Policy
+from tca_coordination.preview.policy import Candidate, Policy, checked_share
 from tca_coordination.preview.walk import PreviewLimits, most_likely
 from tca_wire.coordination import Foreseen
 
@@ -84,10 +86,13 @@ def decide(
     policy: Policy,
     needed: Mapping[int, frozenset[str]],
     limits: PreviewLimits,
+    mistakes: Mistakes | None = None,
 ) -> Decision:
-    """The preview list, and what is started and stopped by it. *needed*: as ``needed_later`` found it."""
+    """The preview list, and what is started and stopped by it. *needed*: as ``needed_later`` found it. *mistakes*:
+    takes what costs and the policy raise.
+    """
     decision = Decision(most_likely(automaton, present.current, limits))
-    _Deciding(automaton, present, policy, needed[present.current], decision).decide()
+    _Deciding(automaton, present, policy, needed[present.current], decision, mistakes or Mistakes()).decide()
     return decision
 
 
@@ -95,13 +100,15 @@ class _Deciding:
     """One decision: the states of the list have their turns, the next one first."""
 
     def __init__(
-        self, automaton: Automaton, present: Present, policy: Policy, needed: frozenset[str], decision: Decision
-    ) -> None:
+        self, automaton: Automaton, present: Present, policy: Policy, needed: frozenset[str], decision: Decision,
+        mistakes: Mistakes,
+    ) -> None:  # fmt: skip
         self.automaton = automaton
         self.present = present
         self.policy = policy
         self.needed = needed
         self.decision = decision
+        self.mistakes = mistakes
         self.work = {work.state: work for work in present.work}
         self.before = Reservations()  # by what comes first
         self.running = Reservations()  # by all that runs, in whatever order
@@ -178,7 +185,7 @@ class _Deciding:
     def _candidate(self, index: int, foreseen: Foreseen, activity: Activity, before: float) -> Candidate:
         work = self.work.get(foreseen.state)
         runs = work is not None and work.phase is WorkPhase.RUNNING
-        cost = activity.cost(self.present.situation)
+        cost = self._valued(nan, activity, lambda: activity.cost(self.present.situation))
         return Candidate(
             state=foreseen.state,
             index=index,
@@ -243,8 +250,13 @@ class _Deciding:
             self.decision.speeds.append(Start(state, share))
 
     def _share(self, candidate: Candidate, activity: Activity) -> float:
-        share = self.policy.share(candidate)
+        if isnan(candidate.cost):
+            return 0.0
+        share = self._valued(0.0, activity, lambda: checked_share(self.policy.share(candidate)))
         return share if activity.slow is not None or share == 1 else 0.0
+
+    def _valued(self, otherwise: float, activity: Activity, function: Callable[[], float]) -> float:
+        return self.mistakes.otherwise(otherwise, f"{activity!r} does not run early", function)
 
     # --- objections ------------------------------------------------------------------------------------------------
 

@@ -104,6 +104,13 @@ class Continuous(Policy):
         return floor(10 * max(utility - self.from_, 0.0) / (self.to - self.from_)) / 10
 
 
+def checked_share(share: float) -> float:
+    """What a policy has said. Raises MisuseError if that is no share."""
+    if not isinstance(share, int | float) or not 0 <= share <= 1:
+        raise MisuseError(f"a policy must want a share in [0, 1], not {share!r:.60}")
+    return share
+
+
 def _number(value: float, what: str) -> float:
     if not isinstance(value, int | float) or not isfinite(value):
         raise MisuseError(f"{what} must be a number, not {value!r:.60}")

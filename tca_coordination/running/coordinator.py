@@ -1,5 +1,6 @@
 """Coordinator: a machine whose runs are tasks of a module."""
 
+import logging
 from contextlib import suppress
 from math import isfinite
 from threading import Lock
@@ -47,7 +48,9 @@ class Coordinator:
             f"coordinate {machine.name}", CoordinationChart, result=CoordinationEnd, progress=CoordinationReport
         )
         """The command that runs the machine."""
-        self._look_ahead = LookAhead(machine, policy, limits or PreviewLimits()) if policy is not None else None
+        self._look_ahead = (
+            LookAhead(machine, policy, limits or PreviewLimits(), self._warn) if policy is not None else None
+        )
         self._patience = patience
         self._failures = FailureNotes(self.message.name)
         self._interpreter: Interpreter | None = None
@@ -101,6 +104,9 @@ class Coordinator:
             raise MisuseError(f"{self.machine!r} has no event {event!r:.60}; it has {known}")
         if (run := self._run) is not None:
             run.note_event(event)
+
+    def _warn(self, text: str) -> None:
+        logging.getLogger(f"tca.{self._home}").warning("%s", text)
 
     # --- handlers --------------------------------------------------------------------------------------------------
 

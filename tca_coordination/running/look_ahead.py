@@ -1,7 +1,10 @@
 """How a machine looks ahead: the policy and limits of a coordinator, and what is known of its machine beforehand."""
 
-from tca_coordination.model.automaton import Automaton
+from collections.abc import Callable
+
+from tca_coordination.model.activities import Activity
 from tca_coordination.model.machine import Coordination
+from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.preview.branches import needed_later
 from tca_coordination.preview.decide import Decision, Present, decide
 from tca_coordination.preview.policy import Policy
@@ -11,11 +14,23 @@ from tca_coordination.preview.walk import PreviewLimits
 class LookAhead:
     """What is decided at each event of a run."""
 
-    def __init__(self, machine: Coordination, policy: Policy, limits: PreviewLimits) -> None:
+    def __init__(
+        self, machine: Coordination, policy: Policy, limits: PreviewLimits, tell: Callable[[str], object]
+    ) -> None:
+        """*tell*: takes what functions raise that only a preview calls, in words."""
+        self._machine = machine
+        self._mistakes = Mistakes(tell)
         self._policy = policy
         self._limits = limits
         self._needed = needed_later(machine)
 
-    def decide(self, automaton: Automaton, present: Present) -> Decision:
+    def decide(self, present: Present) -> Decision:
         """The states that are foreseen, and what to start and stop."""
-        return decide(automaton, present, self._policy, self._needed, self._limits)
+        automaton = self._machine.automaton(present.situation, self._mistakes)
+        return decide(automaton, present, self._policy, self._needed, self._limits, self._mistakes)
+
+    def can_run_at(self, activity: Activity, share: float) -> bool:
+        """Whether an activity has data for a share of its full speed."""
+        return self._mistakes.otherwise(
+            False, f"{activity!r} does not run early", lambda: activity.check_data_at(share)
+        )

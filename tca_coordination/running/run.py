@@ -128,7 +128,7 @@ class CoordinationRun:
             return Decision([])
         situation = self._situation()
         present = self._work.present(self._interpreter.current, situation)
-        return self._look_ahead.decide(self._machine.automaton(situation), present)
+        return self._look_ahead.decide(present)
 
     def _situation(self) -> Situation:
         current = self._work.current
@@ -154,13 +154,19 @@ class CoordinationRun:
         self._is_entered = True
 
     def _begin_ahead(self, decision: Decision) -> None:
+        if self._look_ahead is None:
+            return
         places = {one.state: place for place, one in enumerate(decision.preview, 1)}
         for start in decision.starts:
             activity = self._activity(start.state)
             assert activity is not None
-            self._work.begin_ahead(start.state, activity, start.share, -places[start.state])
+            if self._look_ahead.can_run_at(activity, start.share):
+                self._work.begin_ahead(start.state, activity, start.share, -places[start.state])
         for change in decision.speeds:
-            self._work.change_speed(change.state, change.share)
+            activity = self._activity(change.state)
+            assert activity is not None
+            if self._look_ahead.can_run_at(activity, change.share):
+                self._work.change_speed(change.state, change.share)
         self._work.adapt_speeds()
 
     def _move(self) -> bool:

@@ -64,8 +64,7 @@ class ActivityTask:
         self._share = share
 
     def _data(self, share: float) -> Any:
-        slow = self._activity.slow
-        return self.do.data if share == 1 or slow is None else slow(self.do.data, share)
+        return self._activity.data_at(share, self.do)
 
     def request_end(self, why: str) -> None:
         """Ask its handler to end it."""

@@ -1,5 +1,8 @@
 """Runs with a preview: what is done ahead, kept, dropped and undone; told as stories on a stepped clock."""
 
+from typing import Any
+
+import pytest
 from coordination.delivery_robot import (
     ARM,
     BOX_B_FREE,
@@ -13,7 +16,7 @@ from coordination.delivery_robot import (
     play,
 )
 
-from tca_coordination import Activity, Continuous, Coordination, Discrete, Do, Perceived, Prior
+from tca_coordination import Activity, Continuous, Coordination, Discrete, Do, Perceived, Policy, Prior
 from tca_module import ExceptionHandler, Module, Outcome, Task, connect
 
 AS_SOON_AS_LIKELY = Discrete(0.2, utility=lambda candidate: candidate.probability)
@@ -162,6 +165,48 @@ def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
         run.begin()
         run.central.advance(20)
     assert speeds == [(4.0, "at 0.5"), (8.0, "full speed")]
+
+
+def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
+    """They divide by zero, or give what is no number. Each is told once, and the arm does not move early."""
+
+    def wrong(*_: object) -> float:
+        return 1 / 0
+
+    all_options: tuple[dict[str, Any], ...] = (
+        {"cost": lambda _: float("nan")},
+        {"slow": wrong},
+        {"slow": lambda *_: 5},
+        {},
+        {},
+        {},
+    )
+    policies = (
+        Continuous(),
+        *2 * [Continuous(0.0, 2.0, utility=lambda _: 1.0)],
+        Discrete(0.2, wrong),
+        Odd(),
+        AS_SOON_AS_LIKELY,
+    )
+    for options, policy in zip(all_options, policies, strict=True):
+        likelihood = wrong if policy is AS_SOON_AS_LIKELY else lambda _: 0.1 + 0.2 + 0.7 + 1e-15
+        with Coordination("fork", facts={"base": "A", "arm": "home"}) as machine:
+            to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B", **options))
+            to_b.to(reach, likelihood=likelihood)
+            reach.to(machine.final("end"), likelihood=Prior(0.0))
+        caplog.clear()
+        with play(machine, policy) as run:
+            ran = run.begin()
+            run.central.advance(20)
+            assert ran.result(timeout=5).kept == 0
+        assert len([one for one in caplog.records if one.name == "tca.coordinator"]) == 1, options
+
+
+class Odd(Policy):
+    """Its shares are none."""
+
+    def wanted(self, utility: float) -> float:
+        return 7.0
 
 
 def test_a_failure_ahead_is_none_of_the_run() -> None:
