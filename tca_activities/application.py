@@ -9,7 +9,7 @@ from tca_activities.analysis.policies import Policy
 from tca_activities.components import Component, initialise
 from tca_activities.figures import allocation_report, application_figures
 from tca_activities.processing import Baton, VirtualBaton
-from tca_activities.processing.schedule import Schedule
+from tca_activities.processing.schedule import Processor, Schedule
 from tca_activities.reports import AllocationReport, ApplicationFigures
 from tca_module import MisuseError
 
@@ -60,6 +60,8 @@ class Application:
         if component.name in self.components:
             raise MisuseError(f"two components are called '{component.name}': give one of them another name")
         activities = component.activities()
+        if self.is_running and not component.is_initialised:
+            component.initialise()
         with self._baton.changing() as schedule:
             for activity in activities:
                 schedule.add(activity)
@@ -79,7 +81,9 @@ class Application:
         initialise(self.components.values())
 
     def start(self) -> None:
-        """Tick the activities: all are due at once."""
+        """Tick the activities: all are due at once. Components must have been initialised."""
+        if new := [component for component in self.components.values() if not component.is_initialised]:
+            raise MisuseError(f"{new[0]!r} is not initialised: call initialise() before start()")
         if not self.is_running:
             self._started_at = self._baton.clock()
         self._baton.start()
@@ -113,11 +117,13 @@ class Application:
         """Allocate all activities by a policy, or by hand: the names of activities in order of subscription, by
         processors. ``automatic`` needs an execution time of each activity: declared, or measured in a run before.
         """
+        allocation = policy(self._demands(policy)) if callable(policy) else policy
+        _check_complete(allocation, self._baton.schedule)
+        ready = self._baton.ready(allocation)
         with self._baton.changing() as schedule:
-            allocation = policy(self._demands(schedule, policy)) if callable(policy) else policy
-            _check_complete(allocation, schedule)
+            _check_complete(allocation, schedule)  # by now there may be others
             now = self._baton.clock()
-            processors = [schedule.processor(name) or schedule.new_processor(name, now) for name in allocation]
+            processors = [schedule.processor(name) or ready.get(name) or Processor(name, now) for name in allocation]
             for processor, activities in zip(processors, allocation.values(), strict=True):
                 processor.priority = 0
                 for each in activities:
@@ -190,14 +196,16 @@ class Application:
             self.policy = BY_HAND
         self._tell()
 
-    def _demands(self, schedule: Schedule, policy: Policy) -> list[Demand]:
-        costs = {one.name: one.cost for one in schedule.activities.values()}
+    def _demands(self, policy: Policy) -> list[Demand]:
+        with self._baton.lock:
+            activities = list(self._baton.schedule.activities.values())
+            costs = {one.name: one.cost for one in activities}
         unknown = [name for name, cost in costs.items() if cost is None]
         if unknown and policy is automatic:
             raise MisuseError(
                 f"'{unknown[0]}' has neither an estimate nor a measured time: declare one, or run another policy first"
             )
-        return [Demand(one.name, one.period, costs[one.name] or 0.0) for one in schedule.activities.values()]
+        return [Demand(one.name, one.period, costs[one.name] or 0.0) for one in activities]
 
     def _tell(self) -> None:
         for function in self._changed:
@@ -206,6 +214,9 @@ class Application:
 
 def _check_complete(allocation: Mapping[str, Sequence[str]], schedule: Schedule) -> None:
     """Each activity once."""
+    if not isinstance(allocation, Mapping):
+        names = ", ".join(POLICIES)
+        raise MisuseError(f"an allocation is a policy ({names}) or a dictionary, not {allocation!r:.60}")
     places = [name for names in allocation.values() for name in names]
     for name in places:
         schedule.activity(name)

@@ -77,6 +77,7 @@ class Component(Generic[D]):
         self.outputs: dict[str, OutputPort[Any]] = {}
         self.regions: dict[str, Region] = {}
         self.turn = _Exclusion()
+        self.is_initialised = False
         self._new_data = data
         self._data: D | None = None
         self._period, self._estimate = period, estimate
@@ -158,6 +159,7 @@ class Component(Generic[D]):
             for output in self.outputs.values():
                 output.clear()
             self._data = self._new_data()
+            self.is_initialised = True
             for region in self.regions.values():
                 region.reset()
 

@@ -6,13 +6,14 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from tca_activities.processing.schedule import Processor, Schedule
 from tca_activities.processing.ticking import tick
 from tca_module import MisuseError
 
 _LOG = logging.getLogger("tca.activities")
+_GIVE_WAY = 0.0001  # seconds between two threads that are started: a lock that is let go and taken again lets nobody in
 _PATIENCE = 2.0  # seconds that stop() waits for a tick without a word
 
 
@@ -52,6 +53,20 @@ class Baton:
                     self._match_threads()
                     self._hand_on()
 
+    def ready(self, names: Iterable[str]) -> dict[str, Processor]:
+        """Those of the processors that are not there yet, with their threads: started before the change that wants
+        them, and one by one, so that ticks need not wait.
+        """
+        made = {}
+        for name in names:
+            with self.lock:
+                if self.schedule.processor(name) is None:
+                    made[name] = Processor(name, self.clock())
+                    if self.is_running:
+                        self._start_thread(made[name])
+            time.sleep(_GIVE_WAY)
+        return made
+
     def start(self) -> None:
         """Begin to tick: all activities are due."""
         for thread in self._leaving:
@@ -90,7 +105,7 @@ class Baton:
                 finally:
                     self.lock.acquire()
                 self.schedule.end(self.clock(), error)
-            if self.is_running:
+            if self.is_running and self._holder is mine:  # it was dismissed while it ticked
                 self._hand_on()
 
     def _wait_for_turn(self, mine: ActivityProcessor) -> bool:
@@ -119,14 +134,18 @@ class Baton:
 
     def _match_threads(self) -> None:
         """A thread for each processor, and none for those that are gone."""
+        self._leaving = [thread for thread in self._leaving if thread.is_alive()]
         for processor in set(self._threads) - set(self.schedule.processors):
             self._dismiss(self._threads[processor])
         for processor in self.schedule.processors:
             if processor not in self._threads:
-                self._threads[processor] = ActivityProcessor(self, processor)
-                self._threads[processor].thread.start()
+                self._start_thread(processor)
+
+    def _start_thread(self, processor: Processor) -> None:
+        self._threads[processor] = ActivityProcessor(self, processor)
+        self._threads[processor].thread.start()
 
     def _dismiss(self, each: ActivityProcessor) -> None:
         del self._threads[each.processor]
-        self._leaving = [thread for thread in self._leaving if thread.is_alive()] + [each.thread]
+        self._leaving.append(each.thread)
         each.turn.notify()

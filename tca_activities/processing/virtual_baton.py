@@ -1,10 +1,10 @@
 """A schedule without threads, in virtual time: for tests, and for what-ifs."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from tca_activities.activity import StateActivity
-from tca_activities.processing.schedule import Schedule
+from tca_activities.processing.schedule import Processor, Schedule
 from tca_activities.processing.ticking import tick
 
 
@@ -34,6 +34,10 @@ class VirtualBaton:
             yield self.schedule
         finally:
             self.schedule.change_order()
+
+    def ready(self, names: Iterable[str]) -> dict[str, Processor]:
+        """Those of the processors that are not there yet."""
+        return {name: Processor(name, self._now) for name in names if self.schedule.processor(name) is None}
 
     def start(self) -> None:
         """All activities are due."""

@@ -61,7 +61,7 @@ def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
         until_told(live, "lost", "does not answer")
         with central(tmp_path / "second", "--quiet", bind=address), connect("user", address) as user:
             end = time.monotonic() + 30
-            while user.get_variable(names.application, None) is None:
+            while user.get_variable(names.states, None) is None:
                 assert time.monotonic() < end
                 time.sleep(0.1)
             assert user.get_variable(names.states).states.keys() == {

@@ -3,7 +3,8 @@
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from tca_activities import Application, VirtualBaton, automatic, one_each, one_for_all
 from tca_activities.components import Component
 from tca_activities.processing import Baton
+from tca_activities.processing.schedule import Schedule
 from tca_module import MisuseError
 
 
@@ -71,12 +73,47 @@ def test_activities_are_ticked_one_at_a_time_whatever_is_changed() -> None:
             application.allocate(one_each)
         assert counter.enough.wait(20)
         assert other.enough.wait(20)
+        until = time.monotonic() + 20
+        while not {f"processor c.r{number}.on" for number in range(3)} <= threads:
+            assert time.monotonic() < until
+            time.sleep(0.001)
     assert (counter.most_inside, other.most_inside) == (1, 1)
-    assert {f"processor c.r{number}.on" for number in range(3)} <= threads
     after = ticks(application)
     assert min(after.values()) >= 1
     assert ticks(application) == after
     assert not [one.name for one in threading.enumerate() if one.name.startswith("processor ")]
+
+
+class NotingBaton(Baton):
+    """Notes which processors had a thread before the newest change."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.there: set[str] = set()
+
+    @contextmanager
+    def changing(self) -> Iterator[Schedule]:
+        self.there = {thread.name for thread in threading.enumerate()}
+        with super().changing() as schedule:
+            yield schedule
+
+
+def test_no_tick_waits_until_threads_are_started() -> None:
+    baton = NotingBaton()
+    application = Application("test", [Counter("c")], baton=baton)
+    with application.running():
+        application.allocate(one_each)
+        assert {f"processor {name}" for name in application.activity_names} <= baton.there
+
+
+def test_components_are_initialised_before_they_are_ticked() -> None:
+    application = Application("test", [Counter("c")])
+    with pytest.raises(MisuseError, match=r"Counter 'c' is not initialised: call initialise\(\) before start\(\)"):
+        application.start()
+    late = Counter("late")
+    with application.running():
+        application.add(late)
+        assert late.enough.wait(20)
 
 
 def test_it_starts_and_stops_as_often_as_wanted() -> None:
@@ -390,6 +427,10 @@ def test_no_tick_is_lost_whatever_the_policy(data: st.DataObject) -> None:
         (
             lambda one: one.add(Counter("d", estimate=math.nan)),
             "the estimate of activity 'd.r0.machine' must be 0 seco",
+        ),
+        (
+            lambda one: one.allocate("one_each"),
+            "an allocation is a policy (one_for_all, one_each, automatic) or a dict",
         ),
         (lambda one: one.allocate({"p": ["c.r0.on"] * 2}), "activity 'c.r0.on' is allocated twice: give it one proc"),
         (lambda one: one.allocate({"p": ["c.r0.on"]}), "activity 'c.r0.machine' is on no processor: allocate each act"),
