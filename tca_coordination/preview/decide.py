@@ -134,8 +134,10 @@ class _Deciding:
             seen.add(state)
             progress = self._progress(state, progress)
         for work in self.present.work:
-            if work.state not in seen and work.phase not in (WorkPhase.STOPPING, WorkPhase.RESTORING):
-                self.decision.stops.append(Objection(work.state, Reason.NOT_FORESEEN))
+            if work.state in seen or work.phase in (WorkPhase.STOPPING, WorkPhase.RESTORING):
+                continue
+            if objection := self._objection_to_unforeseen(work):
+                self.decision.stops.append(objection)
 
     # --- what is reserved ------------------------------------------------------------------------------------------
 
@@ -144,6 +146,7 @@ class _Deciding:
         current = self.automaton.activity(self.present.current)
         if current is not None and not self.present.is_done:
             self.before.add(self.present.current, current.needs, current.makes)
+            self.running.add(self.present.current, current.needs, current.makes)
             self.allotted.take(current.tasks)
             self.held.take(current.tasks)
         for work in self.present.work:
@@ -232,6 +235,7 @@ class _Deciding:
             self.decision.refused.append(Objection(state, Reason.AGENT, agent.name))
             return
         self.held.take(activity.tasks)
+        self.running.add(state, activity.needs, activity.makes)
         self.decision.starts.append(Start(state, share))
 
     def _go_on(self, candidate: Candidate, activity: Activity) -> None:
@@ -280,6 +284,23 @@ class _Deciding:
         if variable and self.unsettled & self.needed:  # what undoes that work would take this result with it
             return Objection(state, Reason.BRANCH, variable)
         return None
+
+    def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:
+        """What is done stays while its state may still come, and nothing needs or makes the same variable."""
+        if work.phase is not WorkPhase.DONE or work.state not in self._reachable():
+            return Objection(work.state, Reason.NOT_FORESEEN)
+        clash = self.running.clash((), self._activity(work.state).makes)
+        return Objection(work.state, Reason.CONFLICT, clash.variable, clash.state) if clash else None
+
+    def _reachable(self) -> set[int]:
+        """The states that may come, however unlikely."""
+        found: set[int] = set()
+        ahead = [self.present.current]
+        while ahead:
+            new = {arrow.target for arrow in self.automaton.arcs(ahead.pop())} - found
+            found |= new
+            ahead += new
+        return found
 
     def _objection_to_result(self, state: int, activity: Activity) -> Objection | None:
         """What speaks against building on an activity that is done."""

@@ -47,6 +47,24 @@ def mistaken(run: Play) -> list[str]:
     return [line for line in run.happened() if float(line.split()[0]) > 4]
 
 
+def test_what_is_done_outlives_a_flicker() -> None:
+    """A camera is wrong for a moment. The arm stays where it is, and is kept."""
+    with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(4)
+        run.box_b(0.0)
+        run.central.advance(1)
+        run.box_b(1.0)
+        run.central.advance(20)
+        assert [line for line in run.happened() if "arm to" in line] == [
+            "0 arm to box B: ahead",
+            "3 arm to box B: done",
+            "8 arm to box B: kept",
+        ]
+        assert ran.result(timeout=5).wasted == 0
+
+
 def test_nothing_is_undone_that_is_made_anew() -> None:
     with play(fork(arm("box B", undo=HOME), arm("box C"), opened(arm="box C", base="B")), AS_SOON_AS_LIKELY) as run:
         assert "arm to home: restoring" not in " ".join(mistaken(run))
@@ -59,6 +77,7 @@ def test_all_is_undone_where_a_part_would_be_made_anew() -> None:
         assert mistaken(run) == [
             "8 base to B: done",
             "8 -> taken 1 (done)",
+            "8 arm to box B: wasted",
             "8 arm to home: restoring",
             "11 arm to home: done",
             "11 arm to box C: current",
@@ -110,7 +129,7 @@ def test_early_work_lets_no_state_begin_that_would_not_begin_without() -> None:
         run.central.advance(30)
         with pytest.raises(TaskFailed, match="'taken 1' can't begin: 'arm' must be 'box B' and is 'home'"):
             ran.result(timeout=5)
-        assert run.happened()[-1] == "8 -> taken 1 (done)"
+        assert run.happened()[-2:] == ["8 -> taken 1 (done)", "8 arm to box B: wasted"]
 
 
 def test_early_work_is_not_kept_where_its_state_would_not_begin_without() -> None:

@@ -251,9 +251,9 @@ def test_a_wrong_prediction_stops_the_arm_and_then_sends_it_elsewhere() -> None:
     assert decided("going to C", without_arm).starts == [Start(number("arm to C"))]
 
 
-def test_a_result_that_is_no_longer_foreseen_is_wasted() -> None:
+def test_a_result_that_is_no_longer_foreseen_is_wasted_where_another_activity_makes_the_same() -> None:
     decision = decided("going to C", {**START, "arm": "B"}, [ahead("arm to B", WorkPhase.DONE)])
-    assert decision.stops == [Objection(number("arm to B"), Reason.NOT_FORESEEN)]
+    assert decision.stops == [Objection(number("arm to B"), Reason.CONFLICT, "arm", number("arm to C"))]
     assert decision.starts == [Start(number("arm to C"))]
 
 
