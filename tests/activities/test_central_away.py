@@ -13,6 +13,7 @@ from integration.programs import Central
 from tca_activities import Application, VirtualBaton, one_each
 from tca_activities.central_ports import publish
 from tca_activities.manager import ApplicationMessages, Manager
+from tca_activities.page.live import LiveApplication, PageCommand
 from tca_module import Callback, CentralLost, Module, Variable, connect
 
 NAMES, POSITION, OTHER = ApplicationMessages("robot"), Variable("position of x", float), Variable("other", int)
@@ -58,3 +59,29 @@ def test_what_changes_while_central_is_away_is_told_later(tmp_path: Path, caplog
             central.stop()
     assert (changes[-1].region, changes[-1].target) == ("x.enabling", "enabled")
     assert not [one for one in caplog.records if one.levelno >= logging.ERROR]
+
+
+@pytest.mark.soak
+def test_a_page_is_obeyed_at_once_when_central_is_back(tmp_path: Path) -> None:
+    """Central need not wait for a connection that the page has given up."""
+    central = Central(tmp_path)
+    module, live = Module("robot", central.address), LiveApplication("robot", central.address)
+    Manager(Application("robot", [Joint()], baton=VirtualBaton())).handle_in(module)
+
+    def until_lost(*, is_lost: bool) -> None:
+        until = time.monotonic() + 60
+        while bool(live.news(0, 0.0)["parts"].get("lost", not is_lost)) is not is_lost:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+
+    with module.running(), live.running():
+        until_lost(is_lost=False)
+        central.signal(signal.SIGKILL)
+        central.process.communicate()
+        until_lost(is_lost=True)
+        central = Central(tmp_path)
+        until_lost(is_lost=False)
+        said = live.send(PageCommand("set policy of robot", "one_each"))
+        told = central.stop()
+    assert said == "set policy of robot: done"
+    assert "did not come back" not in told
