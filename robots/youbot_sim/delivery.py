@@ -60,7 +60,7 @@ def _drive(place: str, needs: dict[str, Fact]) -> Activity:
 
 def _reach(pose: str) -> Activity:
     return Activity(
-        Do(MOVE_ARM, Move(pose), ARM), needs={"holding": True}, makes={"arm": pose}, cost=ARM_COST, slow=_slowly
+        Do(MOVE_ARM, Move(pose), ARM), needs={"holding": True}, makes={"arm": pose}, cost=ARM_COST, adapt=_slowly
     )
 
 
@@ -69,5 +69,5 @@ def _drop(place: str) -> Activity:
     return Activity(Do(MOVE_GRIPPER, Move("open"), GRIPPER), needs=needs, makes={"holding": False})
 
 
-def _slowly(move: Move, share: float) -> Move:
+def _slowly(move: Move, share: float, _rank: int) -> Move:
     return Move(move.to, share)

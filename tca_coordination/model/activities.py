@@ -54,8 +54,8 @@ class Activity:
     *needs*: facts that must hold when it starts and while it runs, until it makes them otherwise itself. *makes*: facts
     that hold when it is done; from its start until then they are unknown. *cost*: of doing it in vain, a number or a
     function of the Situation. *progress*: reads the progress of its tasks, where their messages report no plain number
-    in [0, 1]. *undo*: tasks that restore what it has changed. *slow*: makes the data of a task that runs at a share of
-    its full speed.
+    in [0, 1]. *undo*: tasks that restore what it has changed. *adapt*: makes the data of a task that runs ahead, at a
+    share of its full speed and with a rank: its place in the preview list.
     """
 
     def __init__(
@@ -66,13 +66,13 @@ class Activity:
         cost: float | Callable[[Situation], float] = 0.0,
         progress: Callable[[Any], float] | None = None,
         undo: Do | Iterable[Do] = (),
-        slow: Callable[[Any, float], Any] | None = None,
+        adapt: Callable[[Any, float, int], Any] | None = None,
     ) -> None:
         self.tasks = tasks
         self.needs = checked_facts(needs or {}, "needs")
         self.makes = checked_facts(makes or {}, "makes")
         self.undo = tuple(undo) if isinstance(undo, Iterable) else (undo,)
-        self.slow = slow
+        self.adapt = adapt
         self._cost = cost
         self._progress = progress
         self._check()
@@ -87,14 +87,14 @@ class Activity:
             raise MisuseError(f"{self!r}: its cost must be a number, 0 or more, not {cost!r:.60}")
         return cost
 
-    def data_at(self, share: float, task: Do) -> Any:
-        """The data of one of its tasks at a share of full speed."""
-        return task.data if share == 1 or self.slow is None else self.slow(task.data, share)
+    def data_at(self, share: float, rank: int, task: Do) -> Any:
+        """The data of one of its tasks at a share of full speed; with rank 0, when its state is entered, its own."""
+        return task.data if rank == 0 or self.adapt is None else self.adapt(task.data, share, rank)
 
-    def check_data_at(self, share: float) -> bool:
-        """Raises what ``slow`` raises, and MisuseError if its data do not fit; otherwise true."""
+    def check_data_at(self, share: float, rank: int) -> bool:
+        """Raises what ``adapt`` raises, and MisuseError if its data do not fit; otherwise true."""
         for task in self.tasks:
-            task.message.encode_data(self.data_at(share, task))
+            task.message.encode_data(self.data_at(share, rank, task))
         return True
 
     def progress(self, report: Any) -> float:
@@ -111,7 +111,7 @@ class Activity:
             raise MisuseError(f"a task of an activity must be a Do, not {wrong!r:.60}")
         if not callable(self._cost) and not (isinstance(self._cost, int | float) and 0 <= self._cost < inf):
             raise MisuseError(f"{self!r}: cost must be a number, 0 or more, or a function, not {self._cost!r:.60}")
-        for name, function in (("progress", self._progress), ("slow", self.slow)):
+        for name, function in (("progress", self._progress), ("adapt", self.adapt)):
             if function is not None and not callable(function):
                 raise MisuseError(f"{self!r}: {name} must be a function, not {function!r:.60}")
         for task in self.tasks:

@@ -257,7 +257,7 @@ class _Deciding:
         if isnan(candidate.cost):
             return 0.0
         share = self._valued(0.0, activity, lambda: checked_share(self.policy.share(candidate)))
-        return share if activity.slow is not None or share == 1 else 0.0
+        return share if activity.adapt is not None or share == 1 else 0.0
 
     def _valued(self, otherwise: float, activity: Activity, function: Callable[[], float]) -> float:
         return self.mistakes.otherwise(otherwise, f"{activity!r} does not run early", function)

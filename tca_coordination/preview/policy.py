@@ -87,7 +87,7 @@ class Discrete(Policy):
 
 class Continuous(Policy):
     """The share grows evenly from 0 at the utility *from_* to 1 at *to*, in steps of a tenth, so that a task does not
-    get a new speed at each report. An activity without ``slow`` runs at full speed or not at all.
+    get a new speed at each report. An activity without ``adapt`` runs at full speed or not at all.
     """
 
     def __init__(self, from_: float = 0.2, to: float = 0.8, utility: Utility = expected_gain) -> None:

@@ -98,7 +98,7 @@ class ActivitiesAtWork:
             return unmet
         self.current = work = StartedActivity(state, activity, TaskRole.CURRENT, self._now.begin(activity))
         self._begin_entered(activity)
-        self._start(work, 0)
+        self._start(work)
         return ""
 
     def restore(self) -> None:
@@ -125,7 +125,7 @@ class ActivitiesAtWork:
         self.current = self._ahead.pop(state)
         self.kept += len(work.tasks)
         self._set_role(work, TaskRole.KEPT)
-        work.share = 1.0
+        work.share, work.rank = 1.0, 0
         self._begin_entered(work.activity)
         if work.is_finished:
             self._plain.finish(work.activity)
@@ -140,21 +140,21 @@ class ActivitiesAtWork:
 
     # --- ahead -----------------------------------------------------------------------------------------------------
 
-    def begin_ahead(self, state: int, activity: Activity, share: float, priority: int) -> None:
+    def begin_ahead(self, state: int, activity: Activity, share: float, rank: int) -> None:
         """Start the activity of a state that is foreseen, at a share of its full speed."""
         work = StartedActivity(state, activity, TaskRole.AHEAD, self._now.begin(activity))
-        work.share = share
+        work.share, work.rank = share, rank
         self._ahead[state] = work
-        self._start(work, priority)
+        self._start(work)
 
-    def change_speed(self, state: int, share: float) -> None:
-        """Work ahead is to run at another share of its full speed."""
-        self._ahead[state].share = share
+    def ahead(self, state: int) -> StartedActivity | None:
+        """The work ahead of a state, if there is any."""
+        return self._ahead.get(state)
 
     def adapt_speeds(self) -> None:
         """Tell handlers of new speeds, where they can be told now."""
         for work in (*self._ahead.values(), *([self.current] if self.current is not None else [])):
-            if work.activity.slow is not None:
+            if work.activity.adapt is not None:
                 work.adapt_speed()
 
     def drop(self, state: int, why: str) -> None:
@@ -196,12 +196,12 @@ class ActivitiesAtWork:
             return
         work = StartedActivity(spoiler.state, _undoing(spoiler), TaskRole.RESTORING, self._now.begin(spoiler.activity))
         self._restoring = work, spoiler
-        self._start(work, 0)
+        self._start(work)
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
-    def _start(self, work: StartedActivity, priority: int) -> None:
-        work.start(self._task, work.activity.tasks, priority, self._heard)
+    def _start(self, work: StartedActivity) -> None:
+        work.start(self._task, work.activity.tasks, self._heard)
         self._news.append(work)
 
     def _set_role(self, work: StartedActivity, role: TaskRole) -> None:

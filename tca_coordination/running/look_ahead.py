@@ -29,8 +29,8 @@ class LookAhead:
         automaton = self._machine.automaton(present.situation, self._mistakes)
         return decide(automaton, present, self._policy, self._needed, self._limits, self._mistakes)
 
-    def can_run_at(self, activity: Activity, share: float) -> bool:
-        """Whether an activity has data for a share of its full speed."""
+    def can_run_at(self, activity: Activity, share: float, rank: int) -> bool:
+        """Whether an activity has data for a share of its full speed and a rank."""
         return self._mistakes.otherwise(
-            False, f"{activity!r} does not run early", lambda: activity.check_data_at(share)
+            False, f"{activity!r} does not run early", lambda: activity.check_data_at(share, rank)
         )

@@ -156,17 +156,20 @@ class CoordinationRun:
     def _begin_ahead(self, decision: Decision) -> None:
         if self._look_ahead is None:
             return
-        places = {one.state: place for place, one in enumerate(decision.preview, 1)}
+        ranks = {one.state: rank for rank, one in enumerate(decision.preview, 1)}
+        speeds = {change.state: change.share for change in decision.speeds}
         for start in decision.starts:
             activity = self._activity(start.state)
             assert activity is not None
-            if self._look_ahead.can_run_at(activity, start.share):
-                self._work.begin_ahead(start.state, activity, start.share, -places[start.state])
-        for change in decision.speeds:
-            activity = self._activity(change.state)
-            assert activity is not None
-            if self._look_ahead.can_run_at(activity, change.share):
-                self._work.change_speed(change.state, change.share)
+            if self._look_ahead.can_run_at(activity, start.share, ranks[start.state]):
+                self._work.begin_ahead(start.state, activity, start.share, ranks[start.state])
+        for state, rank in ranks.items():
+            work = self._work.ahead(state)
+            if work is None:
+                continue
+            share = speeds.get(state, work.share)
+            if (share, rank) != (work.share, work.rank) and self._look_ahead.can_run_at(work.activity, share, rank):
+                work.share, work.rank = share, rank
         self._work.adapt_speeds()
 
     def _move(self) -> bool:

@@ -16,8 +16,8 @@ Heard = Callable[["ActivityTask", Change], object]
 class ActivityTask:
     """A task of an activity that was started."""
 
-    def __init__(self, under: Task, do: Do, activity: Activity, share: float, priority: int, heard: Heard) -> None:
-        """*share*: of its full speed."""
+    def __init__(self, under: Task, do: Do, activity: Activity, share: float, rank: int, heard: Heard) -> None:
+        """*share*: of its full speed. *rank*: its place in the preview list, or 0."""
         self.do = do
         self.progress = 0.0
         self.has_begun = False
@@ -27,9 +27,10 @@ class ActivityTask:
         self.killed = ""
         """By whom and why, in words; "" if it was not."""
         self._activity = activity
-        self._share = share
+        self._at = share, rank
+        self._data = activity.data_at(share, rank, do)
         send: Any = under.command if isinstance(do.message, Command) else under.goal
-        self.sent: SentTask[Any] = send(do.message, self._data(share), sequential=False, priority=priority)
+        self.sent: SentTask[Any] = send(do.message, self._data, sequential=False, priority=-rank)
         self.sent.on_change(lambda change: heard(self, change))
         self._reports = self.sent.progress() if do.message.progress.kind is not type(None) else None
 
@@ -53,18 +54,17 @@ class ActivityTask:
         if change.state != self.do.message.life_cycle.done:
             self.killed = change.text or "its end was not seen"
 
-    def run_at(self, share: float) -> None:
-        """Have it run at another share of its full speed. A handler that does not agree goes on as before."""
-        if self.is_over or share == self._share:
+    def run_at(self, share: float, rank: int) -> None:
+        """Have it run at another share or rank. A handler that does not agree goes on as before."""
+        if self.is_over or self._at == (share, rank):
             return
+        data = self._activity.data_at(share, rank, self.do)
         try:
-            self.sent.update_send(self._data(share))
+            if data != self._data:
+                self.sent.update_send(data)
         except Refused:  # not now: it has yet to begin, or to take over the speed before
             return
-        self._share = share
-
-    def _data(self, share: float) -> Any:
-        return self._activity.data_at(share, self.do)
+        self._at, self._data = (share, rank), data
 
     def request_end(self, why: str) -> None:
         """Ask its handler to end it."""
@@ -89,6 +89,8 @@ class StartedActivity:
         """The facts that it has changed in vain, and that have not been made anew or restored since."""
         self.share = 1.0
         """Of its full speed."""
+        self.rank = 0
+        """Its place in the preview list; 0: its state is entered."""
         self.tasks: list[ActivityTask] = []
         self.kill_at: float | None = None
         """It has been asked to end; at that moment it is killed."""
@@ -96,10 +98,10 @@ class StartedActivity:
         self.is_finished = False
         """What it makes is known to hold."""
 
-    def start(self, under: Task, tasks: Sequence[Do], priority: int, heard: Heard) -> None:
+    def start(self, under: Task, tasks: Sequence[Do], heard: Heard) -> None:
         """Send its tasks."""
-        activity, share = self.activity, self.share
-        self.tasks = [ActivityTask(under, do, activity, share, priority, heard) for do in tasks]
+        activity, share, rank = self.activity, self.share, self.rank
+        self.tasks = [ActivityTask(under, do, activity, share, rank, heard) for do in tasks]
 
     @property
     def is_over(self) -> bool:
@@ -127,9 +129,9 @@ class StartedActivity:
         return min(task.progress for task in self.tasks)
 
     def adapt_speed(self) -> None:
-        """Tell its tasks of its speed."""
+        """Tell its tasks of its speed and rank."""
         for task in self.tasks:
-            task.run_at(self.share)
+            task.run_at(self.share, self.rank)
 
     def request_end(self, why: str, kill_at: float) -> None:
         """Ask for the end of its tasks; those that go on are killed at that moment."""

@@ -450,7 +450,7 @@ def test_a_continuous_policy_begins_slowly() -> None:
 
 
 def test_speeds_follow_the_utility() -> None:
-    slow = Activity(Do(MOVE_ARM, "B", ARM), slow=lambda pose, share: f"{pose} at {share:.0%}")
+    slow = Activity(Do(MOVE_ARM, "B", ARM), adapt=lambda pose, share, _: f"{pose} at {share:.0%}")
     with Coordination("slow", facts=START) as machine:
         going = machine.state("going to B", base("B"))
         reach = machine.state("arm to B", slow)

@@ -16,7 +16,7 @@ from coordination.delivery_robot import (
     play,
 )
 
-from tca_coordination import Activity, Continuous, Coordination, Discrete, Do, Perceived, Policy, Prior
+from tca_coordination import Activity, Agent, Continuous, Coordination, Discrete, Do, Perceived, Policy, Prior
 from tca_module import ExceptionHandler, Module, Outcome, Task, connect
 
 AS_SOON_AS_LIKELY = Discrete(0.2, utility=lambda candidate: candidate.probability)
@@ -158,13 +158,50 @@ def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
             speeds.append((task.time(), request.goal))
             request.accept()
 
-    ahead = arm("full speed", slow=lambda _, share: f"at {share:g}", undo=Do(MOVE_ARM, "home", ARM))
+    ahead = arm("full speed", adapt=lambda _, share, __: f"at {share:g}", undo=Do(MOVE_ARM, "home", ARM))
     policy = Continuous(0.0, 1.0, utility=lambda candidate: candidate.progress_before)
     with play(fork(ahead, opened()), policy, robot) as run:
         run.box_b(1.0)
         run.begin()
         run.central.advance(20)
     assert speeds == [(4.0, "at 0.5"), (8.0, "full speed")]
+
+
+def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
+    robot = Module("robot")
+    told: list[tuple[float, str]] = []
+
+    @robot.handles(MOVE_BASE, resource="base")
+    def drive(task: Task, _: str) -> None:
+        task.sleep(8)
+
+    robot.resource("arms", capacity=2)
+
+    @robot.handles(MOVE_ARM, resource="arms", takes=["update"])
+    def solve(task: Task, weight: str) -> None:
+        told.append((task.time(), weight))
+        while request := task.wait_for_request(20):
+            told.append((task.time(), request.goal))
+            request.accept()
+
+    solver = Agent("solver", tasks=2)
+    with Coordination("solve", facts={"base": "A"}) as machine:
+        states = [machine.state("to B", base("B"))]
+        states += [
+            machine.state(name, Activity(Do(MOVE_ARM, name, solver), adapt=lambda name, _, rank: f"{name} {rank}"))
+            for name in ("look", "hold")
+        ]
+        for state, following in zip(states, [*states[1:], machine.final("end")], strict=True):
+            state.to(following)
+    with play(machine, AS_SOON_AS_LIKELY, robot) as run:
+        run.begin()
+        run.central.advance(60)
+    assert sorted(told) == [
+        (0.0, "hold 2"),
+        (0.0, "look 1"),
+        (8.0, "hold 1"),
+        (8.0, "look"),
+    ]
 
 
 def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
@@ -175,8 +212,8 @@ def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -
 
     all_options: tuple[dict[str, Any], ...] = (
         {"cost": lambda _: float("nan")},
-        {"slow": wrong},
-        {"slow": lambda *_: 5},
+        {"adapt": wrong},
+        {"adapt": lambda *_: 5},
         {},
         {},
         {},

@@ -215,7 +215,7 @@ MISUSES: dict[Callable[[Coordination], object], str] = {
     lambda _: move(cost=-1.0): 'Activity(move "B"): cost must be a number, 0 or more, or a function, not -1.0',
     lambda _: move(cost=float("nan")): 'Activity(move "B"): cost must be a number, 0 or more, or a function, not nan',
     lambda _: move(progress=0.5): 'Activity(move "B"): progress must be a function, not 0.5',
-    lambda _: move(slow=0.5): 'Activity(move "B"): slow must be a function, not 0.5',
+    lambda _: move(adapt=0.5): 'Activity(move "B"): adapt must be a function, not 0.5',
     lambda _: move(undo=7): "a task of an activity must be a Do, not 7",
     lambda m: m.state(""): "machine 'm': the label of a state is text, not ''",
     lambda m: m.state("a", MOVE): "state 'a': its activity must be an Activity(Do(...)), not Command('move', str -> None)",  # type: ignore[arg-type]
