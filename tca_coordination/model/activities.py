@@ -17,7 +17,7 @@ _LONGEST = 200
 @dataclass(frozen=True)
 class Agent:
     """A part of the robot that works on tasks: a base, an arm. It takes so many *tasks* at once; more than one only if
-    its module weighs them by priority.
+    its module weighs them by rank.
     """
 
     name: str
