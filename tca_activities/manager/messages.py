@@ -55,6 +55,12 @@ class Control(msgspec.Struct, frozen=True):
     def __post_init__(self) -> None:
         if not isinstance(self.message, str):
             raise MisuseError(f"control '{self.label}': message is a name, not {self.message!r:.60}: give MESSAGE.name")
+        if not isinstance(self.data, dict):
+            said = f"data are a dictionary, not {self.data!r:.60}: give {{'': ...}} for the whole data"
+            raise MisuseError(f"control '{self.label}': {said}")
+        for field in self.fields:
+            if not isinstance(field, ControlField):
+                raise MisuseError(f"control '{self.label}': fields are ControlFields, not {field!r:.60}")
         for name, value in self.data.items():
             if not isinstance(value, (str, int, float)):
                 raise MisuseError(f"control '{self.label}': data '{name}' is a text, number or bool, not {value!r:.60}")

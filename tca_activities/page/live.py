@@ -2,6 +2,7 @@
 
 import contextlib
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,6 +17,9 @@ COMMAND = "tca activities"
 
 LOOK = 1.0
 """Seconds between two looks whether central and the application are there."""
+
+SILENCE = 5.0
+"""Seconds without a word of an application, which tells its figures once a second, until the page says so."""
 
 PATIENCE = 20.0
 """Seconds that a command may last before the page is told that it goes on."""
@@ -44,6 +48,7 @@ class LiveApplication:
         self._module = Module(COMMAND, central)
         self._parts: dict[str, tuple[int, Any]] = {}
         self._serial = 0
+        self._heard_at = 0.0
         self._changed = threading.Condition()
         self._over = threading.Event()
         for part in ("application", "allocation", "states", "figures", "picture"):
@@ -95,6 +100,7 @@ class LiveApplication:
 
     def _taker(self, part: str) -> Any:
         def take(_task: Task, value: Any) -> None:
+            self._heard_at = time.monotonic()
             self._put(part, msgspec.to_builtins(value))
 
         return take
@@ -120,9 +126,17 @@ class LiveApplication:
 
     def _lost(self, client: Client) -> str:
         _, entry = self._parts.get("application", (0, None))
+        if entry is None:
+            return ""
         try:
-            if entry is None or entry["module"] in [module.name for module in client.modules()]:
-                return ""
+            is_there = entry["module"] in [module.name for module in client.modules()]
         except (CentralLost, Timeout) as error:
             return str(error)  # the connection stays: central awaits it when it is back
-        return f"module '{entry['module']}', which manages '{self.name}', is not connected: its program has ended"
+        if not is_there:
+            missing = f"module '{entry['module']}', which manages '{self.name}', is not connected"
+            return f"{missing}: its program has ended, or stands still"
+        if time.monotonic() > self._heard_at + SILENCE:
+            return (
+                f"'{self.name}' has told nothing for more than {SILENCE:g} s: its program stands still, or is held up"
+            )
+        return ""

@@ -1,5 +1,6 @@
 """``tca activities``: which application it means, and what it says if there is none."""
 
+import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,6 +12,7 @@ from integration.programs import central
 
 from tca_activities import Application
 from tca_activities.manager import ApplicationMessages, Manager
+from tca_activities.page import live as page
 from tca_activities.page.command import activities
 from tca_activities.page.live import LiveApplication
 from tca_module import Module, connect
@@ -71,3 +73,28 @@ def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
                 "x.movement",
             }
             robot.close()
+
+
+@pytest.mark.slow
+def test_a_page_tells_that_an_application_stands_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here a picture takes for ever; a program that was stopped (SIGSTOP) is as silent."""
+    monkeypatch.setattr(page, "SILENCE", 2.5)
+    drawing, is_drawn = threading.Event(), threading.Event()
+
+    def draw() -> str:
+        if drawing.is_set():
+            is_drawn.wait(60)
+        return "<svg/>"
+
+    with central(tmp_path, "--quiet") as daemon:
+        module, live = Module("robot", daemon.address), LiveApplication("arm", daemon.address)
+        Manager(Application("arm", [Joint()]), picture=draw).handle_in(module)
+        with module.running(), live.running():
+            until_told(live, "application", "referencing")
+            drawing.set()
+            until_told(live, "lost", "'arm' has told nothing for more than 2.5 s: its program stands still, or is held")
+            is_drawn.set()
+            end = time.monotonic() + 30
+            while live.news(0, 0.0)["parts"]["lost"]:
+                assert time.monotonic() < end
+                time.sleep(0.05)

@@ -108,6 +108,10 @@ def test_a_control_is_checked_when_it_is_made() -> None:
     assert str(refused.value).startswith("control 'on': message is a name, not Command('lamp'")
     with pytest.raises(MisuseError, match="control 'on': data 'a' is a text, number or bool, not None"):
         Control("on", "lamp", {"a": None})  # type: ignore[dict-item]
+    with pytest.raises(MisuseError, match="control 'on': data are a dictionary, not True: give"):
+        Control("on", "lamp", True)  # type: ignore[arg-type]
+    with pytest.raises(MisuseError, match="control 'on': fields are ControlFields, not 'speed'"):
+        Control("on", "lamp", fields=["speed"])  # type: ignore[list-item]
 
 
 def test_it_starts_stops_and_begins_anew(town: Town) -> None:
