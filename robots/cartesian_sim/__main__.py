@@ -92,13 +92,13 @@ class CleaningShow:
         application = self._robot.application
         figures, processors = application.figures(), application.allocation().processors
         periods = {one.name: one.period for processor in processors for one in processor.activities}
-        due = sum(figures.running_for / period for period in periods.values())
+        due = sum(int(figures.running_for / period) + 1 for period in periods.values())  # the first one at once
         ticks = sum(one.ticks for one in figures.activities)
         late, left_out = (sum(getattr(one, of) for one in figures.activities) for of in ("overruns", "left_out"))
         lost = due - ticks - left_out
-        told = "no other is missing" if abs(lost) <= len(periods) else f"{lost:,.0f} are missing"
+        told = "no other is missing" if abs(lost) <= len(periods) else f"{lost:,} are missing"
         self.say(
-            f"{due:,.0f} ticks were due in {duration(figures.running_for)}: {ticks:,} were made ({late:,} too late),"
+            f"{due:,} ticks were due in {duration(figures.running_for)}: {ticks:,} were made ({late:,} too late),"
             f" {left_out:,} were left out as the next was due already, {told}"
         )
 

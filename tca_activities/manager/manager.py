@@ -142,8 +142,9 @@ class Manager:
         changes = list(self._changes)
         states = {f"{region.component}.{region.name}": region.current for region in self._regions()}
         sender.set_variable(self.messages.states, StatesReport(states, changes))
-        for _ in changes:  # none is forgotten before central has it
-            self._changes.popleft()
+        for change in changes:  # none is forgotten before central has it
+            if self._changes[0] is change:  # it has not given way to newer ones meanwhile
+                self._changes.popleft()
 
     def _publish_picture(self, sender: Sender) -> None:
         if self._picture is not None and (picture := self._picture()) != self._drawn:

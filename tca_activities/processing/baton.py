@@ -60,10 +60,12 @@ class Baton:
         made = {}
         for name in names:
             with self.lock:
-                if self.schedule.processor(name) is None:
-                    made[name] = Processor(name, self.clock())
-                    if self.is_running:
-                        self._start_thread(made[name])
+                if self.schedule.processor(name) is not None:
+                    continue
+                made[name] = Processor(name, self.clock())
+                if not self.is_running:
+                    continue
+                self._start_thread(made[name])
             time.sleep(_GIVE_WAY)
         return made
 

@@ -222,15 +222,9 @@ class _Deciding:
     def _begin(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
         objection = self._objection(state, activity, is_running=False) or self._objection_to_start(state, activity)
-        share = 0.0 if objection else self._share(candidate, activity)
-        if not objection and not share:
-            objection = Objection(state, Reason.UTILITY)
-        if not objection and (agent := self.allotted.full(activity.tasks)):
-            objection = Objection(state, Reason.AGENT, agent.name)
-        if objection:
-            self.decision.refused.append(objection)
+        share = self._allotted_share(candidate, activity, objection, self.decision.refused)
+        if not share:
             return
-        self.allotted.take(activity.tasks)
         if agent := self.held.full(activity.tasks):  # what runs there has to end first
             self.decision.refused.append(Objection(state, Reason.AGENT, agent.name))
             return
@@ -241,17 +235,24 @@ class _Deciding:
     def _go_on(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
         objection = self._objection(state, activity, is_running=True)
+        share = self._allotted_share(candidate, activity, objection, self.decision.stops)
+        if share and share != candidate.share:
+            self.decision.speeds.append(Start(state, share))
+
+    def _allotted_share(
+        self, candidate: Candidate, activity: Activity, objection: Objection | None, objections: list[Objection]
+    ) -> float:
+        """The share of full speed that the policy wants, with places at the agents; or 0, with an objection more."""
         share = 0.0 if objection else self._share(candidate, activity)
         if not objection and not share:
-            objection = Objection(state, Reason.UTILITY)
+            objection = Objection(candidate.state, Reason.UTILITY)
         if not objection and (agent := self.allotted.full(activity.tasks)):
-            objection = Objection(state, Reason.AGENT, agent.name)
+            objection = Objection(candidate.state, Reason.AGENT, agent.name)
         if objection:
-            self.decision.stops.append(objection)
-            return
+            objections.append(objection)
+            return 0.0
         self.allotted.take(activity.tasks)
-        if share != candidate.share:
-            self.decision.speeds.append(Start(state, share))
+        return share
 
     def _share(self, candidate: Candidate, activity: Activity) -> float:
         if isnan(candidate.cost):

@@ -305,6 +305,24 @@ def test_transitions_of_ones_own(user: Client, central: LocalCentral) -> None:
         assert [one.transition for one in changes][-3:] == ["pause", "resumed", "completed"]
 
 
+NOT_POSSIBLE = [
+    "walk {1} is 'running': 'accepted' is possible while it is 'initiated'; a task is accepted when its handler gets \
+it, unless that is declared with accepts=True",
+    "the handler of walk {1} can't take 'update': life cycle 'general' has for servers: 'accepted', 'already done', \
+'rejected', 'accept', 'reject', 'aborted', 'cancel failed', 'result available', 'completed', 'failed'",
+    "'completed' ends walk {1}: its handler returns, or raises a failure, instead",
+    "walk {1} is 'running': 'accept' is possible while it is 'update requested'",
+    "goal 'walk' is declared without progress=, and report() was given 1.5",
+    "walk {1} is 'running', and nobody has asked for its end: return, or fail",
+    "grasp {2} is 'initiated': 'result available' is possible while it is 'running' or 'update requested' or \
+'cancel requested'; accept() it first",
+    "the intermediate results of command 'grasp' are float: Expected `float`, got `str`",
+    "talk {3} can't report(): life cycle 'basic' has no transition for results",
+    "'free' is no task of the tree: only goals and commands are",
+    "'free' can't report(): only goals and commands have intermediate results",
+]
+
+
 def test_a_handler_is_told_what_it_can_not_do(user: Client, central: LocalCentral) -> None:
     feet, said = Module("feet", central), list[str]()
 
@@ -342,22 +360,7 @@ def test_a_handler_is_told_what_it_can_not_do(user: Client, central: LocalCentra
         user.command(GRASP, Grip("pen")).result()
         user.command(TALK).result()
         assert user.query(FREE)
-    assert said == [
-        "walk {1} is 'running': 'accepted' is possible while it is 'initiated'; a task is accepted when its handler gets \
-it, unless that is declared with accepts=True",
-        "the handler of walk {1} can't take 'update': life cycle 'general' has for servers: 'accepted', 'already done', \
-'rejected', 'accept', 'reject', 'aborted', 'cancel failed', 'result available', 'completed', 'failed'",
-        "'completed' ends walk {1}: its handler returns, or raises a failure, instead",
-        "walk {1} is 'running': 'accept' is possible while it is 'update requested'",
-        "goal 'walk' is declared without progress=, and report() was given 1.5",
-        "walk {1} is 'running', and nobody has asked for its end: return, or fail",
-        "grasp {2} is 'initiated': 'result available' is possible while it is 'running' or 'update requested' or \
-'cancel requested'; accept() it first",
-        "the intermediate results of command 'grasp' are float: Expected `float`, got `str`",
-        "talk {3} can't report(): life cycle 'basic' has no transition for results",
-        "'free' is no task of the tree: only goals and commands are",
-        "'free' can't report(): only goals and commands have intermediate results",
-    ]
+    assert said == NOT_POSSIBLE
 
 
 def test_options_that_can_not_be(central: LocalCentral) -> None:
