@@ -17,10 +17,11 @@ from click import ClickException
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from robots.ambler_sim import task_manager
-from robots.ambler_sim.killing import Killings, schedule
+from robots.ambler_sim.machine.making import pybullet_is_installed
+from robots.ambler_sim.machine.terrain import scattered_rocks
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
+from robots.ambler_sim.modules import task_manager
 from robots.ambler_sim.reactions import (
     FOOTFALL_CHECK,
     GIVE_UP,
@@ -29,8 +30,7 @@ from robots.ambler_sim.reactions import (
     SHUFFLE_FEET,
     STABILITY_CHECK,
 )
-from robots.ambler_sim.robot import pybullet_is_installed
-from robots.ambler_sim.terrain import scattered_rocks
+from robots.ambler_sim.run.killing import Killings, schedule
 from robots.ambler_sim.vocabulary import Rock
 from robots.processes import Processes
 from tca_module import Outcome, TaskFailed, TcaError, Timeout

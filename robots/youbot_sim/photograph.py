@@ -4,7 +4,15 @@ import math
 
 import numpy as np
 
-from robots.ambler_sim.photograph import Camera, Pixels, Rendering, ground_places, halved, near_multiple, shadow
+from robots.ambler_sim.pictures.photograph import (
+    Camera,
+    Pixels,
+    Rendering,
+    ground_places,
+    halved,
+    near_multiple,
+    shadow,
+)
 
 SUN = (2.0, -3.0, 6.0)
 SUN_DISTANCE = 30.0

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pybullet
 
-from robots.ambler_sim.photograph import RENDERED, Camera, Rendering, write_png
+from robots.ambler_sim.pictures.photograph import RENDERED, Camera, Rendering, write_png
 from robots.youbot_sim import photograph
 from robots.youbot_sim.drives import START, Drives
 from robots.youbot_sim.kinematics import tip_in_world

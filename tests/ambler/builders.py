@@ -1,18 +1,20 @@
 """Small robots, stances and maps for the tests of the Ambler."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from robots.ambler_sim.controller import Robot
-from robots.ambler_sim.elevation import make_map
-from robots.ambler_sim.footfall import choose_foothold
-from robots.ambler_sim.gait import body_height, next_step, standard_feet
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.leg_recovery import plan_leg_move
-from robots.ambler_sim.perception import build_elevation_map
-from robots.ambler_sim.vocabulary import Arc, ElevationMap, LegMove, Pose, Stance, Step
-from robots.ambler_sim.walk_alone import StepReport, take_step
+from robots.ambler_sim.machine.robot import Robot
+from robots.ambler_sim.planning.body import plan_body_move
+from robots.ambler_sim.planning.elevation import make_map
+from robots.ambler_sim.planning.footfall import choose_foothold
+from robots.ambler_sim.planning.gait import body_height, next_step, standard_feet
+from robots.ambler_sim.planning.leg_recovery import plan_leg_move
+from robots.ambler_sim.planning.mapping import build_elevation_map
+from robots.ambler_sim.planning.stability import support_margin
+from robots.ambler_sim.vocabulary import Arc, ElevationMap, Footfall, LegMove, Pose, Stance, Step
 
 ORIGIN = Pose(0.0, 0.0, 0.0, 2.7)
 
@@ -42,6 +44,24 @@ def an_arc(curvature: float = 0.0, length: float = 6.0, start: Pose = ORIGIN) ->
 
 def a_step(curvature: float = 0.0) -> Step:
     return next_step(a_stance(), an_arc(curvature))
+
+
+class StepReport(NamedTuple):
+    step: Step
+    footfall: Footfall
+    margin: float  #: the least, m
+    ground: ElevationMap
+
+
+def take_step(robot: Robot, arc: Arc, known: ElevationMap | None) -> StepReport:
+    """Perceive, plan, move a leg, move the body; *known* is the map so far."""
+    stance = robot.stance()
+    ground = build_elevation_map(robot.scan(), stance, known)
+    step = next_step(stance, arc)
+    footfall = robot.move_leg(plan_leg_move(ground, step, choose_foothold(ground, step)))
+    robot.move_body(plan_body_move(step, footfall.foot))
+    margin = min(support_margin(stance, step.leg), support_margin(robot.stance()))
+    return StepReport(step, footfall, margin, ground)
 
 
 def take_steps(robot: Robot, arc: Arc, count: int, known: ElevationMap | None = None) -> list[StepReport]:

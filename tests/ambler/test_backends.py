@@ -8,13 +8,13 @@ import msgspec
 import pytest
 from ambler.builders import a_stance, the_first_leg_move
 
-from robots.ambler_sim import robot as robot_module
-from robots.ambler_sim.body import plan_shift
-from robots.ambler_sim.machine import Machine
-from robots.ambler_sim.pacing import MoveWatch, Pacer
-from robots.ambler_sim.perception import points_of
-from robots.ambler_sim.robot import make_robot
-from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
+from robots.ambler_sim.machine import making as robot_module
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.machine.pacing import MoveWatch, Pacer
+from robots.ambler_sim.machine.shared import Machine
+from robots.ambler_sim.machine.snapshot import load_snapshot, save_snapshot
+from robots.ambler_sim.planning.body import plan_shift
+from robots.ambler_sim.planning.mapping import points_of
 from robots.ambler_sim.vocabulary import Scan, TerrainSpec
 
 
@@ -34,7 +34,7 @@ class FakeClock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     clock = FakeClock()
-    monkeypatch.setattr("robots.ambler_sim.pacing.time", clock)
+    monkeypatch.setattr("robots.ambler_sim.machine.pacing.time", clock)
     return clock
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from ambler.builders import a_map, a_stance, a_step
 
-from robots.ambler_sim.body import plan_body_move
-from robots.ambler_sim.checks import (
+from robots.ambler_sim.planning.body import plan_body_move
+from robots.ambler_sim.planning.checks import (
     LEAST_ENERGY,
     LEAST_SUPPORT,
     fault_of_footfall,
@@ -14,8 +14,8 @@ from robots.ambler_sim.checks import (
     margins_of_body_move,
     margins_of_leg_move,
 )
-from robots.ambler_sim.gait import with_foot
-from robots.ambler_sim.leg_recovery import plan_leg_move
+from robots.ambler_sim.planning.gait import with_foot
+from robots.ambler_sim.planning.leg_recovery import plan_leg_move
 from robots.ambler_sim.reactions import Margins
 from robots.ambler_sim.vocabulary import BodyMove, Foot, Pose, Readings
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from ambler.builders import the_first_leg_move
 
-from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.errors import TerrainContact
-from robots.ambler_sim.motion import BACK_OFF
-from robots.ambler_sim.robot import Backend, make_robot, pybullet_is_installed
-from robots.ambler_sim.stability import WEIGHT
-from robots.ambler_sim.terrain import scattered_rocks
+from robots.ambler_sim.machine.making import Backend, make_robot, pybullet_is_installed
+from robots.ambler_sim.machine.motion import BACK_OFF
+from robots.ambler_sim.machine.robot import Robot
+from robots.ambler_sim.machine.terrain import scattered_rocks
+from robots.ambler_sim.planning.stability import WEIGHT
 from robots.ambler_sim.vocabulary import Contact, LegMove, Rock, TerrainSpec
 
 BACKENDS = [

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robots.ambler_sim.errors import NoFootfall
-from robots.ambler_sim.footfall import LEG_SPACING, SEARCH_RADIUS, candidates, choose_foothold
 from robots.ambler_sim.geometry import AMBLER, Array, circulating_angle, leg_joints
-from robots.ambler_sim.terrain import make_terrain
+from robots.ambler_sim.machine.terrain import make_terrain
+from robots.ambler_sim.planning.footfall import LEG_SPACING, SEARCH_RADIUS, candidates, choose_foothold
 from robots.ambler_sim.vocabulary import TerrainSpec
 
 

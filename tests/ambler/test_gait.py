@@ -9,11 +9,11 @@ from ambler.builders import ORIGIN, a_stance, a_step, an_arc
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robots.ambler_sim.body import ACCELERATION, duration, plan_body_move, plan_shift
 from robots.ambler_sim.errors import ArcFinished, OutOfReach, UnstableMove
-from robots.ambler_sim.gait import ADVANCE, after_step, next_step, pose_on, progress, remaining
 from robots.ambler_sim.geometry import is_left, stance_joints, within_limits
-from robots.ambler_sim.stability import support_margin
+from robots.ambler_sim.planning.body import ACCELERATION, duration, plan_body_move, plan_shift
+from robots.ambler_sim.planning.gait import ADVANCE, after_step, next_step, pose_on, progress, remaining
+from robots.ambler_sim.planning.stability import support_margin
 from robots.ambler_sim.vocabulary import LEGS, Arc, Foot, Pose, Step
 
 curvatures = st.floats(-0.12, 0.12)

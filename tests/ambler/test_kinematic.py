@@ -7,11 +7,11 @@ import pytest
 from ambler.builders import ORIGIN, an_arc, take_steps
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.kinematic import KinematicPlant
-from robots.ambler_sim.plant import standing_posture
-from robots.ambler_sim.robot import make_robot
-from robots.ambler_sim.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.terrain import make_terrain
+from robots.ambler_sim.machine.kinematic import KinematicPlant
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.machine.plant import standing_posture
+from robots.ambler_sim.machine.terrain import make_terrain
+from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
 from robots.ambler_sim.vocabulary import TerrainSpec
 
 HILLS = make_terrain(TerrainSpec(seed=3, slope=0.3))

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.errors import OutOfReach, PathBlocked
 from robots.ambler_sim.geometry import Array, feet_of, leg_joints, to_world
-from robots.ambler_sim.leg_recovery import CLEARANCE, plan_leg_move, plan_swing, rotation, swing_path
-from robots.ambler_sim.motion import GUARD, SPEEDS, leg_segments
+from robots.ambler_sim.machine.motion import GUARD, SPEEDS, leg_segments
+from robots.ambler_sim.planning.leg_recovery import CLEARANCE, plan_leg_move, plan_swing, rotation, swing_path
 from robots.ambler_sim.vocabulary import Foot, LegMove, Step
 
 angles = st.floats(-10.0, 10.0)

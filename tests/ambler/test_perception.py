@@ -6,10 +6,10 @@ from ambler.builders import a_stance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robots.ambler_sim.elevation import height_at, heights_of, known_cells
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.perception import build_elevation_map
-from robots.ambler_sim.robot import make_robot
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.planning.elevation import height_at, heights_of, known_cells
+from robots.ambler_sim.planning.mapping import build_elevation_map
 from robots.ambler_sim.vocabulary import Pose, TerrainSpec
 
 NO_POINTS = np.empty((0, 3))

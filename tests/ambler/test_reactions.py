@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import pytest
 
-from robots.ambler_sim.controller import Robot
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, TRAVERSE_PATH, Bend, Path
 from robots.ambler_sim.modules import (
     body_planner,
@@ -20,9 +21,8 @@ from robots.ambler_sim.modules import (
     monitoring,
     perception,
 )
+from robots.ambler_sim.modules.task_manager import make_module as make_task_manager
 from robots.ambler_sim.reactions import FOOTFALL_CHECK, REPLAN_MOVE, STABILITY_CHECK, UNSTABLE_MOVE
-from robots.ambler_sim.robot import make_robot
-from robots.ambler_sim.task_manager import make_module as make_task_manager
 from robots.ambler_sim.vocabulary import BodyMove, Readings
 from tca_module import Client, TaskFailed, connect
 from tca_module.testing import LocalCentral
@@ -32,8 +32,8 @@ from tca_wire.journal.facts import Received
 WALKERS = [
     f"robots.ambler_sim.{name}"
     for name in (
-        "task_manager",
         *(f"modules.{name}" for name in ("body_planner", "controller", "gait_planner", "leg_planner", "perception")),
+        "modules.task_manager",
     )
 ]
 
@@ -70,7 +70,7 @@ def sent(central: LocalCentral, name: str) -> list[Received]:
 def test_the_modules_that_walk_have_never_heard_of_checks_and_recoveries() -> None:
     code = f"import sys; from importlib import import_module; [*map(import_module, {WALKERS})]; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    added = ("reactions", "checks", "replanning", "modules.monitoring", "modules.error_recovery")
+    added = ("reactions", "planning.checks", "planning.replanning", "modules.monitoring", "modules.error_recovery")
     assert set(WALKERS) <= set(done.stdout.split())
     assert not {f"robots.ambler_sim.{name}" for name in added} & set(done.stdout.split())
 

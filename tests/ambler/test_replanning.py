@@ -7,14 +7,23 @@ import numpy as np
 import pytest
 from ambler.builders import a_map, a_stance, a_step
 
-from robots.ambler_sim.checks import is_stable, margins_of_leg_move
-from robots.ambler_sim.elevation import height_at
 from robots.ambler_sim.errors import NoFootfall, PathBlocked
-from robots.ambler_sim.footfall import choose_foothold
-from robots.ambler_sim.gait import next_leg, standard_feet, standard_places, with_foot
 from robots.ambler_sim.geometry import leg_joints
-from robots.ambler_sim.leg_recovery import RECOVERY_RADIUS, plan_leg_move, swing_path
-from robots.ambler_sim.replanning import OBSTACLE_RADIUS, RAISE, Avoided, another_way, felt, raised, shuffle, without
+from robots.ambler_sim.planning.checks import is_stable, margins_of_leg_move
+from robots.ambler_sim.planning.elevation import height_at
+from robots.ambler_sim.planning.footfall import choose_foothold
+from robots.ambler_sim.planning.gait import next_leg, standard_feet, standard_places, with_foot
+from robots.ambler_sim.planning.leg_recovery import RECOVERY_RADIUS, plan_leg_move, swing_path
+from robots.ambler_sim.planning.replanning import (
+    OBSTACLE_RADIUS,
+    RAISE,
+    Avoided,
+    another_way,
+    felt,
+    raised,
+    shuffle,
+    without,
+)
 from robots.ambler_sim.vocabulary import Contact, Foot, LegMove, Stance
 
 STEP = a_step()

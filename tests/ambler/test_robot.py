@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from ambler.builders import an_arc, take_steps, the_first_leg_move
 
-from robots.ambler_sim import motion
-from robots.ambler_sim.body import plan_shift
-from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.errors import OutOfReach
-from robots.ambler_sim.gait import next_leg
-from robots.ambler_sim.leg_recovery import plan_swing
-from robots.ambler_sim.perception import build_elevation_map
-from robots.ambler_sim.robot import Backend, make_robot, pybullet_is_installed
-from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
-from robots.ambler_sim.stability import WEIGHT
+from robots.ambler_sim.machine import motion
+from robots.ambler_sim.machine.making import Backend, make_robot, pybullet_is_installed
+from robots.ambler_sim.machine.robot import Robot
+from robots.ambler_sim.machine.snapshot import load_snapshot, save_snapshot
+from robots.ambler_sim.planning.body import plan_shift
+from robots.ambler_sim.planning.gait import next_leg
+from robots.ambler_sim.planning.leg_recovery import plan_swing
+from robots.ambler_sim.planning.mapping import build_elevation_map
+from robots.ambler_sim.planning.stability import WEIGHT
 from robots.ambler_sim.vocabulary import BodyMove, Stance, TerrainSpec
 
 NO_PHYSICS = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")
@@ -158,8 +158,8 @@ def test_a_drawing_is_made_where_there_is_no_physics(tmp_path: Path) -> None:
 
 def test_a_photograph_shows_ground_sky_and_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pybullet")
-    monkeypatch.setattr("robots.ambler_sim.photograph.RENDERED", (640, 400))  # a third as large, and quicker
-    monkeypatch.setattr("robots.ambler_sim.photograph.SHADOW_SIZE", (300, 300))
+    monkeypatch.setattr("robots.ambler_sim.pictures.photograph.RENDERED", (640, 400))  # a third as large, and quicker
+    monkeypatch.setattr("robots.ambler_sim.pictures.photograph.SHADOW_SIZE", (300, 300))
     robot = make_robot("pybullet", terrain=HILLS)
     written = robot.picture(tmp_path / "ambler.png")
     robot.close()

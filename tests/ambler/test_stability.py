@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robots.ambler_sim.geometry import feet_of, stance_joints, to_world
-from robots.ambler_sim.stability import (
+from robots.ambler_sim.planning.stability import (
     centre_of_gravity,
     conservative_margin,
     energy_margin,

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robots.ambler_sim.plant import standing_posture
-from robots.ambler_sim.robot import START
-from robots.ambler_sim.terrain import PATH_HALF_WIDTH, RESOLUTION, make_terrain, steepest
+from robots.ambler_sim.machine.making import START
+from robots.ambler_sim.machine.plant import standing_posture
+from robots.ambler_sim.machine.terrain import PATH_HALF_WIDTH, RESOLUTION, make_terrain, steepest
 from robots.ambler_sim.vocabulary import TerrainSpec
 
 
@@ -38,7 +38,7 @@ def test_the_ground_ends_and_goes_on_level_for_the_sums() -> None:
 
 
 def test_rays_in_the_physics_engine_end_on_the_terrain_wherever_its_middle_height_is() -> None:
-    physics = pytest.importorskip("robots.ambler_sim.physics", exc_type=ImportError)
+    physics = pytest.importorskip("robots.ambler_sim.machine.physics", exc_type=ImportError)
     terrain = make_terrain(TerrainSpec(seed=9, slope=0.3, length=20.0))
     plant = physics.BulletPlant(terrain, standing_posture(terrain, START))
     directions = np.array([[0.6, 0.0, -0.8], [0.36, 0.48, -0.8], [0.0, -0.8, -0.6], [0.0, 0.0, 1.0]])

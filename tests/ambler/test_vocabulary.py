@@ -7,10 +7,10 @@ import pytest
 from ambler.builders import ORIGIN, a_map, a_stance, a_step, an_arc
 
 from robots.ambler_sim import vocabulary
-from robots.ambler_sim.body import plan_body_move
-from robots.ambler_sim.leg_recovery import plan_leg_move
-from robots.ambler_sim.perception import pack_scan
-from robots.ambler_sim.robot import make_robot
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.planning.body import plan_body_move
+from robots.ambler_sim.planning.leg_recovery import plan_leg_move
+from robots.ambler_sim.planning.mapping import pack_scan
 from robots.ambler_sim.vocabulary import Contact, Foot, Footfall, Rock, TerrainSpec
 
 STEP = a_step()

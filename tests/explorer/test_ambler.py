@@ -14,8 +14,8 @@ from explorer.scenarios import found, good
 
 import tca_explorer as tca
 from robots.ambler_sim import messages
+from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.modules import body_planner, controller, gait_planner, leg_planner, perception
-from robots.ambler_sim.robot import make_robot
 from tca_explorer import Property, Scenario, Script, Task, achieved, always, at_most, before, begun, never, never_stuck
 from tca_explorer.observed.fold import Fold
 from tca_module import Broadcast, Command, Goal, PointMonitor, Query, connect, this

@@ -1,8 +1,8 @@
 """The body planner: how far and how high the body goes once the foot stands."""
 
-from robots.ambler_sim.body import plan_body_move
 from robots.ambler_sim.errors import AmblerError
 from robots.ambler_sim.messages import PLAN_BODY_MOVE, PLANNER_FAILED, Placing
+from robots.ambler_sim.planning.body import plan_body_move
 from robots.ambler_sim.vocabulary import BodyMove
 from tca_module import Module, Task
 

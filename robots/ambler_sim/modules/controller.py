@@ -8,9 +8,12 @@ import argparse
 from pathlib import Path
 from typing import cast
 
-from robots.ambler_sim.controller import Robot
 from robots.ambler_sim.errors import AmblerError, TerrainContact
-from robots.ambler_sim.machine import Machine
+from robots.ambler_sim.machine.making import Backend, make_robot
+from robots.ambler_sim.machine.pacing import OnTick
+from robots.ambler_sim.machine.robot import Robot
+from robots.ambler_sim.machine.shared import Machine
+from robots.ambler_sim.machine.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.messages import (
     MOTION_FAULT,
     MOVE_BODY,
@@ -21,9 +24,6 @@ from robots.ambler_sim.messages import (
     STANCE,
     TERRAIN_COLLISION,
 )
-from robots.ambler_sim.pacing import OnTick
-from robots.ambler_sim.robot import Backend, make_robot
-from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.vocabulary import BodyMove, Footfall, LegMove, Pose, Readings, Rock, Scan, Stance, TerrainSpec
 from tca_module import Module, Task
 

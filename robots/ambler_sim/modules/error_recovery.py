@@ -7,9 +7,7 @@ walk is given up. The modules that plan and move need not know of this one.
 
 from collections import deque
 
-from robots.ambler_sim.body import plan_body_move
 from robots.ambler_sim.errors import AmblerError, PathBlocked
-from robots.ambler_sim.gait import TOLERANCE, after_step, next_step, remaining
 from robots.ambler_sim.messages import (
     ACHIEVED_POSITION,
     ELEVATION_MAP,
@@ -23,6 +21,9 @@ from robots.ambler_sim.messages import (
     Ahead,
     Bend,
 )
+from robots.ambler_sim.planning.body import plan_body_move
+from robots.ambler_sim.planning.gait import TOLERANCE, after_step, next_step, remaining
+from robots.ambler_sim.planning.replanning import Avoided, another_way, felt, raised, shuffle, without
 from robots.ambler_sim.reactions import (
     DO_AGAIN,
     GIVE_UP,
@@ -35,7 +36,6 @@ from robots.ambler_sim.reactions import (
     UNSTABLE_MOVE,
     WALK_GIVEN_UP,
 )
-from robots.ambler_sim.replanning import Avoided, another_way, felt, raised, shuffle, without
 from robots.ambler_sim.vocabulary import LEGS, Contact, ElevationMap, Stance
 from tca_module import Module, Scope, Task, TaskRef, Trouble
 

@@ -7,7 +7,6 @@ achieved: while step n is walked, step n+1 is planned, and never n+2.
 import math
 from dataclasses import replace
 
-from robots.ambler_sim.gait import TOLERANCE, after_step, next_step
 from robots.ambler_sim.messages import (
     ACHIEVED_POSITION,
     MOVE_BODY,
@@ -23,6 +22,7 @@ from robots.ambler_sim.messages import (
     Bend,
     Placing,
 )
+from robots.ambler_sim.planning.gait import TOLERANCE, after_step, next_step
 from robots.ambler_sim.vocabulary import Arc, Pose, Stance
 from tca_module import Module, Task, this
 

@@ -1,9 +1,9 @@
 """The leg planner: chooses a foothold near the ideal one and the leg's way there."""
 
 from robots.ambler_sim.errors import AmblerError
-from robots.ambler_sim.footfall import choose_foothold
-from robots.ambler_sim.leg_recovery import plan_leg_move
 from robots.ambler_sim.messages import ELEVATION_MAP, PLAN_LEG_MOVE, PLANNER_FAILED
+from robots.ambler_sim.planning.footfall import choose_foothold
+from robots.ambler_sim.planning.leg_recovery import plan_leg_move
 from robots.ambler_sim.vocabulary import LegMove, Step
 from tca_module import Module, Task
 

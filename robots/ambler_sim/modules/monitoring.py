@@ -3,8 +3,8 @@
 Nobody sends these checks: wiretaps do. The modules that plan and move need not know of them.
 """
 
-from robots.ambler_sim.checks import fault_of_footfall, is_stable, margins_of_body_move, margins_of_leg_move
 from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, READINGS, STANCE
+from robots.ambler_sim.planning.checks import fault_of_footfall, is_stable, margins_of_body_move, margins_of_leg_move
 from robots.ambler_sim.reactions import FOOTFALL_CHECK, STABILITY_CHECK, UNSTABLE_FOOTHOLD, UNSTABLE_MOVE, Margins
 from robots.ambler_sim.vocabulary import Contact, LegMove
 from tca_module import Condition, Module, Task

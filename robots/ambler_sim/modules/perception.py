@@ -3,7 +3,7 @@
 import math
 
 from robots.ambler_sim.messages import ELEVATION_MAP, SCAN
-from robots.ambler_sim.perception import build_elevation_map, points_of
+from robots.ambler_sim.planning.mapping import build_elevation_map, points_of
 from robots.ambler_sim.vocabulary import ElevationMap, Pose, Stance
 from tca_module import Module, Task
 

@@ -4,10 +4,10 @@ import importlib
 import importlib.util
 from typing import Literal
 
-from robots.ambler_sim.controller import Robot
-from robots.ambler_sim.kinematic import KinematicPlant
-from robots.ambler_sim.plant import Plant, standing_posture
-from robots.ambler_sim.terrain import Terrain, make_terrain
+from robots.ambler_sim.machine.kinematic import KinematicPlant
+from robots.ambler_sim.machine.plant import Plant, standing_posture
+from robots.ambler_sim.machine.robot import Robot
+from robots.ambler_sim.machine.terrain import Terrain, make_terrain
 from robots.ambler_sim.vocabulary import Pose, Posture, Snapshot, TerrainSpec
 
 Backend = Literal["auto", "pybullet", "kinematic"]
@@ -48,6 +48,6 @@ def _make_plant(backend: str, terrain: Terrain, posture: Posture) -> Plant:
     if backend == "kinematic":
         return KinematicPlant(terrain, posture)
     # Imported late: the module needs PyBullet, which may not be installed.
-    physics = importlib.import_module("robots.ambler_sim.physics")
+    physics = importlib.import_module("robots.ambler_sim.machine.physics")
     plant: Plant = physics.BulletPlant(terrain, posture)
     return plant

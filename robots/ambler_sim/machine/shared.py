@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from robots.ambler_sim.controller import Robot
-from robots.ambler_sim.perception import pack_scan
+from robots.ambler_sim.machine.robot import Robot
+from robots.ambler_sim.planning.mapping import pack_scan
 from robots.ambler_sim.vocabulary import NO_LEG, Scan, Stance
 
 _LOOK_AGAIN = 0.02  # seconds after which a scan that no tick has taken looks whether the move has ended

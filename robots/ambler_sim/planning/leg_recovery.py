@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from robots.ambler_sim.elevation import heights_along
 from robots.ambler_sim.errors import OutOfReach, PathBlocked
 from robots.ambler_sim.geometry import (
     AMBLER,
@@ -16,6 +15,7 @@ from robots.ambler_sim.geometry import (
     to_world,
     within_limits,
 )
+from robots.ambler_sim.planning.elevation import heights_along
 from robots.ambler_sim.vocabulary import ElevationMap, Foot, LegMove, Pose, Stance, Step
 
 CLEARANCE = 0.45

@@ -3,9 +3,9 @@
 import math
 from dataclasses import replace
 
-from robots.ambler_sim.gait import with_foot
+from robots.ambler_sim.planning.gait import with_foot
+from robots.ambler_sim.planning.stability import conservative_margin, energy_margin, support_margin
 from robots.ambler_sim.reactions import Margins
-from robots.ambler_sim.stability import conservative_margin, energy_margin, support_margin
 from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
 
 LEAST_SUPPORT = 0.3

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from robots.ambler_sim.errors import OutOfReach, UnstableMove
-from robots.ambler_sim.gait import after_step, body_height
 from robots.ambler_sim.geometry import Array, stance_joints, within_limits
-from robots.ambler_sim.stability import support_margin
+from robots.ambler_sim.planning.gait import after_step, body_height
+from robots.ambler_sim.planning.stability import support_margin
 from robots.ambler_sim.vocabulary import BodyMove, Foot, Pose, Stance, Step
 
 # 0.5 m in under 1 s makes the machine rock on two feet; below 0.6 m/s2 it stays within a fifth of a degree.

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.drawing import draw
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, posture_pose, to_world
-from robots.ambler_sim.plant import Attitude
-from robots.ambler_sim.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.terrain import STANDS_ON, Terrain
+from robots.ambler_sim.machine.plant import Attitude
+from robots.ambler_sim.machine.terrain import STANDS_ON, Terrain
+from robots.ambler_sim.pictures.drawing import draw
+from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
 from robots.ambler_sim.vocabulary import Foot, Pose, Posture, Stance
 
 RAY_STEP = 0.25

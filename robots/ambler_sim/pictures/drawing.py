@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from robots.ambler_sim.geometry import AMBLER, BODY_HEIGHT, SHAFT_Y, SHOULDER_Z, Array, offset
-from robots.ambler_sim.stability import support_polygon, world_centre_of_gravity
-from robots.ambler_sim.terrain import Terrain
+from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.planning.stability import support_polygon, world_centre_of_gravity
 from robots.ambler_sim.vocabulary import Foot, Pose, Stance
 
 WIDTH, HEIGHT = 960, 430

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robots.ambler_sim.geometry import SHOULDER_Z, Array, leg_joints
-from robots.ambler_sim.leg_recovery import rotation
+from robots.ambler_sim.planning.leg_recovery import rotation
 from robots.ambler_sim.vocabulary import LegMove, Pose
 
 SPEEDS: Array = np.array([3.0, 1.2, 1.6])

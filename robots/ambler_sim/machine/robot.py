@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim import motion, scanner
-from robots.ambler_sim.body import require_reach
 from robots.ambler_sim.errors import TerrainContact
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
-from robots.ambler_sim.motion import blend, ease, expected_seconds, leg_segments
-from robots.ambler_sim.pacing import MoveWatch, OnTick, Pacer
-from robots.ambler_sim.plant import Plant, make_posture
-from robots.ambler_sim.stability import least_norm_loads
-from robots.ambler_sim.terrain import Terrain
+from robots.ambler_sim.machine import motion, scanner
+from robots.ambler_sim.machine.motion import blend, ease, expected_seconds, leg_segments
+from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
+from robots.ambler_sim.machine.plant import Plant, make_posture
+from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.planning.body import require_reach
+from robots.ambler_sim.planning.stability import least_norm_loads
 from robots.ambler_sim.vocabulary import (
     LEGS,
     NO_LEG,

@@ -7,9 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
-from robots.ambler_sim.gait import standard_feet
 from robots.ambler_sim.geometry import BODY_HEIGHT, Array, joints_of, to_body
-from robots.ambler_sim.terrain import Terrain
+from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.planning.gait import standard_feet
 from robots.ambler_sim.vocabulary import Foot, Pose, Posture
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from robots.ambler_sim.elevation import Mask, heights_of, known_cells, windows
 from robots.ambler_sim.errors import NoFootfall
 from robots.ambler_sim.geometry import (
     Array,
@@ -20,6 +19,7 @@ from robots.ambler_sim.geometry import (
     to_body,
     within_limits,
 )
+from robots.ambler_sim.planning.elevation import Mask, heights_of, known_cells, windows
 from robots.ambler_sim.vocabulary import ElevationMap, Foot, Step
 
 SEARCH_RADIUS = 0.5

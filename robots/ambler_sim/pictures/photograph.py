@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ambler_sim.geometry import Array, offset
-from robots.ambler_sim.terrain import Terrain
+from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.vocabulary import Foot, Pose
 
 Pixels = NDArray[np.uint8]

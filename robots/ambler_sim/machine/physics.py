@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pybullet
 
-from robots.ambler_sim import photograph
 from robots.ambler_sim.geometry import GRAVITY, Array, unwrap
-from robots.ambler_sim.plant import Attitude, rotation_matrix
-from robots.ambler_sim.terrain import RESOLUTION, Terrain
-from robots.ambler_sim.urdf import EFFORT, ambler_urdf
+from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
+from robots.ambler_sim.machine.terrain import RESOLUTION, Terrain
+from robots.ambler_sim.machine.urdf import EFFORT, ambler_urdf
+from robots.ambler_sim.pictures import photograph
 from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
 
 # 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.

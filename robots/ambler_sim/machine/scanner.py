@@ -3,7 +3,7 @@
 import numpy as np
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.plant import Attitude, Plant, rotation_matrix
+from robots.ambler_sim.machine.plant import Attitude, Plant, rotation_matrix
 
 MOUNT = np.array([0.9, 0.0, 2.6])
 """In the body frame: in front of the bridge, above the equipment boxes."""

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from robots.ambler_sim.elevation import Mask, heights_of, known_cells, make_map
 from robots.ambler_sim.geometry import Array, offset, positions
+from robots.ambler_sim.planning.elevation import Mask, heights_of, known_cells, make_map
 from robots.ambler_sim.vocabulary import ElevationMap, Scan, Stance
 
 RESOLUTION = 0.1

@@ -5,14 +5,14 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from robots.ambler_sim.checks import is_stable, margins_of_leg_move
-from robots.ambler_sim.elevation import height_at, with_patch
 from robots.ambler_sim.errors import OutOfReach, PathBlocked
-from robots.ambler_sim.footfall import choose_foothold
-from robots.ambler_sim.gait import mean_height, standard_places, with_foot
 from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, side_of
-from robots.ambler_sim.leg_recovery import plan_swing
-from robots.ambler_sim.stability import energy_margin
+from robots.ambler_sim.planning.checks import is_stable, margins_of_leg_move
+from robots.ambler_sim.planning.elevation import height_at, with_patch
+from robots.ambler_sim.planning.footfall import choose_foothold
+from robots.ambler_sim.planning.gait import mean_height, standard_places, with_foot
+from robots.ambler_sim.planning.leg_recovery import plan_swing
+from robots.ambler_sim.planning.stability import energy_margin
 from robots.ambler_sim.vocabulary import LEGS, Contact, ElevationMap, Foot, LegMove, Stance, Step
 
 RAISE = 0.4

@@ -1,0 +1,1 @@
+"""What the robot and its way look like."""

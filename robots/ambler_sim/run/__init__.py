@@ -1,0 +1,1 @@
+"""A whole walk: its programs, its faults, its figures."""
