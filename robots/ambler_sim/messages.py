@@ -7,16 +7,18 @@ from robots.ambler_sim.vocabulary import (
     BodyMove,
     Contact,
     ElevationMap,
+    Fault,
     Foot,
     Footfall,
     LegMove,
+    Obstacle,
     Pose,
     Readings,
     Scan,
     Stance,
     Step,
 )
-from tca_module import Broadcast, Command, Failure, Goal, PointMonitor, Query
+from tca_module import Broadcast, Command, Failure, Goal, Inform, PointMonitor, Query
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,22 @@ class Placing:
     foothold: Foot
 
 
+@dataclass(frozen=True, slots=True)
+class Reset:
+    """A leg whose amplifier is to be switched on again, by an operator or by the robot itself."""
+
+    leg: int
+    operator: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class MotionError:
+    """A leg whose joint does not follow: by how much (m or rad)."""
+
+    leg: int
+    error: float
+
+
 # The task tree of the paper's figure 2, from the top down.
 TRAVERSE_PATH = Goal("traverse path", Path)
 CONFIRM_ARC = Command("confirm arc", int)
@@ -72,8 +90,31 @@ STANCE = Query("stance", reply=Stance)
 READINGS = Query("readings", reply=Readings)
 SCAN = Query("scan", reply=Scan)
 PICTURE = Query("picture", str, reply=str)
+RANGES = Query("ranges", reply=Scan)
+
+# Care of the machine, and what spoils it.
+RESET = Command("reset", Reset)
+FREE_JOINT = Command("free joint", int)
+CALIBRATE = Command("calibrate", int)
+LEVEL = Command("level")
+INJECT = Command("inject", Fault)
+
+# Perception: numbered images, and what was felt.
+ACQUIRE_IMAGE = Command("acquire image", int)
+IMAGES = Query("images", int, reply=tuple[Scan, ...])
+FELT = Inform("felt", Obstacle)
+PLAN_FOOTFALL = Query("plan footfall", Step, reply=Foot)
+PLAN_LEG_RECOVERY = Query("plan leg recovery", Placing, reply=LegMove)
 
 PLANNER_FAILED = Failure("planner failed", str)
+NO_FOOTFALL = Failure("no footfall", Step)
+NO_PATH = Failure("no path", Placing)
+NO_POSE = Failure("no pose", Placing)
+NO_IMAGE = Failure("no image", int)
+BAD_IMAGE = Failure("bad image", int)
+AMPLIFIER_TRIPPED = Failure("amplifier tripped", int)
+NEEDS_OPERATOR = Failure("needs operator", int)
+JOINT_FAULT = Failure("joint fault", MotionError)
 TERRAIN_COLLISION = Failure("terrain collision", Contact)
 MOTION_FAULT = Failure("motion fault", str)
 NOT_THERE = Failure("position not achieved", str)

@@ -8,6 +8,24 @@ from dataclasses import dataclass
 LEGS = (0, 1, 2, 3, 4, 5)
 NO_LEG = -1
 
+KINDS = (
+    "amplifier trip",
+    "motion fault",
+    "stuck joint",
+    "encoder drift",
+    "force sensor",
+    "no image",
+    "bad image",
+    "unseen rock",
+    "soft spot",
+    "gust",
+    "no footfall",
+    "no pose",
+    "lost module",
+    "lost central",
+)
+"""Of faults: of the machine, of its sensors, of the ground, of planners, of programs."""
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:
@@ -132,12 +150,15 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Rock:
-    """An upright round stone that the scanner does not see; *height* is that of its top over the ground around it."""
+    """An upright round stone; *height* is that of its top over the ground around it. The scanner looks through it unless
+    it may be *seen*.
+    """
 
     x: float
     y: float
     radius: float
     height: float
+    seen: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +170,7 @@ class TerrainSpec:
     length: float = 40.0
     width: float = 16.0
     rocks: tuple[Rock, ...] = ()
+    kind: str = "hills"
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,12 +188,66 @@ class Posture:
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """The values of the robot's own sensors now: two inclinometers and six foot force sensors."""
+    """The values of the robot's own sensors now: two inclinometers, six foot force sensors (NaN: broken), which legs'
+    amplifiers are on, and how far (m) each leg's relative encoder of the reach is off its absolute one.
+    """
 
     time: float
     roll: float
     pitch: float
     loads: tuple[float, ...]
+    amplifiers: tuple[bool, ...] = (True,) * 6
+    encoder_offsets: tuple[float, ...] = (0.0,) * 6
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that goes wrong: what (one of KINDS), with which leg, how much of it (its kind says of what), and
+    whether only an operator can reset it.
+    """
+
+    kind: str
+    leg: int = NO_LEG
+    size: float = 0.0
+    needs_operator: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """A place that was felt: legs should not pass it (*is_wall*), or not stand on it."""
+
+    x: float
+    y: float
+    z: float
+    radius: float
+    is_wall: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MapRequest:
+    """Asks for the ground around *stance* as known from the images up to the one with this number, that included."""
+
+    stance: Stance
+    image: int
+
+
+@dataclass(frozen=True, slots=True)
+class Footstep:
+    """One line of the scorer's record, made after each body move: what the robot believes, and what is true.
+
+    *slope* is that of the ground under the body, rise per run; *tilt* (rad) the greatest since the last footstep;
+    *margin* (m) the distance of the centre of gravity from the support's edge.
+    """
+
+    number: int
+    leg: int
+    foot: Foot
+    true_foot: Foot
+    pose: Pose
+    true_pose: Pose
+    slope: float
+    tilt: float
+    margin: float
 
 
 @dataclass(frozen=True, slots=True)

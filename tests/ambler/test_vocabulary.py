@@ -11,7 +11,17 @@ from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.planning.body import plan_body_move
 from robots.ambler_sim.planning.leg_recovery import plan_leg_move
 from robots.ambler_sim.planning.mapping import pack_scan
-from robots.ambler_sim.vocabulary import Contact, Foot, Footfall, Rock, TerrainSpec
+from robots.ambler_sim.vocabulary import (
+    Contact,
+    Fault,
+    Foot,
+    Footfall,
+    Footstep,
+    MapRequest,
+    Obstacle,
+    Rock,
+    TerrainSpec,
+)
 
 STEP = a_step()
 ROBOT = make_robot("kinematic")
@@ -29,6 +39,10 @@ EXAMPLES = [
     Rock(1.0, 1.5, 0.25, 0.7),
     TerrainSpec(rocks=(Rock(1.0, 1.5, 0.25, 0.7),)),
     Contact(2, 1.0, 1.5, 0.5, 2300.0),
+    Fault("amplifier trip", 2, needs_operator=True),
+    Obstacle(1.0, 1.5, 0.5, 0.45, is_wall=True),
+    MapRequest(a_stance(), 3),
+    Footstep(7, 2, Foot(2, 1.0, 2.0, 0.1), Foot(2, 1.01, 2.0, 0.1), ORIGIN, ORIGIN, 0.2, 0.01, 0.6),
     ROBOT.readings(),
     ROBOT.state(),
     ROBOT.state().posture,
