@@ -150,8 +150,8 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Rock:
-    """An upright round stone; *height* is that of its top over the ground around it. The scanner looks through it unless
-    it may be *seen*.
+    """An upright round stone; *height* is that of its top over the ground around it. The scanner looks
+    through it unless it may be *seen*.
     """
 
     x: float
