@@ -4,6 +4,7 @@ Two accounts of facts are kept. The plain ones are changed by activities whose s
 likelihoods see these, as they would without a preview. The present ones are how the robot is now.
 """
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 
 from tca_coordination.model.activities import Activity
@@ -14,6 +15,8 @@ from tca_coordination.running.failures import FailureNotes
 from tca_coordination.running.work import ActivityTask, StartedActivity
 from tca_module import Change, Task
 from tca_wire.coordination import RoleChange, TaskRole
+
+_LOG = logging.getLogger("tca.coordination")
 
 
 class ActivitiesAtWork:
@@ -245,6 +248,8 @@ class ActivitiesAtWork:
         self._restoring = None
         if work.is_done:
             self._forget(spoiler)
+        elif work.failed_task is not None:
+            _LOG.warning("%r did not undo what was done ahead in vain: that stays", work.failed_task.sent)
         spoiler.spoilt.clear()
         self._forget_spoilers()
 

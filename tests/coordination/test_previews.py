@@ -133,6 +133,28 @@ def test_what_a_state_needs_as_it_was_is_undone() -> None:
         assert ran.result(timeout=5).wasted == 1
 
 
+def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    robot = Module("robot")
+
+    @robot.handles(MOVE_BASE, resource="base")
+    def drive(task: Task, _: str) -> None:
+        task.sleep(8)
+
+    @robot.handles(MOVE_ARM, resource="arm")
+    def move(_: Task, place: str) -> None:
+        if place == "home":
+            raise STUCK(0.5, "jammed")
+
+    with play(fork(arm("box B", undo=Do(MOVE_ARM, "home", ARM)), base("C")), AS_SOON_AS_LIKELY, robot) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(4)
+        run.box_b(0.0)
+        run.central.advance(20)
+        assert ran.result(timeout=5).wasted == 1
+    assert "did not undo what was done ahead in vain" in caplog.text
+
+
 def test_what_cannot_be_undone_is_not_begun() -> None:
     with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         run.box_b(1.0)
