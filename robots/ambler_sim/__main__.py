@@ -111,7 +111,7 @@ class Walk:
             "controller", "robots.ambler_sim.modules.controller",
             "--state", str(self.folder / "robot.json"), "--backend", options.backend,
             "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
-            *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)))),
+            *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)[:4]))),
         )  # fmt: skip
 
     def conduct(self, address: str, processes: Processes) -> int:
