@@ -91,7 +91,8 @@ http: Any = None
 
 AMBLER = """
 from robots.ambler_sim.messages import *
-from robots.ambler_sim.reactions import *
+from robots.ambler_sim.layers.stability import *
+from robots.ambler_sim.recovery import *
 from tca_module import Condition, Module
 module = Module("any")
 """

@@ -4,6 +4,7 @@ import argparse
 import fcntl
 import logging
 import os
+import pkgutil
 import shutil
 import sys
 import tempfile
@@ -17,19 +18,13 @@ from click import ClickException
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from robots.ambler_sim import layers
 from robots.ambler_sim.machine.making import pybullet_is_installed
 from robots.ambler_sim.machine.terrain import scattered_rocks
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.modules import task_manager
-from robots.ambler_sim.reactions import (
-    FOOTFALL_CHECK,
-    GIVE_UP,
-    RAISE_LEG,
-    REPLAN_MOVE,
-    SHUFFLE_FEET,
-    STABILITY_CHECK,
-)
+from robots.ambler_sim.recovery import GIVE_UP, is_attached
 from robots.ambler_sim.run.killing import Killings, schedule
 from robots.ambler_sim.vocabulary import Rock
 from robots.processes import Processes
@@ -41,12 +36,13 @@ from tca_tools.run.journals import open_log
 from tca_tools.tasktree_viz.__main__ import tree
 from tca_wire.vocabulary import Role
 
-MODULES = ("perception", "leg planner", "body planner", "gait planner")
-REACTIONS = ("monitoring", "error recovery")
+MODULES = ("scanner", "mapper", "footfall planner", "leg recovery planner", "body planner", "gait planner")
+RECOVERY = "error recovery"
+
+LAYERS = tuple(sorted(each.name.replace("_", " ") for each in pkgutil.iter_modules(layers.__path__)))
 """Programs that the others have never heard of: checks before and after moves, and what is done about failures."""
 
 ROCK_HEIGHTS = (0.6, 0.8)
-REACTIONS_READY = (STABILITY_CHECK, FOOTFALL_CHECK, RAISE_LEG, REPLAN_MOVE, SHUFFLE_FEET, GIVE_UP)
 START_TIME = 60.0
 """Seconds within which they must be there."""
 
@@ -82,7 +78,12 @@ class Walk:
     @property
     def modules(self) -> tuple[str, ...]:
         """The programs beside central, controller and task manager."""
-        return MODULES if self.options.bare else MODULES + REACTIONS
+        return MODULES if self.options.bare else (*MODULES, RECOVERY)
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """The reactive layers."""
+        return () if self.options.bare else tuple(name for name in LAYERS if name not in self.options.without)
 
     @property
     def rocks(self) -> list[Rock]:
@@ -99,6 +100,8 @@ class Walk:
                 processes.start("central", "tca_central", "--journal", str(self.folder / "journal"))
                 for name in self.modules:
                     processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}")
+                for name in self.layers:
+                    processes.start(f"{name} layer", f"robots.ambler_sim.layers.{name.replace(' ', '_')}")
                 self.start_controller(processes)
                 code = self.conduct(address, processes)
         self.draw_history()
@@ -126,7 +129,9 @@ class Walk:
             module.central = address
             with module.running():
                 if not self.options.bare:
-                    module.wait_until_handled(*REACTIONS_READY, timeout=START_TIME)
+                    module.wait_until_handled(GIVE_UP, *map(is_attached, self.layers), timeout=START_TIME)
+                for layer in self.layers:
+                    module.query(is_attached(layer), timeout=START_TIME)
                 goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
                 code = _watch(
                     goal, processes, progress, bar,
@@ -196,7 +201,7 @@ def _watch(
 def _report(journal: Path) -> list[str]:
     """Two lines: the checks that were made, and what was done about failures."""
     tasks = History.until(open_log(journal)).tasks.values()
-    checks = Counter(task.name for task in tasks if task.name in (STABILITY_CHECK.name, FOOTFALL_CHECK.name))
+    checks = Counter(task.name for task in tasks if task.name.endswith(" check"))
     failed = sum(bool(task.failure) for task in tasks if task.role is Role.LISTENER)
     recoveries = Counter(task.name for task in tasks if task.role is Role.EXCEPTION)
     return [
@@ -227,7 +232,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--rock", nargs=4, type=float, action="append", default=[],
                         metavar=("X", "Y", "RADIUS", "HEIGHT"), help="one more; may be repeated")  # fmt: skip
-    parser.add_argument("--bare", action="store_true", help="without the monitors and the error recovery")
+    parser.add_argument("--without", action="append", default=[], choices=LAYERS, metavar="LAYER",
+                        help=f"leave out a layer: {', '.join(LAYERS)}")  # fmt: skip
+    parser.add_argument("--bare", action="store_true", help="without any layer, and without error recovery")
     parser.add_argument("--kill-central", type=int, default=0, metavar="TIMES",
                         help="kill central so many times on the way; it comes back on the same journal")  # fmt: skip
     parser.add_argument(

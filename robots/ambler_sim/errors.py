@@ -32,5 +32,9 @@ class UnstableMove(AmblerError):
     """The centre of gravity would come too near to the edge of the support."""
 
 
+class NoStep(AmblerError):
+    """No leg can take a footstep from here."""
+
+
 class ArcFinished(AmblerError):
     """A step was asked for on an arc that has been walked."""

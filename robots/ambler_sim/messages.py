@@ -10,6 +10,7 @@ from robots.ambler_sim.vocabulary import (
     Fault,
     Foot,
     Footfall,
+    Image,
     LegMove,
     Obstacle,
     Pose,
@@ -17,6 +18,7 @@ from robots.ambler_sim.vocabulary import (
     Scan,
     Stance,
     Step,
+    Window,
 )
 from tca_module import Broadcast, Command, Failure, Goal, Inform, PointMonitor, Query
 
@@ -39,10 +41,21 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """The rest of an arc to be walked, and the stance in which it will begin (foreseen, not measured)."""
+    """The rest of an arc to be walked, the stance in which it will begin (foreseen, not measured), and the number of
+    the footstep that begins it.
+    """
 
     arc: Arc
     stance: Stance
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class StepEnd:
+    """Where the body should be after the footstep with this number."""
+
+    number: int
+    goal: Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,23 +85,23 @@ class MotionError:
 # The task tree of the paper's figure 2, from the top down.
 TRAVERSE_PATH = Goal("traverse path", Path)
 CONFIRM_ARC = Command("confirm arc", int)
-TRAVERSE_ARC = Goal("traverse arc", Bend)
+TRAVERSE_ARC = Goal("traverse arc", Arc)
 TAKE_STEPS = Goal("take steps", Ahead)
 MOVE_LEG = Command("move leg", LegMove, result=Footfall)
 MOVE_BODY = Command("move body", BodyMove, result=Pose)
 WALKED = Broadcast("walked", Pose)
-POSITION_REACHED = Query("position reached", Pose, reply=Pose)
-ACHIEVED_POSITION = PointMonitor("achieved position?", Pose, condition=POSITION_REACHED, action=WALKED)
+POSITION_REACHED = Query("position reached", StepEnd, reply=Pose)
+ACHIEVED_POSITION = PointMonitor("achieved position?", StepEnd, condition=POSITION_REACHED, action=WALKED)
 
 # Questions of the planners.
-ELEVATION_MAP = Query("elevation map", Stance, reply=ElevationMap)
-PLAN_LEG_MOVE = Query("plan leg move", Step, reply=LegMove)
+ELEVATION_MAP = Query("elevation map", Window, reply=ElevationMap)
+PLAN_FOOTFALL = Query("plan footfall", Step, reply=Foot)
+PLAN_LEG_RECOVERY = Query("plan leg recovery", Placing, reply=LegMove)
 PLAN_BODY_MOVE = Query("plan body move", Placing, reply=BodyMove)
 
 # Questions to the controller.
 STANCE = Query("stance", reply=Stance)
 READINGS = Query("readings", reply=Readings)
-SCAN = Query("scan", reply=Scan)
 PICTURE = Query("picture", str, reply=str)
 RANGES = Query("ranges", reply=Scan)
 
@@ -99,14 +112,12 @@ CALIBRATE = Command("calibrate", int)
 LEVEL = Command("level")
 INJECT = Command("inject", Fault)
 
-# Perception: numbered images, and what was felt.
+# Perception: images with the numbers of footsteps, the map of them, and what was felt.
 ACQUIRE_IMAGE = Command("acquire image", int)
-IMAGES = Query("images", int, reply=tuple[Scan, ...])
+IMAGES = Query("images", int, reply=tuple[Image, ...])
+UPDATE_MAP = Command("update map")
 FELT = Inform("felt", Obstacle)
-PLAN_FOOTFALL = Query("plan footfall", Step, reply=Foot)
-PLAN_LEG_RECOVERY = Query("plan leg recovery", Placing, reply=LegMove)
 
-PLANNER_FAILED = Failure("planner failed", str)
 NO_FOOTFALL = Failure("no footfall", Step)
 NO_PATH = Failure("no path", Placing)
 NO_POSE = Failure("no pose", Placing)

@@ -224,11 +224,20 @@ class Obstacle:
 
 
 @dataclass(frozen=True, slots=True)
-class MapRequest:
-    """Asks for the ground around *stance* as known from the images up to the one with this number, that included."""
+class Window:
+    """A square of ground: its middle, and how far (m) it reaches on each side."""
 
-    stance: Stance
-    image: int
+    x: float
+    y: float
+    reach: float
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """A range image with the number of the footstep before which it was taken."""
+
+    number: int
+    scan: Scan
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from robots.ambler_sim.planning.body import plan_body_move
 from robots.ambler_sim.planning.checks import (
     LEAST_ENERGY,
     LEAST_SUPPORT,
+    Margins,
     fault_of_footfall,
     is_stable,
     margins_of_body_move,
@@ -16,7 +17,6 @@ from robots.ambler_sim.planning.checks import (
 )
 from robots.ambler_sim.planning.gait import with_foot
 from robots.ambler_sim.planning.leg_recovery import plan_leg_move
-from robots.ambler_sim.reactions import Margins
 from robots.ambler_sim.vocabulary import BodyMove, Foot, Pose, Readings
 
 STEP = a_step()

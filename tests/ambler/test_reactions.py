@@ -9,6 +9,9 @@ from dataclasses import replace
 
 import pytest
 
+from robots.ambler_sim.layers import footfall, planners, stability, terrain_contact
+from robots.ambler_sim.layers.footfall import FOOTFALL_CHECK
+from robots.ambler_sim.layers.stability import STABILITY_CHECK, UNSTABLE_MOVE
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, TRAVERSE_PATH, Bend, Path
@@ -16,13 +19,14 @@ from robots.ambler_sim.modules import (
     body_planner,
     controller,
     error_recovery,
+    footfall_planner,
     gait_planner,
-    leg_planner,
-    monitoring,
-    perception,
+    leg_recovery_planner,
+    mapper,
+    scanner,
 )
 from robots.ambler_sim.modules.task_manager import make_module as make_task_manager
-from robots.ambler_sim.reactions import FOOTFALL_CHECK, REPLAN_MOVE, STABILITY_CHECK, UNSTABLE_MOVE
+from robots.ambler_sim.recovery import REPLAN_MOVE
 from robots.ambler_sim.vocabulary import BodyMove, Readings
 from tca_module import Client, TaskFailed, connect
 from tca_module.testing import LocalCentral
@@ -30,12 +34,20 @@ from tca_tools.run.fold import History
 from tca_wire.journal.facts import Received
 
 WALKERS = [
-    f"robots.ambler_sim.{name}"
+    f"robots.ambler_sim.modules.{name}"
     for name in (
-        *(f"modules.{name}" for name in ("body_planner", "controller", "gait_planner", "leg_planner", "perception")),
-        "modules.task_manager",
+        "controller",
+        "scanner",
+        "mapper",
+        "gait_planner",
+        "footfall_planner",
+        "leg_recovery_planner",
+        "body_planner",
+        "task_manager",
     )
 ]
+
+LAYERS = [each.layer for each in (footfall, planners, stability, terrain_contact)]
 
 
 @pytest.fixture
@@ -46,12 +58,14 @@ def robot() -> Robot:
 @pytest.fixture
 def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
     """All modules of a walk."""
-    planners = gait_planner.planner, leg_planner.planner, body_planner.planner, perception.perception
-    walkers = (*planners, controller.make_module(robot, None), make_task_manager(lambda _: None, lambda _: None))
-    for program in (gait_planner, perception, error_recovery):
+    planning = gait_planner, footfall_planner, leg_recovery_planner, body_planner
+    walkers = (
+        *(each.planner for each in planning), scanner.scanner, mapper.mapper, controller.make_module(robot, None), make_task_manager(lambda _: None, lambda _: None),
+    )  # fmt: skip
+    for program in (gait_planner, scanner, mapper):
         monkeypatch.setattr(program, "memory", type(program.memory)())
     with LocalCentral(check=True) as local, ExitStack() as stack:
-        for module in (*walkers, monitoring.monitoring, error_recovery.recovery):
+        for module in (*walkers, *LAYERS, error_recovery.recovery):
             monkeypatch.setattr(module, "central", local)
             stack.enter_context(module.running())
         yield local
@@ -70,7 +84,7 @@ def sent(central: LocalCentral, name: str) -> list[Received]:
 def test_the_modules_that_walk_have_never_heard_of_checks_and_recoveries() -> None:
     code = f"import sys; from importlib import import_module; [*map(import_module, {WALKERS})]; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    added = ("reactions", "planning.checks", "planning.replanning", "modules.monitoring", "modules.error_recovery")
+    added = ("recovery", "layers", "planning.checks", "planning.replanning", "modules.error_recovery")
     assert set(WALKERS) <= set(done.stdout.split())
     assert not {f"robots.ambler_sim.{name}" for name in added} & set(done.stdout.split())
 

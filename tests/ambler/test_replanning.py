@@ -10,25 +10,33 @@ from ambler.builders import a_map, a_stance, a_step
 from robots.ambler_sim.errors import NoFootfall, PathBlocked
 from robots.ambler_sim.geometry import leg_joints
 from robots.ambler_sim.planning.checks import is_stable, margins_of_leg_move
-from robots.ambler_sim.planning.elevation import height_at
+from robots.ambler_sim.planning.elevation import height_at, with_obstacles
 from robots.ambler_sim.planning.footfall import choose_foothold
 from robots.ambler_sim.planning.gait import next_leg, standard_feet, standard_places, with_foot
 from robots.ambler_sim.planning.leg_recovery import RECOVERY_RADIUS, plan_leg_move, swing_path
 from robots.ambler_sim.planning.replanning import (
+    FOOT_ROOM,
     OBSTACLE_RADIUS,
     RAISE,
-    Avoided,
     another_way,
     felt,
     raised,
     shuffle,
-    without,
 )
-from robots.ambler_sim.vocabulary import Contact, Foot, LegMove, Stance
+from robots.ambler_sim.vocabulary import Contact, Foot, LegMove, Obstacle, Stance
+
+
+def wall(x: float, y: float) -> Obstacle:
+    return Obstacle(x, y, 0.5, OBSTACLE_RADIUS, is_wall=True)
+
+
+def bad_place(x: float, y: float) -> Obstacle:
+    return Obstacle(x, y, 0.0, FOOT_ROOM, is_wall=False)
+
 
 STEP = a_step()
 LEG_MOVE = plan_leg_move(a_map(), STEP, STEP.ideal)
-AHEAD_OF_THE_SHAFT = Avoided(1.15, 1.0, is_wall=True)
+AHEAD_OF_THE_SHAFT = wall(1.15, 1.0)
 
 
 def way_of(move: LegMove, stance: Stance) -> np.ndarray:
@@ -51,24 +59,26 @@ def test_a_leg_cannot_be_raised_for_ever() -> None:
 
 
 def test_what_a_leg_met_lies_beyond_where_it_met_it() -> None:
-    wall = felt(Contact(2, 1.0, 1.0, 0.5, 900.0), Foot(2, 1.0, 0.75, 0.0))
-    assert wall.is_wall
-    assert (wall.x, wall.y) == pytest.approx((1.0, 1.0 + OBSTACLE_RADIUS - 0.1))
+    met = felt(Contact(2, 1.0, 1.0, 0.5, 900.0), Foot(2, 1.0, 0.75, 0.0))
+    assert met.is_wall
+    assert (met.x, met.y) == pytest.approx((1.0, 1.0 + OBSTACLE_RADIUS - 0.1))
 
 
 def test_what_a_foot_was_set_upon_is_not_to_be_stood_upon() -> None:
-    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0), Foot(2, 1.41, 2.2, 0.3)) == Avoided(1.4, 2.2, is_wall=False)
+    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0), Foot(2, 1.41, 2.2, 0.3)) == Obstacle(
+        1.4, 2.2, 0.3, FOOT_ROOM, is_wall=False
+    )
 
 
 def test_walls_and_bad_footholds_are_in_the_map_and_nothing_else_is_changed() -> None:
-    ground = without(a_map(), [Avoided(1.0, 1.0, is_wall=True), Avoided(-1.0, 1.0, is_wall=False)])
+    ground = with_obstacles(a_map(), [wall(1.0, 1.0), bad_place(-1.0, 1.0)])
     assert height_at(ground, 1.0, 1.0) == math.inf
     assert math.isnan(height_at(ground, -1.0, 1.0))
     assert height_at(ground, 1.0 + OBSTACLE_RADIUS + 0.1, 1.0) == 0.0
 
 
 def test_the_leg_swings_around_a_wall() -> None:
-    ground = without(a_map(), [AHEAD_OF_THE_SHAFT])
+    ground = with_obstacles(a_map(), [AHEAD_OF_THE_SHAFT])
     move = another_way(ground, STEP)
     assert move.radius > RECOVERY_RADIUS
     assert move.lift == pytest.approx(LEG_MOVE.lift)
@@ -78,7 +88,7 @@ def test_the_leg_swings_around_a_wall() -> None:
 
 def test_another_foothold_is_found_where_the_first_is_not_to_be_stood_upon() -> None:
     bad = choose_foothold(a_map(), STEP)
-    move = another_way(without(a_map(), [Avoided(bad.x + 0.2, bad.y, is_wall=False)]), STEP)
+    move = another_way(with_obstacles(a_map(), [bad_place(bad.x + 0.2, bad.y)]), STEP)
     assert math.dist((move.foothold.x, move.foothold.y), (bad.x + 0.2, bad.y)) > OBSTACLE_RADIUS
 
 
@@ -89,12 +99,12 @@ def test_a_leg_that_has_passed_the_nose_goes_on_the_short_way() -> None:
 
 
 def test_where_there_is_no_way_that_is_said() -> None:
-    ring = [Avoided(x, 1.0, is_wall=True) for x in (1.0, 1.6, 2.2)]
+    ring = [wall(x, 1.0) for x in (1.0, 1.6, 2.2)]
     with pytest.raises(PathBlocked, match="leg 2 finds no way to"):
-        another_way(without(a_map(), ring), STEP)
-    everywhere = [Avoided(x, y, is_wall=False) for x in (1.0, 1.5, 2.0) for y in (1.8, 2.3, 2.8)]
+        another_way(with_obstacles(a_map(), ring), STEP)
+    everywhere = [bad_place(x, y) for x in (1.0, 1.5, 2.0) for y in (1.8, 2.3, 2.8)]
     with pytest.raises(NoFootfall):
-        another_way(without(a_map(), everywhere), STEP)
+        another_way(with_obstacles(a_map(), everywhere), STEP)
 
 
 def test_legs_keep_their_order_in_the_standard_configuration() -> None:
@@ -130,5 +140,5 @@ def test_a_shuffle_is_stable_move_by_move_and_the_blocked_leg_goes_last() -> Non
 
 def test_a_foot_that_cannot_be_brought_to_its_place_stays() -> None:
     stance = with_foot(a_stance(), Foot(2, 0.9, 0.4, 0.0))
-    wall = [Avoided(-0.6, y / 2, is_wall=True) for y in range(-6, 8)]
-    assert 2 not in {move.leg for move in shuffle(without(a_map(), wall), stance, blocked=2)}
+    walls = [wall(-0.6, y / 2) for y in range(-6, 8)]
+    assert 2 not in {move.leg for move in shuffle(with_obstacles(a_map(), walls), stance, blocked=2)}

@@ -3,6 +3,7 @@
 from dataclasses import is_dataclass
 
 import msgspec
+import numpy as np
 import pytest
 from ambler.builders import ORIGIN, a_map, a_stance, a_step, an_arc
 
@@ -17,10 +18,11 @@ from robots.ambler_sim.vocabulary import (
     Foot,
     Footfall,
     Footstep,
-    MapRequest,
+    Image,
     Obstacle,
     Rock,
     TerrainSpec,
+    Window,
 )
 
 STEP = a_step()
@@ -41,7 +43,8 @@ EXAMPLES = [
     Contact(2, 1.0, 1.5, 0.5, 2300.0),
     Fault("amplifier trip", 2, needs_operator=True),
     Obstacle(1.0, 1.5, 0.5, 0.45, is_wall=True),
-    MapRequest(a_stance(), 3),
+    Window(1.0, 2.0, 0.5),
+    Image(3, pack_scan(a_stance(), np.zeros((2, 3)))),
     Footstep(7, 2, Foot(2, 1.0, 2.0, 0.1), Foot(2, 1.01, 2.0, 0.1), ORIGIN, ORIGIN, 0.2, 0.01, 0.6),
     ROBOT.readings(),
     ROBOT.state(),

@@ -1,7 +1,7 @@
 """The real-time controller: owns the robot (here the simulator), moves it, and saves where it is after every move.
 
-The machine makes one move at a time; its scanner is a resource of its own, so that perception need not wait for the
-end of a move. A controller that is started on the state file of another takes the robot over where that one left it.
+The machine makes one move at a time; its range finder is a resource of its own, so that the scanner may ask it while it
+locks the moves. A controller that is started on the state file of another takes the robot over where that one left it.
 """
 
 import argparse
@@ -19,8 +19,8 @@ from robots.ambler_sim.messages import (
     MOVE_BODY,
     MOVE_LEG,
     PICTURE,
+    RANGES,
     READINGS,
-    SCAN,
     STANCE,
     TERRAIN_COLLISION,
 )
@@ -31,7 +31,7 @@ from tca_module import Module, Task
 def make_module(robot: Robot, state_file: Path | None) -> Module:
     """The module that moves *robot*."""
     controller = Module("controller")
-    controller.resource("scanner")
+    controller.resource("range finder")
     machine = Machine(robot)
 
     def goes_on(task: Task) -> bool:
@@ -79,8 +79,8 @@ def _answer_questions(controller: Module, machine: Machine) -> None:
         with machine.moving():
             return robot.readings()
 
-    @controller.handles(SCAN, resource="scanner")
-    def scan(_: Task) -> Scan:
+    @controller.handles(RANGES, resource="range finder")
+    def ranges(_: Task) -> Scan:
         return machine.scan()
 
     @controller.handles(PICTURE)

@@ -5,76 +5,50 @@ step is planned anew, the feet are shuffled into the standard configuration and 
 walk is given up. The modules that plan and move need not know of this one.
 """
 
-from collections import deque
-
 from robots.ambler_sim.errors import AmblerError, PathBlocked
 from robots.ambler_sim.messages import (
     ACHIEVED_POSITION,
+    ACQUIRE_IMAGE,
     ELEVATION_MAP,
+    FELT,
     MOVE_BODY,
     MOVE_LEG,
     STANCE,
     TAKE_STEPS,
-    TERRAIN_COLLISION,
-    TRAVERSE_ARC,
     TRAVERSE_PATH,
     Ahead,
-    Bend,
+    StepEnd,
 )
-from robots.ambler_sim.planning.body import plan_body_move
-from robots.ambler_sim.planning.gait import TOLERANCE, after_step, next_step, remaining
-from robots.ambler_sim.planning.replanning import Avoided, another_way, felt, raised, shuffle, without
-from robots.ambler_sim.reactions import (
+from robots.ambler_sim.planning.gait import TOLERANCE, after_step
+from robots.ambler_sim.planning.replanning import another_step, felt, raised, shuffle, window_around
+from robots.ambler_sim.recovery import (
     DO_AGAIN,
     GIVE_UP,
-    LOST,
+    PLAN_OTHERWISE,
     RAISE_LEG,
     REPLAN_MOVE,
     SHUFFLE_FEET,
     STUCK,
-    UNSTABLE_FOOTHOLD,
-    UNSTABLE_MOVE,
     WALK_GIVEN_UP,
 )
-from robots.ambler_sim.vocabulary import LEGS, Contact, ElevationMap, Stance
-from tca_module import Module, Scope, Task, TaskRef, Trouble
+from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Contact, ElevationMap, Stance
+from tca_module import Module, Outcome, Scope, Task, TaskRef, Trouble
 
-RAISED_AT_MOST, REPLANNED_AT_MOST, SHUFFLED_AT_MOST = 2, 2, 2
-"""How often each is tried for one leg move, one step, one arc."""
+REPLANNED_AT_MOST = 3
+"""How often for one step."""
 
 DONE_AT_MOST = 5
 """How often a handler may die of the same task before that fails."""
 
-MOST_REMEMBERED = 30
-"""Places: older ones are behind."""
-
 recovery = Module("error recovery")
+recovery.resource("steps")
+"""For what waits until the step before has been walked: meanwhile that may need to be recovered, too."""
 
 
 @recovery.at_start
 def attach(module: Module) -> None:
-    """Every leg move, step, arc and path has its rung from now on."""
-    module.on_failure(TERRAIN_COLLISION, RAISE_LEG, of=MOVE_LEG, maximum=RAISED_AT_MOST)
-    module.on_failure(TERRAIN_COLLISION, REPLAN_MOVE, of=TAKE_STEPS)
-    module.on_failure(UNSTABLE_FOOTHOLD, REPLAN_MOVE, of=TAKE_STEPS)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
-    module.on_failure(UNSTABLE_MOVE, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
-    module.on_failure(LOST, DO_AGAIN, of=TRAVERSE_ARC)
+    """What nobody else handles ends the walk, with a reason."""
     module.on_failure(None, GIVE_UP, of=TRAVERSE_PATH, maximum=1)
-
-
-class ObstacleMemory:
-    """The obstacles that legs have met so far: the scanner did not see them."""
-
-    def __init__(self) -> None:
-        self.avoided: deque[Avoided] = deque(maxlen=MOST_REMEMBERED)
-
-    def ground(self, task: Task, stance: Stance) -> ElevationMap:
-        """The map, with what is not to be seen in it."""
-        return without(task.query(ELEVATION_MAP, stance), self.avoided)
-
-
-memory = ObstacleMemory()
 
 
 @recovery.handles(RAISE_LEG)
@@ -90,27 +64,51 @@ def raise_leg(task: Task, contact: Contact) -> None:
 
 @recovery.handles(REPLAN_MOVE)
 def replan_move(task: Task, contact: Contact) -> None:
-    """Forget what was planned of the step, take it another way, and let the rest of the arc be planned anew."""
-    trouble, stance = task.trouble, task.query(STANCE)
+    """A foot met something, or stands badly: put that into the map, and take the step another way."""
+    stance = task.query(STANCE)
+    task.inform(FELT, felt(contact, stance.feet[contact.leg]))
+    take_another_step(task, stance, contact.leg)
+
+
+@recovery.handles(PLAN_OTHERWISE, resource="steps")
+def plan_otherwise(task: Task) -> None:
+    """A step can't be planned or walked as planned: once the one before it has been walked, take another one."""
+    step_task = task.trouble.attached
+    assert step_task is not None
+    before = step_task.parent()
+    if before is not None and before.message == TAKE_STEPS.name:
+        for moved in before.children(ACHIEVED_POSITION):
+            if moved.wait() is not Outcome.DONE:
+                return  # its own recovery has begun, and will plan all that follows anew
+    task.command(ACQUIRE_IMAGE, step_task.data(TAKE_STEPS).number).wait()
+    take_another_step(task, task.query(STANCE), NO_LEG)
+
+
+def take_another_step(task: Task, stance: Stance, leg: int) -> None:
+    """Forget what was planned of a step, take it another way, and let the rest of the arc be planned anew."""
+    trouble = task.trouble
     step_task = trouble.attached
     assert step_task is not None
-    memory.avoided.append(felt(contact, stance.feet[contact.leg]))
     if trouble.invocations > REPLANNED_AT_MOST or trouble.failing.ancestors(SHUFFLE_FEET):
         raise STUCK(trouble.text, trouble.text)
-    arc = step_task.data(TAKE_STEPS).arc
+    ahead = step_task.data(TAKE_STEPS)
     try:
-        step = next_step(stance, arc, contact.leg)
-        leg_move = another_way(memory.ground(task, stance), step)
-        body_move = plan_body_move(step, leg_move.foothold)
+        other = another_step(ground(task, stance), stance, ahead.arc, leg)
     except AmblerError as error:
         raise STUCK(str(error), f"{trouble.text}; and {error}") from error
-    _abandon(trouble, "planned anew")
+    abandon(trouble, "planned anew")
     with task.sequence():
-        task.command(MOVE_LEG, leg_move)
-        task.command(MOVE_BODY, body_move)
-        task.monitor(ACHIEVED_POSITION, body_move.goal)
-    if step.remaining >= TOLERANCE:
-        step_task.retry(TAKE_STEPS, Ahead(arc, after_step(step, leg_move.foothold, body_move.goal)))
+        task.command(MOVE_LEG, other.leg_move)
+        task.command(MOVE_BODY, other.body_move)
+        task.monitor(ACHIEVED_POSITION, StepEnd(ahead.number, other.body_move.goal))
+    if other.step.remaining >= TOLERANCE:
+        after = after_step(other.step, other.leg_move.foothold, other.body_move.goal)
+        step_task.retry(TAKE_STEPS, Ahead(ahead.arc, after, ahead.number + 1))
+
+
+def ground(task: Task, stance: Stance) -> ElevationMap:
+    """All ground that legs can reach."""
+    return task.query(ELEVATION_MAP, window_around(stance))
 
 
 @recovery.handles(SHUFFLE_FEET)
@@ -119,15 +117,12 @@ def shuffle_feet(task: Task) -> None:
     trouble, stance = task.trouble, task.query(STANCE)
     arc_task = trouble.attached
     assert arc_task is not None
-    arc = _nearest_step(trouble.failing).data(TAKE_STEPS).arc
-    rest = remaining(arc, stance.pose)
-    moves = shuffle(memory.ground(task, stance), stance, _leg_of(trouble.failing))
-    _abandon(trouble, "begun again")
+    moves = shuffle(ground(task, stance), stance, _leg_of(trouble.failing))
+    abandon(trouble, "begun again")
     with task.sequence():
         for move in moves:
             task.command(MOVE_LEG, move)
-    if rest >= TOLERANCE:
-        arc_task.retry(TRAVERSE_ARC, Bend(arc.curvature, rest))
+    arc_task.retry()
 
 
 @recovery.handles(DO_AGAIN)
@@ -145,11 +140,8 @@ def do_again(task: Task) -> None:
     if failing.message != TAKE_STEPS.name or not has_ordered:
         failing.retry()
         return
-    _abandon(trouble, "begun again")
-    arc = failing.data(TAKE_STEPS).arc
-    rest = remaining(arc, task.query(STANCE).pose)
-    if rest >= TOLERANCE:
-        arc_task.retry(TRAVERSE_ARC, Bend(arc.curvature, rest))
+    abandon(trouble, "begun again")
+    arc_task.retry()
 
 
 @recovery.handles(GIVE_UP)
@@ -158,17 +150,15 @@ def give_up(task: Task) -> None:
     raise WALK_GIVEN_UP(task.trouble.failure, f"{task.trouble.text} ({task.trouble.failure})")
 
 
-def _abandon(trouble: Trouble, why: str) -> None:
+def abandon(trouble: Trouble, why: str) -> None:
     """Kill all that was to be done under the task that the exception handler is attached to. Other exception handlers
     on the way there outlive that, and what they have sent: it is killed, too.
     """
     assert trouble.attached is not None
-    for task in (*trouble.failing.ancestors(REPLAN_MOVE), *trouble.failing.ancestors(SHUFFLE_FEET), trouble.attached):
+    rungs = REPLAN_MOVE, PLAN_OTHERWISE, SHUFFLE_FEET
+    handlers = [task for rung in rungs for task in trouble.failing.ancestors(rung)]
+    for task in (*handlers, trouble.attached):
         task.kill(why, scope=Scope.DESCENDANTS)
-
-
-def _nearest_step(failing: TaskRef) -> TaskRef:
-    return failing.ancestors(TAKE_STEPS)[0]
 
 
 def _leg_of(failing: TaskRef) -> int:

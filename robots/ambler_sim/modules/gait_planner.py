@@ -1,90 +1,152 @@
 """The gait planner: turns an arc into steps, planning one step ahead of the one that is walked (paper, figure 2).
 
-Each "take steps" sends its own moves and then the next "take steps", which may be planned as soon as this one is being
-achieved: while step n is walked, step n+1 is planned, and never n+2.
+Each "take steps" orders its own moves and then the next "take steps", which is planned while this one is walked: so
+step n+1 is planned while step n is walked, and never n+2. Every second step begins with an image of the ground ahead;
+the next one is planned when that has been taken.
+
+For comparison it also plans without looking ahead (``--mode sequential``), and ahead, but with a map that is finished
+before the legs move (``--mode ahead``).
 """
 
+import argparse
 import math
 from dataclasses import replace
+from enum import StrEnum
 
 from robots.ambler_sim.messages import (
     ACHIEVED_POSITION,
+    ACQUIRE_IMAGE,
     MOVE_BODY,
     MOVE_LEG,
     NOT_THERE,
     PLAN_BODY_MOVE,
-    PLAN_LEG_MOVE,
+    PLAN_FOOTFALL,
+    PLAN_LEG_RECOVERY,
     POSITION_REACHED,
     STANCE,
     TAKE_STEPS,
     TRAVERSE_ARC,
+    UPDATE_MAP,
     Ahead,
-    Bend,
     Placing,
+    StepEnd,
 )
-from robots.ambler_sim.planning.gait import TOLERANCE, after_step, next_step
+from robots.ambler_sim.planning.gait import TOLERANCE, after_step, is_finished, next_step, rejoin
 from robots.ambler_sim.vocabulary import Arc, Pose, Stance
-from tca_module import Module, Task, this
+from tca_module import Constraint, Module, Task, this
 
 CLOSE_ENOUGH = 0.15
 """Metres between where the body is and where it should be after a step."""
+
+STEPS_PER_IMAGE = 2
 
 planner = Module("gait planner")
 planner.resource("position check")
 
 
-class StanceMemory:
-    """The last stance that was measured: feet creep a little, so it is better than what was foreseen."""
+class Mode(StrEnum):
+    """How much goes on at once."""
 
-    measured: Stance | None = None
+    SEQUENTIAL = "sequential"
+    AHEAD = "ahead"
+    CONCURRENT = "concurrent"
 
-    def corrected(self, foreseen: Stance) -> Stance:
-        """*foreseen* with the measured feet, but for the leg that is being moved meanwhile."""
-        if self.measured is None or foreseen.last_leg < 0:
+
+class GaitMemory:
+    """The mode, the number of the next footstep, and the last stances that were measured, by footstep: feet creep a
+    little, so these are better than what was foreseen.
+    """
+
+    def __init__(self) -> None:
+        self.mode = Mode.CONCURRENT
+        self.number = 0
+        self._measured: dict[int, Stance] = {}
+
+    def note(self, number: int, stance: Stance) -> None:
+        """Measured after the footstep with this number."""
+        self._measured = {number - 1: self._measured.get(number - 1, stance), number: stance}
+
+    def corrected(self, ahead: Ahead) -> Stance:
+        """The foreseen stance with the feet that were measured before the footstep that is walked now; not the foot
+        that this one moves.
+        """
+        foreseen, measured = ahead.stance, self._measured.get(ahead.number - 2)
+        if measured is None or foreseen.last_leg < 0:
             return foreseen
         moving = foreseen.last_leg
         feet = tuple(
-            there if there.leg == moving else here
-            for there, here in zip(foreseen.feet, self.measured.feet, strict=True)
+            there if there.leg == moving else here for there, here in zip(foreseen.feet, measured.feet, strict=True)
         )
         return replace(foreseen, feet=feet)
 
 
-memory = StanceMemory()
+memory = GaitMemory()
 
 
 @planner.handles(TRAVERSE_ARC)
-def traverse_arc(task: Task, bend: Bend) -> None:
-    """Walk a piece of path from where the robot is now."""
+def traverse_arc(task: Task, course: Arc) -> None:
+    """Walk what remains of a piece of the course from where the robot is now."""
     stance = task.query(STANCE)
-    memory.measured = stance
-    task.goal(TAKE_STEPS, Ahead(Arc(stance.pose, bend.curvature, bend.length), stance))
+    if is_finished(course, stance.pose):
+        return
+    ahead = Ahead(rejoin(course, stance.pose), stance, memory.number)
+    with task.sequence():
+        image = task.command(ACQUIRE_IMAGE, memory.number)
+        if memory.mode is not Mode.CONCURRENT:
+            task.command(UPDATE_MAP)
+        task.goal(TAKE_STEPS, ahead, constraints=[image.achieving.end <= this.planning.start])
 
 
 @planner.handles(TAKE_STEPS)
 def take_steps(task: Task, ahead: Ahead) -> None:
     """Plan one step and order it; leave the rest of the arc to the next "take steps"."""
-    step = next_step(memory.corrected(ahead.stance), ahead.arc)
-    leg_move = task.query(PLAN_LEG_MOVE, step)
-    body_move = task.query(PLAN_BODY_MOVE, Placing(step, leg_move.foothold))
+    number = memory.number = ahead.number
+    step = next_step(memory.corrected(ahead), ahead.arc)
+    placing = Placing(step, task.query(PLAN_FOOTFALL, step))
+    leg_move = task.query(PLAN_LEG_RECOVERY, placing)
+    body_move = task.query(PLAN_BODY_MOVE, placing)
     with task.sequence():
+        started: list[Constraint] = [task.achieving.start <= this.planning.start]
+        if number % STEPS_PER_IMAGE:
+            started = look(task, number)
         task.command(MOVE_LEG, leg_move)
         task.command(MOVE_BODY, body_move)
-        task.monitor(ACHIEVED_POSITION, body_move.goal)
+        achieved = task.monitor(ACHIEVED_POSITION, StepEnd(number, body_move.goal))
         if step.remaining >= TOLERANCE:
-            rest = Ahead(ahead.arc, after_step(step, leg_move.foothold, body_move.goal))
-            task.goal(TAKE_STEPS, rest, constraints=[task.achieving.start <= this.planning.start])
+            rest = Ahead(ahead.arc, after_step(step, placing.foothold, body_move.goal), number + 1)
+            if memory.mode is Mode.SEQUENTIAL:
+                started = [achieved.achieving.end <= this.planning.start]
+            task.goal(TAKE_STEPS, rest, constraints=started)
+        else:
+            memory.number = number + 1
+
+
+def look(task: Task, number: int) -> list[Constraint]:
+    """Order an image before the legs move; the next step is planned after it."""
+    image = task.command(ACQUIRE_IMAGE, number)
+    if memory.mode is not Mode.CONCURRENT:
+        image = task.command(UPDATE_MAP)
+    return [image.achieving.end <= this.planning.start]
 
 
 @planner.handles(POSITION_REACHED, resource="position check")
-def position_reached(task: Task, goal: Pose) -> Pose:
+def position_reached(task: Task, reached: StepEnd) -> Pose:
     """Whether the body is where the step should have brought it: where it is, or a failure."""
-    memory.measured = stance = task.query(STANCE)
+    stance, goal = task.query(STANCE), reached.goal
+    memory.note(reached.number, stance)
     distance = math.hypot(stance.pose.x - goal.x, stance.pose.y - goal.y)
     if distance > CLOSE_ENOUGH:
         raise NOT_THERE(f"{distance:.2f} m", f"the body is {distance:.2f} m from where the step should have brought it")
     return stance.pose
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.gait_planner", description=__doc__)
+    parser.add_argument("--mode", type=Mode, choices=list(Mode), default=Mode.CONCURRENT)
+    memory.mode = parser.parse_args().mode
     planner.run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,11 +1,14 @@
-"""The task manager: takes a path apart into arcs, and tells a person how the walk goes."""
+"""The task manager: takes a path apart into arcs of a course, and tells a person how the walk goes."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from robots.ambler_sim.messages import CONFIRM_ARC, TRAVERSE_ARC, TRAVERSE_PATH, WALKED, Path
-from robots.ambler_sim.vocabulary import Pose
+from robots.ambler_sim.planning.gait import pose_on
+from robots.ambler_sim.vocabulary import Arc, Pose
 from tca_module import Module, Task
+
+START = Pose(0.0, 0.0, 0.0, 0.0)
 
 
 def make_module(on_walked: Callable[[float], None], confirm: Callable[[int], None]) -> Module:
@@ -18,10 +21,10 @@ def make_module(on_walked: Callable[[float], None], confirm: Callable[[int], Non
     @manager.handles(TRAVERSE_PATH)
     def traverse_path(task: Task, path: Path) -> None:
         with task.sequence():
-            for number, bend in enumerate(path.bends):
+            for number, arc in enumerate(course_of(path)):
                 if number and path.ask:
                     task.command(CONFIRM_ARC, number)
-                task.goal(TRAVERSE_ARC, bend, delay_planning=True)
+                task.goal(TRAVERSE_ARC, arc, delay_planning=True)
 
     @manager.handles(CONFIRM_ARC, resource="operator")
     def confirm_arc(_: Task, number: int) -> None:
@@ -34,16 +37,24 @@ def make_module(on_walked: Callable[[float], None], confirm: Callable[[int], Non
     return manager
 
 
+def course_of(path: Path) -> Iterator[Arc]:
+    """The path's pieces, each from where the one before should end."""
+    start = START
+    for bend in path.bends:
+        arc = Arc(start, bend.curvature, bend.length)
+        yield arc
+        start = pose_on(arc, arc.length)
+
+
 class Odometer:
     """The length of the way between the poses it was shown, from the origin on."""
 
     def __init__(self) -> None:
         self.metres = 0.0
-        self._last: Pose | None = None
+        self._last = START
 
     def add(self, pose: Pose) -> float:
         """The robot is here now; the metres so far."""
-        x, y = (self._last.x, self._last.y) if self._last else (0.0, 0.0)
-        self.metres += math.hypot(pose.x - x, pose.y - y)
+        self.metres += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
         self._last = pose
         return self.metres

@@ -1,11 +1,10 @@
 """Checks before and after a move: from a stance, a planned move and sensors to a verdict."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from robots.ambler_sim.planning.gait import with_foot
 from robots.ambler_sim.planning.stability import conservative_margin, energy_margin, support_margin
-from robots.ambler_sim.reactions import Margins
 from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
 
 LEAST_SUPPORT = 0.3
@@ -20,6 +19,22 @@ LEAST_LOAD = 500.0
 
 FARTHEST_ASIDE = 0.25
 FARTHEST_OFF_LEVEL = 0.35
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """How far the robot stays from tipping over: its centre of gravity from the nearest support edge (m), the same when
+    the worst further leg fails, and how far it would have to rise to tip (m).
+    """
+
+    support: float
+    conservative: float
+    energy: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.support:.2f} m to the edge, {self.conservative:.2f} m without one more leg, {self.energy:.3f} m up"
+        )
 
 
 def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:

@@ -1,12 +1,13 @@
 """Reading and making elevation maps: what the robot believes about the ground."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.vocabulary import ElevationMap
+from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Window
 
 Cells = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -48,14 +49,33 @@ def height_at(ground: ElevationMap, x: float, y: float) -> float:
     return float(heights_along(ground, np.array([x]), np.array([y]))[0])
 
 
-def with_patch(ground: ElevationMap, x: float, y: float, radius: float, height: float) -> ElevationMap:
-    """The map with all cells within *radius* of a point at *height*: infinite for what can't be stepped over, NaN for
-    what should not be stepped on.
-    """
+def unknown_map(window: Window, resolution: float = 0.1) -> ElevationMap:
+    """A map of which nothing is known."""
+    cell = make_map(window.x, window.y, resolution, np.array([[np.nan]]), np.zeros((1, 1), dtype=bool))
+    return cut(cell, window)
+
+
+def cut(ground: ElevationMap, window: Window) -> ElevationMap:
+    """The part of a map in a window; cells beyond its border are NaN."""
+    side = 2 * math.ceil(window.reach / ground.resolution) + 1
+    row = round((window.x - window.reach - ground.x) / ground.resolution)
+    column = round((window.y - window.reach - ground.y) / ground.resolution)
+    heights, known = np.full((side, side), np.nan), np.zeros((side, side), dtype=bool)
+    rows, columns = np.arange(row, row + side), np.arange(column, column + side)
+    here = np.ix_((rows >= 0) & (rows < ground.rows), (columns >= 0) & (columns < ground.columns))
+    there = np.ix_(rows[here[0].ravel()], columns[here[1].ravel()])
+    heights[here], known[here] = heights_of(ground)[there], known_cells(ground)[there]
+    x, y = ground.x + row * ground.resolution, ground.y + column * ground.resolution
+    return make_map(x, y, ground.resolution, heights, known)
+
+
+def with_obstacles(ground: ElevationMap, obstacles: Iterable[Obstacle]) -> ElevationMap:
+    """The map with what was felt: walls are infinitely high; of places where no foot should stand nothing is known."""
     heights = heights_of(ground).copy()
     rows, columns = np.indices(heights.shape)
-    away = np.hypot(ground.x + ground.resolution * rows - x, ground.y + ground.resolution * columns - y)
-    heights[away <= radius] = height
+    for each in obstacles:
+        away = np.hypot(ground.x + ground.resolution * rows - each.x, ground.y + ground.resolution * columns - each.y)
+        heights[away <= each.radius] = math.inf if each.is_wall else math.nan
     return make_map(ground.x, ground.y, ground.resolution, heights, known_cells(ground))
 
 

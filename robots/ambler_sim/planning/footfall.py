@@ -20,7 +20,7 @@ from robots.ambler_sim.geometry import (
     within_limits,
 )
 from robots.ambler_sim.planning.elevation import Mask, heights_of, known_cells, windows
-from robots.ambler_sim.vocabulary import ElevationMap, Foot, Step
+from robots.ambler_sim.vocabulary import ElevationMap, Foot, Step, Window
 
 SEARCH_RADIUS = 0.5
 PATCH = 5
@@ -36,6 +36,11 @@ ROUGHNESS_COST = 15.0
 CURVATURE_COST = 0.1
 DISTANCE_COST = 0.3
 UNKNOWN_COST = 0.2
+
+
+def window_of(step: Step) -> Window:
+    """The ground that must be known to choose a step's foothold."""
+    return Window(step.ideal.x, step.ideal.y, SEARCH_RADIUS + PATCH * 0.1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,19 @@ from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Arc, Foot, Pose, Stance, 
 ADVANCE = 0.5
 TOLERANCE = 0.1
 
+LOOKAHEAD = 3.0
+"""Metres beyond the end of a piece of the course."""
+
+SHARPEST = 0.08
+"""1/m: legs that stand must stay in reach while the body turns."""
+
 # Before a left leg is lifted: the order of forward positions, relative to the body, of legs 0 to 5.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
 
 
-def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG) -> Step:
-    """The footstep to take from *stance* along *arc*, with *leg* if one is named, else the one whose turn it is; raises
-    ArcFinished when nothing remains.
+def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVANCE) -> Step:
+    """The footstep to take from *stance* along *arc*, with *leg* if one is named, else the one whose turn it is; the
+    body goes on by *advance*. Raises ArcFinished when nothing remains.
 
     The ideal foothold is beside the body, TRACK to the side, half way through the six steps for which the leg will
     stand.
@@ -29,7 +35,7 @@ def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG) -> Step:
     if is_finished(arc, stance.pose):
         message = f"the arc of {arc.length:.2f} m has been walked: {done:.2f} m"
         raise ArcFinished(message)
-    target = min(done + ADVANCE, arc.length)
+    target = min(done + advance, arc.length)
     leg = leg if leg in LEGS else next_leg(stance)
     support = tuple(_beside(arc, done + number * ADVANCE, stance.pose) for number in range(len(LEGS) + 1))
     return Step(
@@ -84,6 +90,17 @@ def progress(arc: Arc, pose: Pose) -> float:
 def remaining(arc: Arc, pose: Pose) -> float:
     """Metres of the arc ahead of *pose*, at least 0."""
     return max(arc.length - progress(arc, pose), 0.0)
+
+
+def rejoin(course: Arc, pose: Pose) -> Arc:
+    """The arc from *pose* to the end of a course's piece, aimed at a point LOOKAHEAD beyond that, so that it leads back
+    to the course (pure pursuit).
+    """
+    target = pose_on(course, course.length + LOOKAHEAD)
+    x, y = target.x - pose.x, target.y - pose.y
+    left = math.cos(pose.heading) * y - math.sin(pose.heading) * x
+    curvature = 2.0 * left / (x * x + y * y)
+    return Arc(pose, max(-SHARPEST, min(SHARPEST, curvature)), remaining(course, pose))
 
 
 def is_finished(arc: Arc, pose: Pose) -> bool:

@@ -12,15 +12,22 @@ from robots.ambler_sim.geometry import (
     Array,
     circulation,
     leg_joints,
+    offset,
     to_world,
     within_limits,
 )
 from robots.ambler_sim.planning.elevation import heights_along
-from robots.ambler_sim.vocabulary import ElevationMap, Foot, LegMove, Pose, Stance, Step
+from robots.ambler_sim.vocabulary import ElevationMap, Foot, LegMove, Pose, Stance, Step, Window
 
 CLEARANCE = 0.45
 RECOVERY_RADIUS = 1.15
 SPACING = 0.05
+
+
+def window_of(step: Step) -> Window:
+    """The ground that must be known to plan the way of a step's leg: all that it can reach."""
+    x, y = offset(step.before.pose, 0.0, float(SHAFT_Y[step.leg]))
+    return Window(x, y, AMBLER.max_reach + SPACING)
 
 
 def plan_leg_move(ground: ElevationMap, step: Step, foothold: Foot) -> LegMove:

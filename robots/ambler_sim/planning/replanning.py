@@ -5,15 +5,30 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from robots.ambler_sim.errors import OutOfReach, PathBlocked
-from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, side_of
-from robots.ambler_sim.planning.checks import is_stable, margins_of_leg_move
-from robots.ambler_sim.planning.elevation import height_at, with_patch
+from robots.ambler_sim.errors import AmblerError, NoStep, OutOfReach, PathBlocked, UnstableMove
+from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, offset, side_of
+from robots.ambler_sim.planning.body import plan_body_move
+from robots.ambler_sim.planning.checks import is_stable, margins_of_body_move, margins_of_leg_move
+from robots.ambler_sim.planning.elevation import height_at
 from robots.ambler_sim.planning.footfall import choose_foothold
-from robots.ambler_sim.planning.gait import mean_height, standard_places, with_foot
+from robots.ambler_sim.planning.gait import mean_height, next_leg, next_step, standard_places, with_foot
 from robots.ambler_sim.planning.leg_recovery import plan_swing
+from robots.ambler_sim.planning.mapping import AHEAD, SIZE
 from robots.ambler_sim.planning.stability import energy_margin
-from robots.ambler_sim.vocabulary import LEGS, Contact, ElevationMap, Foot, LegMove, Stance, Step
+from robots.ambler_sim.vocabulary import (
+    LEGS,
+    NO_LEG,
+    Arc,
+    BodyMove,
+    Contact,
+    ElevationMap,
+    Foot,
+    LegMove,
+    Obstacle,
+    Stance,
+    Step,
+    Window,
+)
 
 RAISE = 0.4
 OBSTACLE_RADIUS = 0.45
@@ -28,32 +43,23 @@ RADII = (None, 1.0, 1.3, 1.45, 1.6, 1.75, 1.9, 2.05)
 
 IN_PLACE = 0.15
 
-
-@dataclass(frozen=True, slots=True)
-class Avoided:
-    """A place that legs should not pass (*is_wall*), or not stand on."""
-
-    x: float
-    y: float
-    is_wall: bool
+ADVANCES = (0.5, 0.25, 0.12)
+"""How far (m) the body goes on with a footstep."""
 
 
-def felt(contact: Contact, foot: Foot) -> Avoided:
+def window_around(stance: Stance) -> Window:
+    """The ground that must be known to move any leg."""
+    return Window(*offset(stance.pose, AHEAD, 0.0), SIZE / 2)
+
+
+def felt(contact: Contact, foot: Foot) -> Obstacle:
     """The obstacle at *contact*, from where the *foot* was then put down: before it, or on it."""
     x, y = contact.x - foot.x, contact.y - foot.y
     distance = math.hypot(x, y)
     if distance < STANDING_ON:
-        return Avoided(contact.x, contact.y, is_wall=False)
+        return Obstacle(contact.x, contact.y, contact.z, FOOT_ROOM, is_wall=False)
     reach = (OBSTACLE_RADIUS - STANDING_ON) / distance
-    return Avoided(contact.x + reach * x, contact.y + reach * y, is_wall=True)
-
-
-def without(ground: ElevationMap, avoided: Iterable[Avoided]) -> ElevationMap:
-    """The map with all that is known to be there, or to be avoided, in it."""
-    for place in avoided:
-        radius, height = (OBSTACLE_RADIUS, math.inf) if place.is_wall else (FOOT_ROOM, math.nan)
-        ground = with_patch(ground, place.x, place.y, radius, height)
-    return ground
+    return Obstacle(contact.x + reach * x, contact.y + reach * y, contact.z, OBSTACLE_RADIUS, is_wall=True)
 
 
 def raised(move: LegMove, stance: Stance, contact: Contact) -> LegMove:
@@ -73,6 +79,41 @@ def another_way(ground: ElevationMap, step: Step) -> LegMove:
     foothold = choose_foothold(ground, step)
     angle = circulating_angle(step.before.pose, step.before.feet[step.leg])
     return _way(ground, step.before, foothold, circulation(step.leg) if angle > math.pi / 2 else 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A whole footstep: its plan, the leg's move and the body's."""
+
+    step: Step
+    leg_move: LegMove
+    body_move: BodyMove
+
+
+def another_step(ground: ElevationMap, stance: Stance, arc: Arc, preferred: int = NO_LEG) -> Alternative:
+    """The first footstep that can be taken from *stance*: with the leg whose turn it is (or *preferred*), then with the
+    other legs, rear-most first; the body goes on by less and less. Raises NoStep, saying what spoke against the first.
+    """
+    first = preferred if preferred in LEGS else next_leg(stance)
+    others = sorted(set(LEGS) - {first}, key=lambda leg: -circulating_angle(stance.pose, stance.feet[leg]))
+    problem = ""
+    for advance in ADVANCES:
+        for leg in (first, *others):
+            try:
+                return _alternative(ground, next_step(stance, arc, leg, advance))
+            except AmblerError as error:
+                problem = problem or str(error)
+    raise NoStep(problem)
+
+
+def _alternative(ground: ElevationMap, step: Step) -> Alternative:
+    leg_move = another_way(ground, step)
+    body_move = plan_body_move(step, leg_move.foothold)
+    after = with_foot(step.before, leg_move.foothold)
+    for margins in (margins_of_leg_move(step.before, leg_move), margins_of_body_move(after, body_move)):
+        if not is_stable(margins):
+            raise UnstableMove(f"the step with leg {step.leg} would leave only {margins}")
+    return Alternative(step, leg_move, body_move)
 
 
 def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]:

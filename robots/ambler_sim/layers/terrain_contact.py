@@ -1,0 +1,23 @@
+"""The terrain contact layer: the ladder of figure 3, for a leg that meets what the scanner did not see.
+
+Each rung is attached where it belongs in the task tree: the leg move is tried again higher, the step is planned anew,
+the feet are shuffled into the standard configuration and the arc is begun again.
+"""
+
+from robots.ambler_sim.messages import MOVE_LEG, TAKE_STEPS, TERRAIN_COLLISION, TRAVERSE_ARC
+from robots.ambler_sim.recovery import RAISE_LEG, REPLAN_MOVE, SHUFFLE_FEET, STUCK, make_layer
+from tca_module import Module
+
+layer = make_layer("terrain contact")
+
+
+@layer.at_start
+def attach(module: Module) -> None:
+    """Every leg move, step and arc has its rung from now on."""
+    module.on_failure(TERRAIN_COLLISION, RAISE_LEG, of=MOVE_LEG, maximum=2)
+    module.on_failure(TERRAIN_COLLISION, REPLAN_MOVE, of=TAKE_STEPS)
+    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=2)
+
+
+if __name__ == "__main__":
+    layer.run()

@@ -1,0 +1,53 @@
+"""The local terrain mapper: builds the map of the images when somebody asks for it, with what legs have felt in it."""
+
+from collections import deque
+
+from robots.ambler_sim.messages import ELEVATION_MAP, FELT, IMAGES, UPDATE_MAP
+from robots.ambler_sim.planning.elevation import cut, unknown_map, with_obstacles
+from robots.ambler_sim.planning.mapping import build_elevation_map, points_of
+from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Window
+from tca_module import Module, Task
+
+MOST_REMEMBERED = 30
+"""Obstacles: older ones are behind."""
+
+mapper = Module("mapper")
+
+
+class GroundMemory:
+    """The map so far, the footstep before which its last image was taken, and what was felt."""
+
+    def __init__(self) -> None:
+        self.ground: ElevationMap | None = None
+        self.number = -1
+        self.obstacles: deque[Obstacle] = deque(maxlen=MOST_REMEMBERED)
+
+
+memory = GroundMemory()
+
+
+@mapper.handles(UPDATE_MAP)
+def update_map(task: Task) -> None:
+    """Build in the images that are not yet in the map."""
+    for image in task.query(IMAGES, memory.number):
+        memory.ground = build_elevation_map(points_of(image.scan), image.scan.stance, memory.ground)
+        memory.number = image.number
+
+
+@mapper.handles(ELEVATION_MAP)
+def elevation_map(task: Task, window: Window) -> ElevationMap:
+    """The ground in a window; NaN where nothing is known."""
+    update_map(task)
+    if memory.ground is None:
+        return unknown_map(window)
+    return with_obstacles(cut(memory.ground, window), memory.obstacles)
+
+
+@mapper.handles(FELT)
+def felt(_: Task, obstacle: Obstacle) -> None:
+    """A leg has met something that the scanner does not see."""
+    memory.obstacles.append(obstacle)
+
+
+if __name__ == "__main__":
+    mapper.run()

@@ -1,0 +1,67 @@
+"""The laser scanner and its image queue: takes range images while the machine holds still, and keeps the last ones.
+
+It locks the controller for as long as it takes an image, so that nothing blurs it (paper, "Resource Management").
+"""
+
+from collections import deque
+
+import numpy as np
+
+from robots.ambler_sim.messages import ACQUIRE_IMAGE, BAD_IMAGE, IMAGES, NO_IMAGE, RANGES
+from robots.ambler_sim.planning.mapping import points_of
+from robots.ambler_sim.vocabulary import Image, Scan
+from tca_module import Module, Task
+
+KEPT = 6
+"""Images: a mapper that was killed builds its map of these."""
+
+LEAST_POINTS = 600
+"""Of a good image; there are 6144 rays."""
+
+FARTHEST_BELOW = 8.0
+"""Metres that seen ground may lie below the body."""
+
+scanner = Module("scanner")
+scanner.resource("image queue")
+
+
+class ImageQueue:
+    """The last images, oldest first."""
+
+    def __init__(self) -> None:
+        self.images: deque[Image] = deque(maxlen=KEPT)
+
+
+memory = ImageQueue()
+
+
+@scanner.handles(ACQUIRE_IMAGE)
+def acquire_image(task: Task, number: int) -> None:
+    """Take an image before the footstep with this number."""
+    with task.lock("controller", "controller"):
+        scan = task.query(RANGES)
+    if not scan.points:
+        raise NO_IMAGE(number, f"the scanner gave no image before footstep {number}")
+    if fault := fault_of(scan):
+        raise BAD_IMAGE(number, f"the image before footstep {number} {fault}")
+    memory.images.append(Image(number, scan))
+
+
+@scanner.handles(IMAGES, resource="image queue")
+def images(_: Task, after: int) -> tuple[Image, ...]:
+    """Those that were taken before later footsteps than this."""
+    return tuple(image for image in tuple(memory.images) if image.number > after)
+
+
+def fault_of(scan: Scan) -> str:
+    """The fault of an image that can't be one of the ground; "" if there is none."""
+    points = points_of(scan)
+    if len(points) < LEAST_POINTS:
+        return f"has {len(points)} points only"
+    below = scan.stance.pose.height - points[:, 2]
+    astray = float(np.mean((below < 0.0) | (below > FARTHEST_BELOW)))
+    return f"has {astray:.0%} of its points where no ground can be" if astray > 0.05 else ""
+
+
+if __name__ == "__main__":
+    scanner.run()
