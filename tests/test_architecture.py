@@ -78,7 +78,11 @@ ONLY_IN = {
         "tca_bench/own/bare.py",
         "tca_bench/own/costs.py",
     },
-    "pybullet": {"robots/ambler_sim/machine/physics.py", "robots/youbot_sim/physics.py"},
+    "pybullet": {
+        "robots/ambler_sim/machine/ground_bodies.py",
+        "robots/ambler_sim/machine/physics.py",
+        "robots/youbot_sim/physics.py",
+    },
     "statemachine": {"tca_coordination/model/statechart.py", "tca_missions/charts/statechart.py"},
     "perfetto": {"tca_tools/export/trace/packets.py"},
     "mcap": {"tca_tools/export/mcap_file.py"},

@@ -20,7 +20,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 
 from robots.ambler_sim import layers
 from robots.ambler_sim.machine.making import pybullet_is_installed
-from robots.ambler_sim.machine.terrain import scattered_rocks
+from robots.ambler_sim.machine.terrain import TERRAINS, scattered_rocks
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.modules import task_manager
@@ -49,6 +49,9 @@ START_TIME = 60.0
 LOOK_PERIOD = 0.5
 """Seconds between two looks at whether all programs are still there, and whether one is to be killed."""
 
+ARC = 10.0
+"""Metres, about."""
+
 MARKER = ".ambler-walk"
 """A file by which a folder is known to hold a walk, and locked while the walk goes on."""
 
@@ -71,7 +74,7 @@ class Walk:
     @property
     def bends(self) -> tuple[Bend, ...]:
         """The path: pieces of equal length, first straight, then gently left and right."""
-        arcs = self.options.arcs
+        arcs = self.options.arcs or max(1, round(self.options.metres / ARC))
         curvatures = [0.0, 0.04, -0.04]
         return tuple(Bend(curvatures[number % 3], self.options.metres / arcs) for number in range(arcs))
 
@@ -114,6 +117,7 @@ class Walk:
             "controller", "robots.ambler_sim.modules.controller",
             "--state", str(self.folder / "robot.json"), "--backend", options.backend,
             "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
+            "--terrain", options.terrain,
             *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)[:4]))),
         )  # fmt: skip
 
@@ -220,13 +224,14 @@ def _column(part: object) -> BarColumn | TextColumn:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim", description=__doc__)
-    parser.add_argument("--metres", type=float, default=6.0, help="how far to walk")
-    parser.add_argument("--arcs", type=int, default=2, help="in how many arcs")
+    parser.add_argument("--distance", dest="metres", type=float, default=6.0, metavar="METRES", help="how far to walk")
+    parser.add_argument("--arcs", type=int, help="in how many arcs; by default they are about 10 m long")
+    parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
     parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")
     parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
     parser.add_argument("--pace", type=float, default=10.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
-    parser.add_argument("--slope", type=float, default=0.10, help="steepest rise per run on the path")
+    parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
     parser.add_argument(
         "--rocks", type=int, default=0, help="how many rocks lie on the way, which the scanner does not see"
     )

@@ -163,12 +163,12 @@ class Rock:
 
 @dataclass(frozen=True, slots=True)
 class TerrainSpec:
-    """All that is needed to make the same ground again. *slope* is the steepest gradient (rise per run) on the path."""
+    """All that is needed to make the same ground again: its kind (one of TERRAINS in terrain.py), its steepest gradient
+    (rise per run), and rocks.
+    """
 
     seed: int = 1
     slope: float = 0.10
-    length: float = 40.0
-    width: float = 16.0
     rocks: tuple[Rock, ...] = ()
     kind: str = "hills"
 

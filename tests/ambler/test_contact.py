@@ -25,7 +25,7 @@ ON_THE_FOOTHOLD = Rock(1.4, 2.2, 0.25, 0.3)
 
 
 def a_robot(backend: Backend, *rocks: Rock) -> Robot:
-    return make_robot(backend, terrain=TerrainSpec(seed=1, slope=0.1, length=20.0, rocks=rocks))
+    return make_robot(backend, terrain=TerrainSpec(seed=1, slope=0.1, rocks=rocks))
 
 
 @pytest.fixture(params=BACKENDS)

@@ -28,7 +28,7 @@ BACKENDS = ["kinematic", pytest.param("pybullet", marks=NO_PHYSICS)]
 on_both = pytest.mark.parametrize("robot", BACKENDS, indirect=True)
 """Of the other tests those with physics are of the soak."""
 
-HILLS = TerrainSpec(seed=2, slope=0.15, length=20.0)
+HILLS = TerrainSpec(seed=2, slope=0.15)
 
 
 @pytest.fixture(params=["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])])

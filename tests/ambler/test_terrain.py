@@ -7,39 +7,58 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.machine.making import START
 from robots.ambler_sim.machine.plant import standing_posture
-from robots.ambler_sim.machine.terrain import PATH_HALF_WIDTH, RESOLUTION, make_terrain, steepest
+from robots.ambler_sim.machine.relief import SOFTNESS
+from robots.ambler_sim.machine.terrain import TERRAINS, make_terrain
 from robots.ambler_sim.vocabulary import TerrainSpec
 
 
-@given(st.integers(0, 10**6), st.floats(0.02, 0.4))
+@given(st.integers(0, 10**6), st.floats(0.02, 0.4), st.floats(-0.6, 0.6))
 @settings(max_examples=15)
-def test_the_steepest_gradient_on_the_path_is_the_one_asked_for(seed: int, slope: float) -> None:
-    terrain = make_terrain(TerrainSpec(seed, slope, length=20.0))
-    columns = terrain.y0 + RESOLUTION * np.arange(terrain.heights.shape[1])
-    assert steepest(terrain.heights[:, np.abs(columns) <= PATH_HALF_WIDTH]) == pytest.approx(slope)
+def test_hills_are_as_steep_as_asked_for_and_never_steeper(seed: int, slope: float, heading: float) -> None:
+    """Along any path of 60 m that begins at the start."""
+    terrain = make_terrain(TerrainSpec(seed, slope))
+    ways = np.arange(0.0, 60.0, 0.25)
+    slopes = [terrain.gradient_at(way * np.cos(heading), way * np.sin(heading)) for way in ways]
+    assert max(slopes) <= slope * 1.001
+    assert max(slopes) >= 0.7 * slope
+    assert max(slopes[:20]) <= 0.3 * slope  # the start is gentle
 
 
-def test_the_same_seed_makes_the_same_ground_and_another_one_another() -> None:
-    first, again, other = (make_terrain(TerrainSpec(seed)).heights for seed in (3, 3, 4))
+def test_a_long_walk_comes_through_the_steepest_places() -> None:
+    terrain = make_terrain(TerrainSpec(seed=5, slope=0.3))
+    assert 0.28 <= max(terrain.gradient_at(x, 0.0) for x in np.arange(0.0, 300.0, 0.5)) <= 0.3
+
+
+@pytest.mark.parametrize("kind", TERRAINS)
+def test_the_same_seed_makes_the_same_ground_and_another_one_another(kind: str) -> None:
+    x, y = np.meshgrid(np.linspace(-5.0, 60.0, 80), np.linspace(-9.0, 9.0, 40))
+    first, again, other = (make_terrain(TerrainSpec(seed, 0.3, kind=kind)).heights_at(x, y) for seed in (3, 3, 4))
     assert (first == again).all()
-    assert not (first == other).all()
+    assert (first == other).all() == (kind == "flat")
 
 
-def test_between_grid_points_heights_are_bilinear() -> None:
+@given(st.floats(-900, 900), st.floats(-900, 900))
+@settings(max_examples=20)
+def test_a_height_does_not_depend_on_what_was_asked_before(x: float, y: float) -> None:
+    walked, fresh = make_terrain(TerrainSpec(7, 0.3)), make_terrain(TerrainSpec(7, 0.3))
+    walked.height(x + 20.0, y - 30.0)
+    assert walked.height(x, y) == fresh.height(x, y)
+    far = fresh.heights_at(np.array([x, x + 500.0]), np.array([y, y]))[0]  # too far apart to be kept
+    assert far == pytest.approx(walked.height(x, y), abs=1e-9)
+
+
+def test_ground_may_be_soft() -> None:
     terrain = make_terrain(TerrainSpec())
-    corners = terrain.heights[24:26, 32:34]
-    assert terrain.height(0.0, 0.0) == pytest.approx(corners[0, 0])
-    assert terrain.height(0.125, 0.125) == pytest.approx(corners.mean())
-
-
-def test_the_ground_ends_and_goes_on_level_for_the_sums() -> None:
-    terrain = make_terrain(TerrainSpec())
-    assert terrain.height(50.0, 0.0) == pytest.approx(terrain.height(34.0, 0.0), abs=1e-3)
+    terrain.soften(2.0, 1.0, 0.5)
+    assert terrain.softness_at(np.array([2.2, 3.0]), np.array([1.0, 1.0])).tolist() == [SOFTNESS, 1.0]
+    x, y = np.meshgrid(np.linspace(10.0, 60.0, 100), np.linspace(-9.0, 9.0, 40))
+    soft = make_terrain(TerrainSpec(kind="soft")).softness_at(x, y) < 1
+    assert 0.005 < soft.mean() < 0.2
 
 
 def test_rays_in_the_physics_engine_end_on_the_terrain_wherever_its_middle_height_is() -> None:
     physics = pytest.importorskip("robots.ambler_sim.machine.physics", exc_type=ImportError)
-    terrain = make_terrain(TerrainSpec(seed=9, slope=0.3, length=20.0))
+    terrain = make_terrain(TerrainSpec(seed=9, slope=0.3))
     plant = physics.BulletPlant(terrain, standing_posture(terrain, START))
     directions = np.array([[0.6, 0.0, -0.8], [0.36, 0.48, -0.8], [0.0, -0.8, -0.6], [0.0, 0.0, 1.0]])
     origin = np.array([1.0, 0.5, 5.0])

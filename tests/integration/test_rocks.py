@@ -53,7 +53,7 @@ def walk(folder: Path, *options: str) -> Walk:
 
 
 def walk_with(folder: Path, rock: str, metres: str = "2", backend: str = "kinematic") -> Walk:
-    return walk(folder, "--backend", backend, "--metres", metres, "--rock", *rock.split())
+    return walk(folder, "--backend", backend, "--distance", metres, "--rock", *rock.split())
 
 
 Walks = Callable[[str], Walk]
@@ -169,7 +169,7 @@ def test_a_footfall_check_follows_every_leg_move(walked: Walks, rock: str) -> No
 
 @pytest.mark.soak
 def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> None:
-    done = walk(tmp_path, "--backend", "kinematic", "--metres", "1", "--bare")
+    done = walk(tmp_path, "--backend", "kinematic", "--distance", "1", "--bare")
     assert_walked(done)
     assert not {"stability layer", "error recovery"} & done.history.modules.keys()
     assert not done.named("stability check", "footfall check", *LADDER)
@@ -178,7 +178,7 @@ def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> 
 
 @pytest.mark.soak
 def test_without_recovery_the_same_rock_ends_the_walk(tmp_path: Path) -> None:
-    done = walk(tmp_path, "--backend", "kinematic", "--metres", "1", "--bare", "--rock", *LOW.split())
+    done = walk(tmp_path, "--backend", "kinematic", "--distance", "1", "--bare", "--rock", *LOW.split())
     assert done.code == 1
     assert "terrain collision" in done.output
 
@@ -186,7 +186,7 @@ def test_without_recovery_the_same_rock_ends_the_walk(tmp_path: Path) -> None:
 @pytest.mark.soak
 def test_the_robot_walks_on_when_central_is_killed_thrice_and_each_program_once(tmp_path: Path) -> None:
     done = walk(
-        tmp_path, "--backend", "kinematic", "--metres", "8", "--pace", "8", "--kill-central", "3", "--kill-modules"
+        tmp_path, "--backend", "kinematic", "--distance", "8", "--pace", "8", "--kill-central", "3", "--kill-modules"
     )
     assert_walked(done)
     assert done.output.count("central was killed, and is back") == 3

@@ -28,7 +28,7 @@ def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     if request.param == "pybullet":
         pytest.importorskip("pybullet")
     folder = tmp_path_factory.mktemp(request.param) / "walk"
-    done = walk(folder, "--backend", request.param, "--metres", "5", "--pace", "15", "--between-arcs", "swap")
+    done = walk(folder, "--backend", request.param, "--distance", "5", "--pace", "15", "--between-arcs", "swap")
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout, folder
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.soak
 
 def test_the_ambler_walks_thirty_metres_of_steeper_hills(tmp_path: Path) -> None:
     pytest.importorskip("pybullet")
-    done = walk(tmp_path / "walk", "--metres", "30", "--arcs", "3", "--slope", "0.2", "--pace", "0")
+    done = walk(tmp_path / "walk", "--distance", "30", "--arcs", "3", "--slope", "0.2", "--pace", "0")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "30.0 of 30.0 m" in done.stdout
 

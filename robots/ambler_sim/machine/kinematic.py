@@ -62,7 +62,7 @@ class KinematicPlant:
         """Of the rocks that feet run into, as if rocks were as hard as feet."""
         feet = to_world(self._pose, feet_of(self._joints))
         pushes = np.zeros(len(feet))
-        for rock in self._terrain.spec.rocks:
+        for rock in self._terrain.rocks:
             depth = rock.radius + AMBLER.foot_radius - np.hypot(feet[:, 0] - rock.x, feet[:, 1] - rock.y)
             beside = feet[:, 2] < self._terrain.top(rock) - STANDS_ON
             pushes = np.maximum(pushes, np.where(beside, AMBLER.foot_stiffness * depth, 0.0))

@@ -8,25 +8,18 @@ import numpy as np
 import pybullet
 
 from robots.ambler_sim.geometry import GRAVITY, Array, unwrap
+from robots.ambler_sim.machine.ground_bodies import UNSEEN, GroundBodies
 from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
-from robots.ambler_sim.machine.terrain import RESOLUTION, Terrain
+from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.machine.urdf import EFFORT, ambler_urdf
 from robots.ambler_sim.pictures import photograph
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
+from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture
 
 # 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
 TICK = 0.01
 ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
 JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
-FRICTION = 1.0
-UNSEEN = 64
-"""The collision group of what the scanner looks through."""
-
-ROOTS = 1.0
-"""How deep (m) rocks are in the ground."""
-
-STONE = (0.45, 0.43, 0.41, 1.0)
 
 
 class BulletPlant:
@@ -42,8 +35,8 @@ class BulletPlant:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=TICK, numSolverIterations=ITERATIONS, physicsClientId=self._world
         )
-        self._ground = self._make_ground()
-        self._rocks = [self._make_rock(rock) for rock in terrain.spec.rocks]
+        self._ground = GroundBodies(self._world, terrain)
+        self._ground.follow(posture.x, posture.y)
         self._robot = self._load_robot()
         names = self._joint_numbers()
         self._motors = [names[f"{joint}{leg}"] for leg in LEGS for joint in JOINTS_PER_LEG]
@@ -87,6 +80,7 @@ class BulletPlant:
         roll, pitch, heading = pybullet.getEulerFromQuaternion(turn)
         x, y, z = np.array(place) - rotation_matrix(roll, pitch, heading) @ self._centre
         self._heading = unwrap(heading, self._heading)
+        self._ground.follow(float(x), float(y))
         return Attitude(Pose(float(x), float(y), self._heading, float(z)), roll, pitch)
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
@@ -95,7 +89,8 @@ class BulletPlant:
         hits = pybullet.rayTestBatch(
             [origin.tolist()] * len(ends), ends.tolist(), collisionFilterMask=~UNSEEN, physicsClientId=self._world
         )
-        return np.array([limit * hit[2] if hit[0] == self._ground else np.nan for hit in hits])
+        ground = self._ground.tiles
+        return np.array([limit * hit[2] if hit[0] in ground else np.nan for hit in hits])
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
         """A photograph from ahead and above, as PNG."""
@@ -129,41 +124,12 @@ class BulletPlant:
             physicsClientId=self._world,
         )
         colours, depths, bodies = (np.array(part) for part in image[2:])
-        objects = [self._robot, *self._rocks]
+        objects = [self._robot, *self._ground.rocks]
         looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
         rgb = colours.astype(np.uint8).reshape(height, width, -1)[..., :3]
-        return photograph.Rendering(rgb, depths, bodies == self._ground, np.isin(bodies, objects), looking, camera)
-
-    def _make_ground(self) -> int:
-        """The terrain as a height field. The engine puts the middle of its height range at z = 0, hence the offset."""
-        heights = self._terrain.heights
-        rows, columns = heights.shape
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_HEIGHTFIELD,
-            meshScale=[RESOLUTION, RESOLUTION, 1],
-            heightfieldData=heights.T.ravel().tolist(),
-            numHeightfieldRows=rows,
-            numHeightfieldColumns=columns,
-            physicsClientId=self._world,
+        return photograph.Rendering(
+            rgb, depths, np.isin(bodies, list(self._ground.tiles)), np.isin(bodies, objects), looking, camera
         )
-        middle = (
-            self._terrain.x0 + (rows - 1) / 2 * RESOLUTION,
-            self._terrain.y0 + (columns - 1) / 2 * RESOLUTION,
-            (heights.max() + heights.min()) / 2,
-        )
-        ground: int = pybullet.createMultiBody(0, shape, basePosition=middle, physicsClientId=self._world)
-        pybullet.changeDynamics(ground, -1, lateralFriction=FRICTION, physicsClientId=self._world)
-        return ground
-
-    def _make_rock(self, rock: Rock) -> int:
-        """An upright cylinder that does not move, seen by cameras and felt by feet."""
-        size, height = {"radius": rock.radius, "physicsClientId": self._world}, rock.height + ROOTS
-        shape = pybullet.createCollisionShape(pybullet.GEOM_CYLINDER, height=height, **size)
-        look = pybullet.createVisualShape(pybullet.GEOM_CYLINDER, length=height, rgbaColor=STONE, **size)
-        place = rock.x, rock.y, self._terrain.top(rock) - height / 2
-        body: int = pybullet.createMultiBody(0, shape, look, basePosition=place, physicsClientId=self._world)
-        pybullet.setCollisionFilterGroupMask(body, -1, UNSEEN, -1, physicsClientId=self._world)
-        return body
 
     def _load_robot(self) -> int:
         with tempfile.TemporaryDirectory() as folder:

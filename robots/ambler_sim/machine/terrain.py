@@ -1,48 +1,102 @@
-"""The true ground: seeded smooth hills. Planners never see this; they see the map built from scans."""
+"""The true ground: unbounded, from a seed. Planners never see it; they see the map built from scans.
+
+Heights are those of a lattice, bilinear in between, in both simulators. What is near the robot is kept; nothing grows.
+"""
 
 import math
 import random
-from dataclasses import dataclass, field
+from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robots.ambler_sim.geometry import Array
+from robots.ambler_sim.machine.relief import SOFTNESS, Relief
 from robots.ambler_sim.vocabulary import Rock, TerrainSpec
 
+Cells = NDArray[np.intp]
+
 RESOLUTION = 0.25
-BEHIND_START = 6.0
-PATH_HALF_WIDTH = 3.5
-WAVES = 14
+CELLS = 192
+"""On each side of the part of the lattice that is kept: 48 m."""
+
 STANDS_ON = 0.15
 """A foot that is no further (m) below the top of a rock stands on it; a lower one is beside it."""
 
 ROCK_RADIUS = (0.2, 0.3)
+MOST_ADDED = 20
+"""Rocks and soft spots: older ones are behind."""
+
+STEEPNESS = {"flat": 0.0, "rolling": 0.1}
+"""Rise per run, at most, of the kinds that don't have the slope that is asked for."""
+
+TERRAINS = ("flat", "rolling", "hills", "boulders", "ditches", "soft")
 
 
-@dataclass(frozen=True, eq=False)
 class Terrain:
-    """Heights (rows along x, columns along y) on a grid whose first cell is at *x0*, *y0*."""
+    """The ground of a walk."""
 
-    spec: TerrainSpec
-    x0: float
-    y0: float
-    heights: Array = field(repr=False)
+    def __init__(self, spec: TerrainSpec) -> None:
+        self.spec = spec
+        self._relief = Relief(spec.kind, spec.seed, min(spec.slope, STEEPNESS.get(spec.kind, spec.slope)))
+        self._added: deque[Rock] = deque(maxlen=MOST_ADDED)
+        self._softened: deque[tuple[float, float, float]] = deque(maxlen=MOST_ADDED)
+        self._row, self._column = -CELLS // 2, -CELLS // 2
+        self._kept = self.lattice(self._row, self._column, CELLS, CELLS)
+
+    @property
+    def rocks(self) -> tuple[Rock, ...]:
+        """The rocks on the ground, those that were added since too."""
+        return (*self.spec.rocks, *self._added)
+
+    def lattice(self, row: int, column: int, rows: int, columns: int) -> Array:
+        """The heights of a part of the lattice (rows along x, columns along y) that begins at this row and column."""
+        x: Array = RESOLUTION * np.arange(row, row + rows, dtype=np.float64)
+        y: Array = RESOLUTION * np.arange(column, column + columns, dtype=np.float64)
+        return self._relief.heights(x[:, None], y[None, :])
 
     def height(self, x: float, y: float) -> float:
-        """The ground height (m) at a point; beyond the edge that of the edge."""
+        """The ground height (m) at a point."""
         return float(self.heights_at(np.array([x]), np.array([y]))[0])
 
     def heights_at(self, x: Array, y: Array) -> Array:
-        """The ground heights at many points, bilinear between the grid's."""
-        rows, columns = self.heights.shape
-        u = np.clip((x - self.x0) / RESOLUTION, 0, rows - 1.001)
-        v = np.clip((y - self.y0) / RESOLUTION, 0, columns - 1.001)
-        i, j = u.astype(np.intp), v.astype(np.intp)
+        """The ground heights at many points, bilinear between the lattice's."""
+        u, v = x / RESOLUTION, y / RESOLUTION
+        i: Cells = np.floor(u).astype(np.intp)
+        j: Cells = np.floor(v).astype(np.intp)
         u, v = u - i, v - j
-        near = self.heights[i, j] * (1 - v) + self.heights[i, j + 1] * v
-        far = self.heights[i + 1, j] * (1 - v) + self.heights[i + 1, j + 1] * v
+        if self._keeps(i, j):
+            a, b, kept = i - self._row, j - self._column, self._kept
+            corners = kept[a, b], kept[a, b + 1], kept[a + 1, b], kept[a + 1, b + 1]
+        else:
+            corners = self._far(i, j), self._far(i, j + 1), self._far(i + 1, j), self._far(i + 1, j + 1)
+        near = corners[0] * (1 - v) + corners[1] * v
+        far = corners[2] * (1 - v) + corners[3] * v
         between: Array = near * (1 - u) + far * u
         return between
+
+    def gradient_at(self, x: float, y: float) -> float:
+        """The rise per run of the ground around a point."""
+        step = RESOLUTION
+        east, west, north, south = self.heights_at(
+            np.array([x + step, x - step, x, x]), np.array([y, y, y + step, y - step])
+        )
+        return math.hypot(east - west, north - south) / (2 * step)
+
+    def softness_at(self, x: Array, y: Array) -> Array:
+        """The factor of the feet's stiffness at these points: 1 on firm ground."""
+        softness = self._relief.softness(x, y)
+        for middle_x, middle_y, radius in self._softened:
+            softness = np.where(np.hypot(x - middle_x, y - middle_y) <= radius, SOFTNESS, softness)
+        return softness
+
+    def add(self, rock: Rock) -> None:
+        """Put a rock onto the ground."""
+        self._added.append(rock)
+
+    def soften(self, x: float, y: float, radius: float) -> None:
+        """Make the ground around a point soft."""
+        self._softened.append((x, y, radius))
 
     def top(self, rock: Rock) -> float:
         """The height of a rock's highest point in the world."""
@@ -51,21 +105,41 @@ class Terrain:
     def under(self, places: Array) -> Array:
         """The height under these points (n, 3): of the ground, or of the top of a rock that they are not below."""
         heights = self.heights_at(places[:, 0], places[:, 1])
-        for rock in self.spec.rocks:
-            top = self.top(rock)
-            over = np.hypot(places[:, 0] - rock.x, places[:, 1] - rock.y) <= rock.radius
-            heights = np.where(over & (places[:, 2] >= top - STANDS_ON), np.maximum(heights, top), heights)
+        for rock in self.rocks:
+            away = np.hypot(places[:, 0] - rock.x, places[:, 1] - rock.y)
+            if (away <= rock.radius).any():
+                top = self.top(rock)
+                over = (away <= rock.radius) & (places[:, 2] >= top - STANDS_ON)
+                heights = np.where(over, np.maximum(heights, top), heights)
         return heights
+
+    def _far(self, i: Cells, j: Cells) -> Array:
+        """The heights of cells that are too far apart to be kept."""
+        x: Array = RESOLUTION * i.astype(np.float64)
+        y: Array = RESOLUTION * j.astype(np.float64)
+        return self._relief.heights(x, y)
+
+    def _keeps(self, i: Cells, j: Cells) -> bool:
+        """Whether the cells of these rows and columns are in the part that is kept, which moves if need be."""
+        low_i, high_i, low_j, high_j = int(i.min()), int(i.max()), int(j.min()), int(j.max())
+        inside = (
+            low_i >= self._row
+            and high_i < self._row + CELLS - 1
+            and low_j >= self._column
+            and high_j < self._column + CELLS - 1
+        )
+        if inside:
+            return True
+        if max(high_i - low_i, high_j - low_j) > CELLS // 2:
+            return False
+        self._row, self._column = (low_i + high_i - CELLS) // 2, (low_j + high_j - CELLS) // 2
+        self._kept = self.lattice(self._row, self._column, CELLS, CELLS)
+        return True
 
 
 def make_terrain(spec: TerrainSpec) -> Terrain:
-    """Hills from a sum of waves, scaled so that the steepest gradient near the line y = 0 is exactly *spec.slope*."""
-    x0, y0 = -BEHIND_START, -spec.width / 2
-    x = _every_resolution(x0, spec.length)
-    y = _every_resolution(y0, spec.width)
-    heights = _waves(random.Random(spec.seed), x, y)  # noqa: S311 - hills need no secrets
-    band = heights[:, np.abs(y) <= PATH_HALF_WIDTH]
-    return Terrain(spec, x0, y0, heights * (spec.slope / max(steepest(band), 1e-9)))
+    """The ground as *spec* has it."""
+    return Terrain(spec)
 
 
 def scattered_rocks(seed: int, count: int, metres: float, height: tuple[float, float]) -> tuple[Rock, ...]:
@@ -79,25 +153,3 @@ def scattered_rocks(seed: int, count: int, metres: float, height: tuple[float, f
         y = seeded.uniform(1.2, 1.7) * (1 if number % 2 == 0 else -1)
         rocks.append(Rock(x, y, seeded.uniform(*ROCK_RADIUS), seeded.uniform(*height)))
     return tuple(rocks)
-
-
-def steepest(heights: Array) -> float:
-    """The largest rise per metre between neighbours of a height grid, both directions taken together."""
-    dx, dy = np.gradient(heights, RESOLUTION)
-    return float(np.hypot(dx, dy).max())
-
-
-def _every_resolution(first: float, length: float) -> Array:
-    cells = np.arange(round(length / RESOLUTION) + 1, dtype=np.float64)
-    return np.add(first, RESOLUTION * cells, dtype=np.float64)
-
-
-def _waves(seeded: random.Random, x: Array, y: Array) -> Array:
-    """Waves of 1.5 to 14 m length; the long ones are the highest, as on real ground."""
-    heights = np.zeros((len(x), len(y)))
-    for number in range(WAVES):
-        length = 14.0 * (1.5 / 14.0) ** (number / (WAVES - 1))
-        direction, phase = seeded.uniform(0, math.pi), seeded.uniform(0, math.tau)
-        along = math.cos(direction) * x[:, None] + math.sin(direction) * y[None, :]
-        heights += length**1.5 * np.sin(math.tau * along / length + phase)
-    return heights

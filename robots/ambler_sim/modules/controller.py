@@ -14,6 +14,7 @@ from robots.ambler_sim.machine.pacing import OnTick
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.shared import Machine
 from robots.ambler_sim.machine.snapshot import load_snapshot, save_snapshot
+from robots.ambler_sim.machine.terrain import TERRAINS
 from robots.ambler_sim.messages import (
     MOTION_FAULT,
     MOVE_BODY,
@@ -103,14 +104,15 @@ def main() -> None:
     parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
     parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
-    parser.add_argument("--slope", type=float, default=0.10, help="steepest rise per run on the path")
+    parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
+    parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
     parser.add_argument("--rock", nargs=4, type=float, action="append", default=[],
                         metavar=("X", "Y", "RADIUS", "HEIGHT"),
                         help="a rock that the scanner does not see; may be given several times")  # fmt: skip
     options = parser.parse_args()
     saved = load_snapshot(options.state) if options.state else None
     rocks = tuple(Rock(*rock) for rock in options.rock)
-    terrain = TerrainSpec(seed=options.seed, slope=options.slope, rocks=rocks)
+    terrain = TerrainSpec(seed=options.seed, slope=options.slope, rocks=rocks, kind=options.terrain)
     robot = make_robot(cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved)
     try:
         make_module(robot, options.state).run()

@@ -78,7 +78,7 @@ def _from_the_side(view: View, stance: Stance, terrain: Terrain) -> list[str]:
 
 def _rocks_from_the_side(view: View, pose: Pose, terrain: Terrain, floor: float) -> list[str]:
     boxes = []
-    for rock in terrain.spec.rocks:
+    for rock in terrain.rocks:
         ahead, _ = _relative(pose, rock.x, rock.y)
         foot, top = terrain.height(rock.x, rock.y) - 0.5, terrain.top(rock)
         boxes.append(_box(view, (ahead - rock.radius, foot - floor), (2 * rock.radius, top - foot), "rock"))
@@ -113,7 +113,7 @@ def _from_above(view: View, stance: Stance, terrain: Terrain, trail: Sequence[Fo
     return [
         '<g clip-path="url(#above)">',
         *_height_bands(view, pose, terrain),
-        *(_disc(view, _relative(pose, rock.x, rock.y), rock.radius, "rock") for rock in terrain.spec.rocks),
+        *(_disc(view, _relative(pose, rock.x, rock.y), rock.radius, "rock") for rock in terrain.rocks),
         *(_disc(view, _relative(pose, foot.x, foot.y), 0.2, "print") for foot in trail),
         f'<polygon points="{view.points(corners)}" fill="#3a7d44" fill-opacity=".16" stroke="#3a7d44"/>',
         _box(view, (-0.35, -1.3), (0.7, 2.6), "box"),
