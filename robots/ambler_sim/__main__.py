@@ -74,7 +74,7 @@ class Walk:
     @property
     def bends(self) -> tuple[Bend, ...]:
         """The path: pieces of equal length, first straight, then gently left and right."""
-        arcs = self.options.arcs or max(1, round(self.options.metres / ARC))
+        arcs = self.options.arcs or max(2, round(self.options.metres / ARC))
         curvatures = [0.0, 0.04, -0.04]
         return tuple(Bend(curvatures[number % 3], self.options.metres / arcs) for number in range(arcs))
 
@@ -225,7 +225,7 @@ def _column(part: object) -> BarColumn | TextColumn:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim", description=__doc__)
     parser.add_argument("--distance", dest="metres", type=float, default=6.0, metavar="METRES", help="how far to walk")
-    parser.add_argument("--arcs", type=int, help="in how many arcs; by default they are about 10 m long")
+    parser.add_argument("--arcs", type=int, help="in how many arcs; by default two or more, of about 10 m")
     parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
     parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")
     parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
