@@ -115,7 +115,8 @@ class Walk:
         options = self.options
         processes.start(
             "controller", "robots.ambler_sim.modules.controller",
-            "--state", str(self.folder / "robot.json"), "--backend", options.backend,
+            "--state", str(self.folder / "robot.json"), "--record", str(self.folder / "footsteps.jsonl"),
+            "--backend", options.backend,
             "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
             "--terrain", options.terrain,
             *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)[:4]))),

@@ -261,12 +261,16 @@ class Footstep:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything a new process needs to go on with the walk. *trail* are the footholds so far, oldest first."""
+    """Everything a new process needs to go on with the walk. *pose* is where the robot believes to be, *trail* the last
+    footholds, oldest first.
+    """
 
     backend: str
     terrain: TerrainSpec
     time: float
     posture: Posture
+    pose: Pose
     last_leg: int
     scans: int
+    footsteps: int
     trail: tuple[Foot, ...]

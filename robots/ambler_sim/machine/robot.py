@@ -1,6 +1,7 @@
 """The real-time controller: executes moves on any plant, keeps the body level and the feet evenly loaded."""
 
 import math
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,12 @@ from robots.ambler_sim.errors import TerrainContact
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
 from robots.ambler_sim.machine.motion import blend, ease, expected_seconds, leg_segments
+from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.body import require_reach
-from robots.ambler_sim.planning.stability import least_norm_loads
+from robots.ambler_sim.planning.stability import least_norm_loads, support_margin
 from robots.ambler_sim.vocabulary import (
     LEGS,
     NO_LEG,
@@ -21,6 +23,7 @@ from robots.ambler_sim.vocabulary import (
     Contact,
     Foot,
     Footfall,
+    Footstep,
     LegMove,
     Pose,
     Readings,
@@ -34,6 +37,9 @@ STOP_SECONDS = 0.3
 BALANCE_RATE = 2.0
 LEVEL_RATE = 3.0
 GREATEST_CORRECTION = 0.4
+TRAIL = 60
+"""Footholds that are remembered for pictures."""
+
 TOLERANCE = 0.05
 """The links go this much (m) further than planners may plan: feet creep some centimetres on steep ground."""
 
@@ -48,21 +54,32 @@ class Robot:
         self.pacer = Pacer(pace)
         self.time = state.time if state else 0.0
         """Simulated seconds since the walk began, over all processes that took part in it."""
+        self.footsteps = state.footsteps if state else 0
         self._last_leg = state.last_leg if state else NO_LEG
         self._scans = state.scans if state else 0
-        self._trail = list(state.trail) if state else []
+        self._trail = deque(state.trail if state else (), maxlen=TRAIL)
         self._airborne: set[int] = set()
         self._command = plant.joints()
+        self._odometry = Odometry(state.pose if state else plant.attitude().pose, self._command)
         self.peak_tilt = 0.0
         """The greatest inclination (rad) of the body since this object was made."""
         self._settle()
         self.peak_tilt = 0.0
         if state is None:
-            self._trail.extend(self.stance().feet)
+            self._trail.extend(self.true_stance().feet)
 
     def stance(self) -> Stance:
-        """The body pose and the six feet as measured now."""
-        pose = self._plant.attitude().pose
+        """The body pose and the six feet as the robot believes them to be now: by dead reckoning."""
+        return self._stance_at(self._pose())
+
+    def true_stance(self) -> Stance:
+        """Where they really are; for those who judge the walk, and for pictures."""
+        return self._stance_at(self._plant.attitude().pose)
+
+    def _pose(self) -> Pose:
+        return self._odometry.estimate(self._plant.joints(), self._airborne)
+
+    def _stance_at(self, pose: Pose) -> Stance:
         world = to_world(pose, feet_of(self._plant.joints()))
         feet = tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(world))
         return Stance(pose, feet, self._last_leg)
@@ -78,7 +95,7 @@ class Robot:
         Raises TerrainContact, standing again, when the leg met something on its way.
         """
         self._rebase()
-        segments = leg_segments(move, self._plant.attitude().pose, self._command[move.leg])
+        segments = leg_segments(move, self._pose(), self._command[move.leg])
         watch = MoveWatch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
         contact = self._swing_over(move.leg, segments, watch)
@@ -96,7 +113,7 @@ class Robot:
         Raises OutOfReach, without moving, when a leg could not follow.
         """
         self._rebase()
-        start = self._plant.attitude().pose
+        start = self._pose()
         feet = to_world(start, feet_of(self._command))
         require_reach(joints_of(to_body(move.goal, feet)), TOLERANCE)
         watch = MoveWatch(move.duration, on_tick)
@@ -108,16 +125,30 @@ class Robot:
             if watch.stopped:
                 speed -= self._plant.tick / STOP_SECONDS
         self._settle()
-        return self._plant.attitude().pose
+        self.footsteps += 1
+        heading = compass(self._plant.attitude().pose.heading, self.terrain.spec.seed, self.footsteps)
+        self._odometry.fix(self._plant.joints(), self._airborne, heading)
+        return self._pose()
 
     def scan(self) -> Array:
-        """World points (n, 3) of one sweep of the range scanner. No simulated time passes."""
+        """Points (n, 3) of one sweep of the range scanner, where the robot believes them to be. No time passes."""
         self._scans += 1
-        return scanner.scan(self._plant, (self.terrain.spec.seed, self._scans))
+        points = scanner.scan(self._plant, (self.terrain.spec.seed, self._scans))
+        return to_world(self._pose(), to_body(self._plant.attitude().pose, points))
+
+    def footstep(self) -> Footstep:
+        """The record of the footstep that has just been made: what the robot believes, and what is true."""
+        believed, true = self.stance(), self.true_stance()
+        leg, tilt = max(self._last_leg, 0), self.peak_tilt
+        self.peak_tilt = 0.0
+        return Footstep(
+            self.footsteps, leg, believed.feet[leg], true.feet[leg], believed.pose, true.pose,
+            self.terrain.gradient_at(true.pose.x, true.pose.y), tilt, support_margin(true),
+        )  # fmt: skip
 
     def picture(self, path: str | Path) -> Path:
         """Draw the robot where it is now; returns the path written, whose ending depends on the backend."""
-        return self._plant.picture(Path(path), self._trail)
+        return self._plant.picture(Path(path), tuple(self._trail))
 
     def state(self) -> Snapshot:
         """The state that another process needs to go on from here."""
@@ -126,8 +157,10 @@ class Robot:
             terrain=self.terrain.spec,
             time=self.time,
             posture=make_posture(self._plant.attitude(), self._plant.joints()),
+            pose=self._pose(),
             last_leg=self._last_leg,
             scans=self._scans,
+            footsteps=self.footsteps,
             trail=tuple(self._trail),
         )
 
@@ -138,6 +171,7 @@ class Robot:
     def _rebase(self) -> None:
         """Command what is measured, so that old position errors do not become forces; start the clock of this move."""
         self._command = self._plant.joints()
+        self._odometry.fix(self._command, self._airborne)
         self.pacer.restart()
 
     def _swing_over(self, leg: int, segments: list[motion.Segment], watch: MoveWatch) -> Contact | None:
@@ -185,6 +219,7 @@ class Robot:
             joints[leg, 2] += down
             self._drive(joints, watch)
         if self._command[leg, 2] < deepest:
+            self._odometry.fix(self._plant.joints(), self._airborne)
             self._airborne.discard(leg)
 
     def _follow(self, pose: Pose, feet: Array, watch: MoveWatch | None) -> None:
@@ -227,7 +262,7 @@ class Robot:
     def _landed(self, leg: int, *, reached: bool) -> Footfall:
         """Note where the foot has come down; a stopped leg stays the next to step."""
         foot = self.stance().feet[leg]
-        self._trail.append(foot)
+        self._trail.append(self.true_stance().feet[leg])
         if reached:
             self._last_leg = leg
         return Footfall(foot, float(self._plant.loads()[leg]), reached)

@@ -8,6 +8,8 @@ import argparse
 from pathlib import Path
 from typing import cast
 
+import msgspec
+
 from robots.ambler_sim.errors import AmblerError, TerrainContact
 from robots.ambler_sim.machine.making import Backend, make_robot
 from robots.ambler_sim.machine.pacing import OnTick
@@ -29,8 +31,10 @@ from robots.ambler_sim.vocabulary import BodyMove, Footfall, LegMove, Pose, Read
 from tca_module import Module, Task
 
 
-def make_module(robot: Robot, state_file: Path | None) -> Module:
-    """The module that moves *robot*."""
+def make_module(robot: Robot, state_file: Path | None, record: Path | None = None) -> Module:
+    """The module that moves *robot*; it saves the robot after each move, and a line for each footstep for those who
+    judge the walk.
+    """
     controller = Module("controller")
     controller.resource("range finder")
     machine = Machine(robot)
@@ -59,6 +63,9 @@ def make_module(robot: Robot, state_file: Path | None) -> Module:
         with machine.moving():
             pose = _moved_body(robot, move, on_tick=lambda _: goes_on(task))
         save()
+        if record is not None:
+            with record.open("ab") as file:
+                file.write(msgspec.json.encode(robot.footstep()) + b"\n")
         return pose
 
     _answer_questions(controller, machine)
@@ -101,6 +108,7 @@ def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.controller", description=__doc__)
     parser.add_argument("--state", type=Path, help="file to save the robot in, and to go on from")
+    parser.add_argument("--record", type=Path, help="file for a line for each footstep: what is believed, what is true")
     parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
     parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
@@ -115,7 +123,7 @@ def main() -> None:
     terrain = TerrainSpec(seed=options.seed, slope=options.slope, rocks=rocks, kind=options.terrain)
     robot = make_robot(cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved)
     try:
-        make_module(robot, options.state).run()
+        make_module(robot, options.state, options.record).run()
     finally:
         robot.close()
 

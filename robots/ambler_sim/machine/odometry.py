@@ -1,0 +1,52 @@
+"""Dead reckoning: where the body is, from the legs that stand (they do not slip, it is believed) and a compass."""
+
+import math
+
+import numpy as np
+
+from robots.ambler_sim.geometry import Array, feet_of
+from robots.ambler_sim.vocabulary import Pose
+
+COMPASS_NOISE = math.radians(0.5)
+COMPASS_WEIGHT = 0.1
+"""Of one reading against all that was reckoned before: slow creep in heading is corrected, noise is smoothed."""
+
+
+class Odometry:
+    """The estimated pose of the body at the last fix, and the joints (6, 3) that it had there."""
+
+    def __init__(self, pose: Pose, joints: Array) -> None:
+        self._pose = pose
+        self._feet = feet_of(joints)
+
+    def estimate(self, joints: Array, airborne: set[int]) -> Pose:
+        """The pose now, by how the standing feet have moved relative to the body since the last fix."""
+        standing = [leg for leg in range(len(joints)) if leg not in airborne]
+        then, now = self._feet[standing], feet_of(joints)[standing]
+        a, b = now[:, :2] - now[:, :2].mean(axis=0), then[:, :2] - then[:, :2].mean(axis=0)
+        turn = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+        cos, sin = math.cos(turn), math.sin(turn)
+        # The way of the body, in its own frame at the last fix.
+        way = then[:, :2].mean(axis=0) - np.array([[cos, -sin], [sin, cos]]) @ now[:, :2].mean(axis=0)
+        rise = float((then[:, 2] - now[:, 2]).mean())
+        cos, sin = math.cos(self._pose.heading), math.sin(self._pose.heading)
+        return Pose(
+            self._pose.x + float(cos * way[0] - sin * way[1]),
+            self._pose.y + float(sin * way[0] + cos * way[1]),
+            self._pose.heading + turn,
+            self._pose.height + rise,
+        )
+
+    def fix(self, joints: Array, airborne: set[int], compass: float | None = None) -> None:
+        """Go on from the present estimate, corrected by what the *compass* says."""
+        pose = self.estimate(joints, airborne)
+        heading = pose.heading
+        if compass is not None:
+            heading += COMPASS_WEIGHT * math.remainder(compass - heading, math.tau)
+        self._pose = Pose(pose.x, pose.y, heading, pose.height)
+        self._feet = feet_of(joints)
+
+
+def compass(true_heading: float, seed: int, number: int) -> float:
+    """A reading (rad) after the footstep with this number."""
+    return true_heading + float(np.random.default_rng((seed, 7, number)).normal(0.0, COMPASS_NOISE))

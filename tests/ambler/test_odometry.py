@@ -1,0 +1,39 @@
+"""Dead reckoning: the robot knows roughly where it is from its own legs."""
+
+import math
+
+import pytest
+from ambler.builders import an_arc, take_steps
+
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.vocabulary import TerrainSpec
+
+
+def test_the_reckoned_way_is_the_true_one_but_for_a_hundredth() -> None:
+    robot = make_robot("kinematic", terrain=TerrainSpec(seed=4, slope=0.3))
+    take_steps(robot, an_arc(0.05), 4)
+    believed, true = robot.stance().pose, robot.true_stance().pose
+    assert true.x > 1.8
+    assert math.hypot(believed.x - true.x, believed.y - true.y) < 0.02
+    assert believed != true
+
+
+def test_what_is_believed_goes_on_in_another_process() -> None:
+    robot = make_robot("kinematic", terrain=TerrainSpec(seed=4, slope=0.3))
+    take_steps(robot, an_arc(), 1)
+    other = make_robot(state=robot.state())
+    assert other.footsteps == robot.footsteps == 1
+    assert (other.stance().pose.x, other.stance().pose.y) == pytest.approx(
+        (robot.stance().pose.x, robot.stance().pose.y), abs=1e-3
+    )
+
+
+def test_a_footstep_is_recorded_with_what_is_believed_and_what_is_true() -> None:
+    robot = make_robot("kinematic", terrain=TerrainSpec(seed=4, slope=0.3))
+    (report,) = take_steps(robot, an_arc(), 1)
+    step = robot.footstep()
+    assert (step.number, step.leg) == (1, report.step.leg)
+    assert step.pose == robot.stance().pose
+    assert step.true_pose == robot.true_stance().pose
+    assert 0 < step.tilt < math.radians(2)
+    assert step.margin > 0.3
