@@ -10,7 +10,6 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
@@ -24,9 +23,10 @@ from robots.ambler_sim.machine.terrain import TERRAINS, scattered_rocks
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.modules import task_manager
+from robots.ambler_sim.modules.fault_injector import kinds_of, scheduled
 from robots.ambler_sim.recovery import GIVE_UP, is_attached
-from robots.ambler_sim.run.killing import Killings, schedule
-from robots.ambler_sim.vocabulary import Rock
+from robots.ambler_sim.run.losing import lose
+from robots.ambler_sim.vocabulary import KINDS, Rock
 from robots.processes import Processes
 from tca_module import Outcome, TaskFailed, TcaError, Timeout
 from tca_module.sending.task_ref import SentTask
@@ -66,11 +66,6 @@ class Walk:
     folder: Path
     outputs: list[tuple[str, Path]] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
-        options = self.options
-        victims = schedule(options.kill_central, [*self.modules, "controller"] if options.kill_modules else [])
-        self.killings = Killings(victims, options.metres, options.seed)
-
     @property
     def bends(self) -> tuple[Bend, ...]:
         """The path: pieces of equal length, first straight, then gently left and right."""
@@ -105,6 +100,8 @@ class Walk:
                     processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}")
                 for name in self.layers:
                     processes.start(f"{name} layer", f"robots.ambler_sim.layers.{name.replace(' ', '_')}")
+                if self.options.faults or self.options.fault:
+                    self.start_injector(processes)
                 self.start_controller(processes)
                 code = self.conduct(address, processes)
         self.draw_history()
@@ -122,6 +119,15 @@ class Walk:
             *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)[:4]))),
         )  # fmt: skip
 
+    def start_injector(self, processes: Processes) -> None:
+        """Start what makes things go wrong."""
+        options = self.options
+        processes.start(
+            "fault injector", "robots.ambler_sim.modules.fault_injector", "--seed", str(options.seed),
+            *(("--faults", ",".join(options.faults)) if options.faults else ()),
+            *(text for fault in options.fault for text in ("--fault", fault)),
+        )  # fmt: skip
+
     def conduct(self, address: str, processes: Processes) -> int:
         """Be the task manager: send the goal and watch it being achieved."""
         columns = ("[bold]{task.description}", BarColumn(), "{task.completed:4.1f} of {task.total:.1f} m")
@@ -130,6 +136,7 @@ class Walk:
             module = task_manager.make_module(
                 lambda metres: self.show(metres, progress, bar),
                 lambda number: self.confirm(number, progress, processes),
+                lambda task, name: lose(processes, task, name),
             )
             module.central = address
             with module.running():
@@ -138,10 +145,7 @@ class Walk:
                 for layer in self.layers:
                     module.query(is_attached(layer), timeout=START_TIME)
                 goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
-                code = _watch(
-                    goal, processes, progress, bar,
-                    lambda: self.killings.kill_next(processes, module, progress.console.print),
-                )  # fmt: skip
+                code = _watch(goal, processes, progress, bar)
                 if code == 0:
                     picture = module.query(PICTURE, str(self.folder / "robot.png"))
                     self.outputs.append(("the robot", Path(picture)))
@@ -149,7 +153,6 @@ class Walk:
 
     def show(self, metres: float, progress: Progress, bar: TaskID) -> None:
         """The robot has come so far."""
-        self.killings.walked = metres
         progress.update(bar, completed=min(metres, self.options.metres))
 
     def confirm(self, number: int, progress: Progress, processes: Processes) -> None:
@@ -178,16 +181,13 @@ class Walk:
         self.outputs.append(("journal", self.folder / "journal"))
 
 
-def _watch(
-    goal: SentTask[None], processes: Processes, progress: Progress, bar: TaskID, look: Callable[[], None]
-) -> int:
-    """Wait for the end of the walk, and for anything that ends before its time; *look* now and then what is due."""
+def _watch(goal: SentTask[None], processes: Processes, progress: Progress, bar: TaskID) -> int:
+    """Wait for the end of the walk, and for anything that ends before its time."""
     while True:
         try:
             outcome = goal.wait(timeout=LOOK_PERIOD)
         except Timeout:
             if (name := processes.ended()) is None:
-                look()
                 continue
             progress.console.print(f"{name} ended before the walk did; see {processes.log(name)}", style="red")
             return 1
@@ -241,11 +241,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--without", action="append", default=[], choices=LAYERS, metavar="LAYER",
                         help=f"leave out a layer: {', '.join(LAYERS)}")  # fmt: skip
     parser.add_argument("--bare", action="store_true", help="without any layer, and without error recovery")
-    parser.add_argument("--kill-central", type=int, default=0, metavar="TIMES",
-                        help="kill central so many times on the way; it comes back on the same journal")  # fmt: skip
-    parser.add_argument(
-        "--kill-modules", action="store_true", help="kill each module once on the way, and start it again"
-    )
+    parser.add_argument("--faults", type=kinds_of, default=(), metavar="all|KIND,...",
+                        help=f"what goes wrong at random: {', '.join(KINDS)}")  # fmt: skip
+    parser.add_argument("--fault", action="append", default=[], metavar="KIND@STEP",
+                        help="one fault with that leg move (1, 2, ...); may be repeated")  # fmt: skip
     parser.add_argument("--between-arcs", choices=("swap", "ask"),
                         help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
     return parser
@@ -279,7 +278,12 @@ def _may_lock(marker: Path) -> bool:
 def main() -> int:
     """The command line."""
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
-    options = _parser().parse_args()
+    parser = _parser()
+    options = parser.parse_args()
+    try:
+        scheduled(options.fault)
+    except ValueError as error:
+        parser.error(str(error))
     has_physics = options.backend != "kinematic" and pybullet_is_installed()
     missing = "" if pybullet_is_installed() else " (no PyBullet here)"
     how = "with PyBullet's physics" if has_physics else f"kinematically, without physics{missing}"

@@ -24,6 +24,22 @@ class TerrainContact(AmblerError):
         self.contact = contact
 
 
+class JointFault(AmblerError):
+    """A leg's joint does not follow: by *error* (m or rad)."""
+
+    def __init__(self, leg: int, error: float) -> None:
+        super().__init__(f"leg {leg} does not follow: it is {error:.2f} m or rad behind")
+        self.leg, self.error = leg, error
+
+
+class AmplifierTripped(AmblerError):
+    """The amplifier of a leg is off; its brakes hold it."""
+
+    def __init__(self, leg: int) -> None:
+        super().__init__(f"the amplifier of leg {leg} is off")
+        self.leg = leg
+
+
 class OutOfReach(AmblerError):
     """A pose or foothold that some leg cannot reach."""
 

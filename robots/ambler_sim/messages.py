@@ -68,7 +68,7 @@ class Placing:
 
 @dataclass(frozen=True, slots=True)
 class Reset:
-    """A leg whose amplifier is to be switched on again, by an operator or by the robot itself."""
+    """A leg whose amplifier is to be switched on or whose joint is to be freed, by an *operator* or by itself."""
 
     leg: int
     operator: bool = False
@@ -107,10 +107,10 @@ RANGES = Query("ranges", reply=Scan)
 
 # Care of the machine, and what spoils it.
 RESET = Command("reset", Reset)
-FREE_JOINT = Command("free joint", int)
+FREE_JOINT = Command("free joint", Reset)
 CALIBRATE = Command("calibrate", int)
-LEVEL = Command("level")
 INJECT = Command("inject", Fault)
+LOSE_PROGRAM = Command("lose program", str)
 
 # Perception: images with the numbers of footsteps, the map of them, and what was felt.
 ACQUIRE_IMAGE = Command("acquire image", int)

@@ -17,10 +17,7 @@ KINDS = (
     "no image",
     "bad image",
     "unseen rock",
-    "soft spot",
-    "gust",
     "no footfall",
-    "no pose",
     "lost module",
     "lost central",
 )
@@ -274,3 +271,4 @@ class Snapshot:
     scans: int
     footsteps: int
     trail: tuple[Foot, ...]
+    faults: tuple[Fault, ...] = ()

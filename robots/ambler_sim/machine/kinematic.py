@@ -15,7 +15,7 @@ from robots.ambler_sim.machine.plant import Attitude
 from robots.ambler_sim.machine.terrain import STANDS_ON, Terrain
 from robots.ambler_sim.pictures.drawing import draw
 from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.vocabulary import Foot, Pose, Posture, Stance
+from robots.ambler_sim.vocabulary import Foot, Pose, Posture, Rock, Stance
 
 RAY_STEP = 0.25
 LEAST_FEET = 3
@@ -83,6 +83,10 @@ class KinematicPlant:
         high, low = above[rays, np.maximum(first - 1, 0)], above[rays, first]
         share = np.divide(high, high - low, out=np.zeros_like(high), where=high > low)
         return np.where(below.any(axis=1) & (first > 0), distances[first] - RAY_STEP * (1 - share), np.nan)
+
+    def add_rock(self, rock: Rock) -> None:
+        """It is felt by feet that run into it."""
+        self._terrain.add(rock)
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
         """A drawing from the side and from above, as SVG."""

@@ -13,7 +13,7 @@ from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.machine.urdf import EFFORT, ambler_urdf
 from robots.ambler_sim.pictures import photograph
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture
+from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
 
 # 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
 TICK = 0.01
@@ -91,6 +91,11 @@ class BulletPlant:
         )
         ground = self._ground.tiles
         return np.array([limit * hit[2] if hit[0] in ground else np.nan for hit in hits])
+
+    def add_rock(self, rock: Rock) -> None:
+        """It is felt by what runs into it."""
+        self._terrain.add(rock)
+        self._ground.add(rock)
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
         """A photograph from ahead and above, as PNG."""

@@ -10,7 +10,7 @@ import numpy as np
 from robots.ambler_sim.geometry import BODY_HEIGHT, Array, joints_of, to_body
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.planning.gait import standard_feet
-from robots.ambler_sim.vocabulary import Foot, Pose, Posture
+from robots.ambler_sim.vocabulary import Foot, Pose, Posture, Rock
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +45,9 @@ class Plant(Protocol):
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
         """The distance to the ground along each unit direction; NaN where there is none within *limit* metres."""
+
+    def add_rock(self, rock: Rock) -> None:
+        """Put a rock that the scanner does not see onto the ground."""
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
         """Draw robot, ground and footprints; returns the path written, whose ending may differ."""

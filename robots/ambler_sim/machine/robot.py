@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.errors import TerrainContact
-from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
+from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContact
+from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, Array, feet_of, joints_of, leg_joints, offset, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
+from robots.ambler_sim.machine.faults import FaultyPlant
 from robots.ambler_sim.machine.motion import blend, ease, expected_seconds, leg_segments
 from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
@@ -21,12 +22,14 @@ from robots.ambler_sim.vocabulary import (
     NO_LEG,
     BodyMove,
     Contact,
+    Fault,
     Foot,
     Footfall,
     Footstep,
     LegMove,
     Pose,
     Readings,
+    Rock,
     Snapshot,
     Stance,
 )
@@ -40,6 +43,15 @@ GREATEST_CORRECTION = 0.4
 TRAIL = 60
 """Footholds that are remembered for pictures."""
 
+MOST_BEHIND = 0.12
+"""How far (m or rad) a joint of a swinging leg may be behind its command."""
+
+LIFTED = 3.0
+"""How much further down (m) than where it stopped a lifted foot may find the ground."""
+
+ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
+"""Of a rock that is put in the way (m): its distance from the foot before, and its height above the way."""
+
 TOLERANCE = 0.05
 """The links go this much (m) further than planners may plan: feet creep some centimetres on steep ground."""
 
@@ -50,7 +62,7 @@ class Robot:
     def __init__(self, plant: Plant, terrain: Terrain, *, pace: float = 0.0, state: Snapshot | None = None) -> None:
         self.terrain = terrain
         self.backend = plant.name
-        self._plant = plant
+        self._plant = FaultyPlant(plant, state.faults if state else ())
         self.pacer = Pacer(pace)
         self.time = state.time if state else 0.0
         """Simulated seconds since the walk began, over all processes that took part in it."""
@@ -59,6 +71,7 @@ class Robot:
         self._scans = state.scans if state else 0
         self._trail = deque(state.trail if state else (), maxlen=TRAIL)
         self._airborne: set[int] = set()
+        self._rock_due = False
         self._command = plant.joints()
         self._odometry = Odometry(state.pose if state else plant.attitude().pose, self._command)
         self.peak_tilt = 0.0
@@ -87,14 +100,50 @@ class Robot:
     def readings(self) -> Readings:
         """Inclinometers and foot force sensors."""
         attitude = self._plant.attitude()
-        return Readings(self.time, attitude.roll, attitude.pitch, tuple(float(load) for load in self._plant.loads()))
+        loads = tuple(float(load) for load in self._plant.loads())
+        return Readings(
+            self.time, attitude.roll, attitude.pitch, loads, self._plant.amplifiers(), self._plant.encoder_offsets()
+        )
+
+    # --- faults and their mending ------------------------------------------------------------------------------------
+
+    def inject(self, fault: Fault) -> None:
+        """Something goes wrong from the next move on."""
+        if fault.kind == "unseen rock":
+            self._rock_due = True
+        else:
+            self._plant.arm(fault)
+
+    def reset(self, leg: int, *, operator: bool = False) -> bool:
+        """Switch the amplifier of a leg on again; False if only an operator can."""
+        return self._plant.clear(leg, "amplifier trip", operator=operator)
+
+    def free_joint(self, leg: int, *, operator: bool = False) -> bool:
+        """Move the joints of a leg to and fro until they are free; False if only an operator can."""
+        is_free = self._plant.clear(leg, "stuck joint", "motion fault", operator=operator)
+        self._rebase()
+        if is_free and leg in self._airborne:
+            self._lower(leg, float(self._command[leg, 2]) + LIFTED, MoveWatch(1.0, None))
+            self._rebase()
+        self._settle()
+        return is_free
+
+    def calibrate(self, leg: int) -> None:
+        """Set the relative encoder of a leg by the absolute one, and its force sensor to zero."""
+        self._plant.clear(leg, "encoder drift", "force sensor")
+        self._rebase()
+
+    # --- moves -------------------------------------------------------------------------------------------------------
 
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
         """Carry out a leg move. When stopped, the foot is put down where it is: the robot always stands on six feet.
 
         Raises TerrainContact, standing again, when the leg met something on its way.
         """
+        self._require_amplifiers()
         self._rebase()
+        if self._rock_due:
+            self._put_rock(move)
         segments = leg_segments(move, self._pose(), self._command[move.leg])
         watch = MoveWatch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
@@ -102,6 +151,7 @@ class Robot:
         self._lower(move.leg, segments[-1].end[2] + motion.GUARD + motion.SEARCH_DEPTH, watch)
         self._rebase()
         self._settle()
+        self._plant.begin_armed()
         footfall = self._landed(move.leg, reached=not watch.stopped and contact is None)
         if contact is not None:
             raise TerrainContact(contact)
@@ -112,6 +162,7 @@ class Robot:
 
         Raises OutOfReach, without moving, when a leg could not follow.
         """
+        self._require_amplifiers()
         self._rebase()
         start = self._pose()
         feet = to_world(start, feet_of(self._command))
@@ -125,6 +176,7 @@ class Robot:
             if watch.stopped:
                 speed -= self._plant.tick / STOP_SECONDS
         self._settle()
+        self._plant.begin_armed()
         self.footsteps += 1
         heading = compass(self._plant.attitude().pose.heading, self.terrain.spec.seed, self.footsteps)
         self._odometry.fix(self._plant.joints(), self._airborne, heading)
@@ -162,6 +214,7 @@ class Robot:
             scans=self._scans,
             footsteps=self.footsteps,
             trail=tuple(self._trail),
+            faults=tuple(self._plant.faults),
         )
 
     def close(self) -> None:
@@ -200,7 +253,32 @@ class Robot:
             self._drive(joints, watch)
             if feels and self._feels_something(leg) and number < ticks:
                 return number / ticks
+            self._require_following(leg)
         return 1.0
+
+    def _require_amplifiers(self) -> None:
+        """Raise AmplifierTripped, before anything moves, if the amplifier of a leg is off."""
+        for leg, is_on in enumerate(self._plant.amplifiers()):
+            if not is_on:
+                raise AmplifierTripped(leg)
+
+    def _require_following(self, leg: int) -> None:
+        """Raise JointFault, standing on the other legs, if a leg is far from where it should be by now."""
+        error = float(np.abs(self._command[leg] - self._plant.joints()[leg]).max())
+        if error > MOST_BEHIND:
+            self._rebase()
+            self._settle()
+            raise JointFault(leg, error)
+
+    def _put_rock(self, move: LegMove) -> None:
+        """In front of the shaft, where the foot swings; higher than that is lifted."""
+        pose = self._plant.attitude().pose
+        angle = leg_joints(pose, move.foothold)[0] / 2
+        x, y = offset(pose, move.radius * math.cos(angle), SHAFT_Y[move.leg] + move.radius * math.sin(angle))
+        start = self.true_stance().feet[move.leg]
+        if math.hypot(x - start.x, y - start.y) > ROCK_ROOM:
+            self._rock_due = False
+            self._plant.add_rock(Rock(x, y, ROCK_RADIUS, move.lift + ROCK_ABOVE - self.terrain.height(x, y)))
 
     def _feels_something(self, leg: int) -> bool:
         plant = self._plant
@@ -250,7 +328,7 @@ class Robot:
         Six stiff legs on the ground are a table that wobbles: without this it would stand on two or three of them.
         """
         tick, loads, attitude = self._plant.tick, self._plant.loads(), self._plant.attitude()
-        standing = [leg for leg in LEGS if leg not in self._airborne]
+        standing = [leg for leg in LEGS if leg not in self._airborne and math.isfinite(loads[leg])]
         feet, loads = feet_of(self._command)[standing], loads[standing]
         lacking = least_norm_loads(feet, loads) - loads
         change = BALANCE_RATE * tick * lacking / AMBLER.foot_stiffness

@@ -5,30 +5,50 @@ locks the moves. A controller that is started on the state file of another takes
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import cast
 
 import msgspec
 
-from robots.ambler_sim.errors import AmblerError, TerrainContact
+from robots.ambler_sim.errors import AmblerError, AmplifierTripped, JointFault, TerrainContact
 from robots.ambler_sim.machine.making import Backend, make_robot
-from robots.ambler_sim.machine.pacing import OnTick
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.shared import Machine
 from robots.ambler_sim.machine.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.machine.terrain import TERRAINS
 from robots.ambler_sim.messages import (
+    AMPLIFIER_TRIPPED,
+    CALIBRATE,
+    FREE_JOINT,
+    INJECT,
+    JOINT_FAULT,
     MOTION_FAULT,
     MOVE_BODY,
     MOVE_LEG,
+    NEEDS_OPERATOR,
     PICTURE,
     RANGES,
     READINGS,
+    RESET,
     STANCE,
     TERRAIN_COLLISION,
+    MotionError,
+    Reset,
 )
-from robots.ambler_sim.vocabulary import BodyMove, Footfall, LegMove, Pose, Readings, Rock, Scan, Stance, TerrainSpec
-from tca_module import Module, Task
+from robots.ambler_sim.vocabulary import (
+    BodyMove,
+    Fault,
+    Footfall,
+    LegMove,
+    Pose,
+    Readings,
+    Rock,
+    Scan,
+    Stance,
+    TerrainSpec,
+)
+from tca_module import FailureRaised, Module, Task
 
 
 def make_module(robot: Robot, state_file: Path | None, record: Path | None = None) -> Module:
@@ -53,22 +73,27 @@ def make_module(robot: Robot, state_file: Path | None, record: Path | None = Non
         try:
             with machine.moving(move.leg):
                 return robot.move_leg(move, on_tick=lambda _: goes_on(task))
-        except TerrainContact as error:
-            raise TERRAIN_COLLISION(error.contact, str(error)) from error
+        except AmblerError as error:
+            raise failure_of(error) from error
         finally:
             save()
 
     @controller.handles(MOVE_BODY)
     def move_body(task: Task, move: BodyMove) -> Pose:
-        with machine.moving():
-            pose = _moved_body(robot, move, on_tick=lambda _: goes_on(task))
-        save()
+        try:
+            with machine.moving():
+                pose = robot.move_body(move, lambda _: goes_on(task))
+        except AmblerError as error:
+            raise failure_of(error) from error
+        finally:
+            save()
         if record is not None:
             with record.open("ab") as file:
                 file.write(msgspec.json.encode(robot.footstep()) + b"\n")
         return pose
 
     _answer_questions(controller, machine)
+    _care(controller, machine, save)
     save()
     return controller
 
@@ -97,11 +122,50 @@ def _answer_questions(controller: Module, machine: Machine) -> None:
             return str(robot.picture(path))
 
 
-def _moved_body(robot: Robot, move: BodyMove, on_tick: OnTick) -> Pose:
-    try:
-        return robot.move_body(move, on_tick)
-    except AmblerError as error:
-        raise MOTION_FAULT("body", str(error)) from error
+def _care(controller: Module, machine: Machine, save: Callable[[], None]) -> None:
+    """Mend what is wrong with the machine, and spoil it."""
+    robot = machine.robot
+
+    @controller.handles(INJECT)
+    def inject(_: Task, fault: Fault) -> None:
+        with machine.moving():
+            robot.inject(fault)
+        save()
+
+    @controller.handles(RESET)
+    def reset(_: Task, reset: Reset) -> None:
+        with machine.moving():
+            is_on = robot.reset(reset.leg, operator=reset.operator)
+        save()
+        if not is_on:
+            raise NEEDS_OPERATOR(reset.leg, f"the amplifier of leg {reset.leg} trips again: an operator must reset it")
+
+    @controller.handles(FREE_JOINT)
+    def free_joint(_: Task, reset: Reset) -> None:
+        with machine.moving():
+            is_free = robot.free_joint(reset.leg, operator=reset.operator)
+        save()
+        if not is_free:
+            raise NEEDS_OPERATOR(reset.leg, f"a joint of leg {reset.leg} stays stuck: an operator must free it")
+
+    @controller.handles(CALIBRATE)
+    def calibrate(_: Task, leg: int) -> None:
+        with machine.moving():
+            robot.calibrate(leg)
+        save()
+
+
+def failure_of(error: AmblerError) -> FailureRaised:
+    """The failure by which others hear of an error."""
+    match error:
+        case TerrainContact():
+            return TERRAIN_COLLISION(error.contact, str(error))
+        case AmplifierTripped():
+            return AMPLIFIER_TRIPPED(error.leg, str(error))
+        case JointFault():
+            return JOINT_FAULT(MotionError(error.leg, error.error), str(error))
+        case _:
+            return MOTION_FAULT("body", str(error))
 
 
 def main() -> None:

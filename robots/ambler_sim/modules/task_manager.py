@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 
-from robots.ambler_sim.messages import CONFIRM_ARC, TRAVERSE_ARC, TRAVERSE_PATH, WALKED, Path
+from robots.ambler_sim.messages import CONFIRM_ARC, LOSE_PROGRAM, TRAVERSE_ARC, TRAVERSE_PATH, WALKED, Path
 from robots.ambler_sim.planning.gait import pose_on
 from robots.ambler_sim.vocabulary import Arc, Pose
 from tca_module import Module, Task
@@ -11,11 +11,16 @@ from tca_module import Module, Task
 START = Pose(0.0, 0.0, 0.0, 0.0)
 
 
-def make_module(on_walked: Callable[[float], None], confirm: Callable[[int], None]) -> Module:
-    """The module. *on_walked* is told the metres walked so far; *confirm* is asked before an arc (1, 2, ...)."""
+def make_module(
+    on_walked: Callable[[float], None], confirm: Callable[[int], None], lose: Callable[[Task, str], None] | None = None
+) -> Module:
+    """The module. *on_walked* is told the metres walked so far; *confirm* is asked before an arc (1, 2, ...); *lose*
+    kills a program and starts it again.
+    """
     manager = Module("task manager")
     manager.resource("operator")
     manager.resource("display")
+    manager.resource("programs")
     odometer = Odometer()
 
     @manager.handles(TRAVERSE_PATH)
@@ -29,6 +34,11 @@ def make_module(on_walked: Callable[[float], None], confirm: Callable[[int], Non
     @manager.handles(CONFIRM_ARC, resource="operator")
     def confirm_arc(_: Task, number: int) -> None:
         confirm(number)
+
+    @manager.handles(LOSE_PROGRAM, resource="programs")
+    def lose_program(task: Task, name: str) -> None:
+        if lose is not None:
+            lose(task, name)
 
     @manager.handles(WALKED, resource="display")
     def walked(_: Task, pose: Pose) -> None:

@@ -67,7 +67,7 @@ def fault_of_footfall(move: LegMove, stance: Stance, readings: Readings) -> str:
     foot, load = stance.feet[move.leg], readings.loads[move.leg]
     aside = math.hypot(foot.x - move.foothold.x, foot.y - move.foothold.y)
     off_level = foot.z - move.foothold.z
-    if load < LEAST_LOAD:
+    if not load >= LEAST_LOAD:  # broken sensors say NaN
         return f"leg {move.leg} bears {load / 1000:.1f} kN only"
     if aside > FARTHEST_ASIDE:
         return f"leg {move.leg} stands {aside:.2f} m beside its foothold"

@@ -1,0 +1,116 @@
+"""The fault injector: makes something go wrong now and then, by a schedule or at random from a seed.
+
+It taps the leg moves, and while it holds one it sees to the fault that is due with that footstep.
+"""
+
+import argparse
+from random import Random
+
+from robots.ambler_sim.geometry import offset
+from robots.ambler_sim.messages import FELT, INJECT, LOSE_PROGRAM, MOVE_LEG, STANCE
+from robots.ambler_sim.vocabulary import KINDS, LEGS, Fault, LegMove, Obstacle
+from tca_module import Command, Condition, Module, Task
+
+RATE = 0.08
+"""Faults a footstep, of all kinds together."""
+
+FIRST = 4
+"""The first footstep with a fault at random."""
+
+OPERATOR_SHARE = 0.25
+"""Of the faults of amplifiers and joints: those that only an operator can reset."""
+
+PROGRAMS = (
+    "scanner", "mapper", "footfall planner", "leg recovery planner", "body planner", "gait planner", "error recovery",
+    "controller",
+)  # fmt: skip
+
+MAKE_TROUBLE = Command("make trouble", LegMove)
+
+
+def drawn(kinds: tuple[str, ...], seed: int, number: int) -> tuple[str, ...]:
+    """The kinds of faults that come with a footstep: mostly none."""
+    random = Random(f"{seed} {number}")  # noqa: S311
+    return (random.choice(kinds),) if kinds and number >= FIRST and random.random() < RATE else ()
+
+
+def make_fault(kind: str, seed: int, number: int) -> Fault:
+    """What exactly happens."""
+    random = Random(f"{seed} {number} {kind}")  # noqa: S311
+    leg = random.choice(LEGS)
+    match kind:
+        case "amplifier trip" | "stuck joint":
+            return Fault(kind, leg, needs_operator=random.random() < OPERATOR_SHARE)
+        case "no image" | "bad image":
+            return Fault(kind, size=random.choice((1, 1, 2, 5)))
+        case _:
+            return Fault(kind, leg)
+
+
+def make_module(kinds: tuple[str, ...], schedule: dict[int, list[str]], seed: int) -> Module:
+    """Faults of these *kinds* at random, and those of the *schedule*, by the number of the leg move (1, 2, ...)."""
+    injector = Module("fault injector")
+    moves = 0
+
+    @injector.at_start
+    def attach(module: Module) -> None:
+        module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, MAKE_TROUBLE)
+
+    @injector.handles(MAKE_TROUBLE)
+    def make_trouble(task: Task, move: LegMove) -> None:
+        nonlocal moves
+        moves += 1
+        for kind in (*schedule.get(moves, ()), *drawn(kinds, seed, moves)):
+            cause(task, make_fault(kind, seed, moves), move, Random(f"{seed} {moves} program"))  # noqa: S311
+
+    return injector
+
+
+def cause(task: Task, fault: Fault, move: LegMove, random: Random) -> None:
+    """Have it happen."""
+    match fault.kind:
+        case "lost central":
+            task.command(LOSE_PROGRAM, "central").wait()
+        case "lost module":
+            task.command(LOSE_PROGRAM, random.choice(PROGRAMS)).wait()
+        case "no footfall":
+            heading = task.query(STANCE).pose
+            x, y = offset(heading, 1.0, 0.0)
+            at_x, at_y = move.foothold.x + x - heading.x, move.foothold.y + y - heading.y
+            task.inform(FELT, Obstacle(at_x, at_y, move.foothold.z, 0.75, is_wall=False))
+            task.command(INJECT, fault).wait()
+        case _:
+            task.command(INJECT, fault).wait()
+
+
+def scheduled(texts: list[str]) -> dict[int, list[str]]:
+    """From "KIND@NUMBER". Raises ValueError for anything else."""
+    schedule: dict[int, list[str]] = {}
+    for text in texts:
+        kind, _, number = text.partition("@")
+        if kind not in KINDS or not number.isdecimal():
+            raise ValueError(f"{text!r} is no fault: give KIND@STEP, with a kind of {', '.join(KINDS)}")
+        schedule.setdefault(int(number), []).append(kind)
+    return schedule
+
+
+def kinds_of(text: str) -> tuple[str, ...]:
+    """From "all" or a list with commas. Raises ValueError for a kind that there is not."""
+    kinds = KINDS if text == "all" else tuple(filter(None, text.split(",")))
+    if wrong := [kind for kind in kinds if kind not in KINDS]:
+        raise ValueError(f"there are no faults of kind {wrong[0]!r}: there are {', '.join(KINDS)}")
+    return kinds
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.fault_injector", description=__doc__)
+    parser.add_argument("--faults", type=kinds_of, default=(), metavar="all|KIND,...", help="kinds that come at random")
+    parser.add_argument("--fault", action="append", default=[], metavar="KIND@STEP", help="one with that leg move")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    make_module(options.faults, scheduled(options.fault), options.seed).run()
+
+
+if __name__ == "__main__":
+    main()
