@@ -56,6 +56,11 @@ class Processes:
         self.start(name, *self._commands[name])
         return self._running[name].pid
 
+    def number(self, name: str) -> int:
+        """The number of a program's process; 0 while there is none."""
+        process = self._running.get(name)
+        return process.pid if process else 0
+
     def ended(self) -> str | None:
         """The name of a program that ended by itself, if any has."""
         return next((name for name, process in self._running.items() if process.poll() is not None), None)

@@ -9,10 +9,11 @@ import shutil
 import sys
 import tempfile
 import time
-from collections import Counter
+from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
+import msgspec
 from click import ClickException
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -25,6 +26,7 @@ from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.modules import task_manager
 from robots.ambler_sim.modules.fault_injector import kinds_of, scheduled
 from robots.ambler_sim.recovery import GIVE_UP, is_attached
+from robots.ambler_sim.run.figures import Figures, Usage, figures_of
 from robots.ambler_sim.run.losing import lose
 from robots.ambler_sim.vocabulary import KINDS, Rock
 from robots.processes import Processes
@@ -34,7 +36,6 @@ from tca_tools.gantt.__main__ import gantt
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
 from tca_tools.tasktree_viz.__main__ import tree
-from tca_wire.vocabulary import Role
 
 MODULES = ("scanner", "mapper", "footfall planner", "leg recovery planner", "body planner", "gait planner")
 RECOVERY = "error recovery"
@@ -65,6 +66,9 @@ class Walk:
     options: argparse.Namespace
     folder: Path
     outputs: list[tuple[str, Path]] = field(default_factory=list)
+    usage: Usage = field(default_factory=Usage)
+    walked: float = 0.0
+    wall: float = 0.0
 
     @property
     def bends(self) -> tuple[Bend, ...]:
@@ -145,7 +149,11 @@ class Walk:
                 for layer in self.layers:
                     module.query(is_attached(layer), timeout=START_TIME)
                 goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
-                code = _watch(goal, processes, progress, bar)
+                began = time.monotonic()
+                code = _watch(
+                    goal, processes, progress, bar, lambda: self.usage.look(self.walked, processes.number("central"))
+                )
+                self.wall = time.monotonic() - began
                 if code == 0:
                     picture = module.query(PICTURE, str(self.folder / "robot.png"))
                     self.outputs.append(("the robot", Path(picture)))
@@ -153,6 +161,7 @@ class Walk:
 
     def show(self, metres: float, progress: Progress, bar: TaskID) -> None:
         """The robot has come so far."""
+        self.walked = metres
         progress.update(bar, completed=min(metres, self.options.metres))
 
     def confirm(self, number: int, progress: Progress, processes: Processes) -> None:
@@ -166,6 +175,13 @@ class Walk:
         else:
             progress.console.print(f"between arcs {number} and {number + 1}: Enter goes on")
             sys.stdin.readline()
+
+    def judge(self) -> Figures:
+        """The walk in figures, which are also written into its folder."""
+        history = History.until(open_log(self.folder / "journal"))
+        figures = figures_of(self.folder / "footsteps.jsonl", history, self.usage, self.wall)
+        (self.folder / "figures.json").write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
+        return figures
 
     def draw_history(self) -> None:
         """The task tree and the Gantt chart, from the journal, by the tools that anybody would use."""
@@ -181,13 +197,16 @@ class Walk:
         self.outputs.append(("journal", self.folder / "journal"))
 
 
-def _watch(goal: SentTask[None], processes: Processes, progress: Progress, bar: TaskID) -> int:
-    """Wait for the end of the walk, and for anything that ends before its time."""
+def _watch(
+    goal: SentTask[None], processes: Processes, progress: Progress, bar: TaskID, look: Callable[[], None]
+) -> int:
+    """Wait for the end of the walk, and for anything that ends before its time; *look* now and then."""
     while True:
         try:
             outcome = goal.wait(timeout=LOOK_PERIOD)
         except Timeout:
             if (name := processes.ended()) is None:
+                look()
                 continue
             progress.console.print(f"{name} ended before the walk did; see {processes.log(name)}", style="red")
             return 1
@@ -201,22 +220,6 @@ def _watch(goal: SentTask[None], processes: Processes, progress: Progress, bar: 
         else:
             progress.console.print("the walk was killed", style="red")
         return 1
-
-
-def _report(journal: Path) -> list[str]:
-    """Two lines: the checks that were made, and what was done about failures."""
-    tasks = History.until(open_log(journal)).tasks.values()
-    checks = Counter(task.name for task in tasks if task.name.endswith(" check"))
-    failed = sum(bool(task.failure) for task in tasks if task.role is Role.LISTENER)
-    recoveries = Counter(task.name for task in tasks if task.role is Role.EXCEPTION)
-    return [
-        f"checks: {_counted(checks)}; {failed or 'none'} failed" if checks else "checks: none",
-        f"recoveries: {_counted(recoveries) or 'none'}",
-    ]
-
-
-def _counted(names: Counter[str]) -> str:
-    return ", ".join(f"{count} x {name}" for name, count in names.items())
 
 
 def _column(part: object) -> BarColumn | TextColumn:
@@ -300,8 +303,8 @@ def main() -> int:
         console.print(f"ambler: {error}", style="red")
         return 1
     console.print(f"{'Done' if code == 0 else 'Ended'} after {time.monotonic() - began:.0f} s:")
-    for line in _report(walk.folder / "journal"):
-        console.print(f"  {line}")
+    for line in walk.judge().lines():
+        console.print(f"  {line}", soft_wrap=True)
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)
     tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")

@@ -89,7 +89,6 @@ def test_over_a_low_rock_the_leg_is_raised(backend: str, tmp_path: Path) -> None
     (raised,) = done.named("raise leg")
     leg_move = done.history.tasks[raised.parent]
     assert [handling.outcome for handling in leg_move.handlings] == [Outcome.FAILED, Outcome.DONE]
-    assert "recoveries: 1 x raise leg" in done.output
 
 
 @pytest.mark.soak
@@ -173,7 +172,6 @@ def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> 
     assert_walked(done)
     assert not {"stability layer", "error recovery"} & done.history.modules.keys()
     assert not done.named("stability check", "footfall check", *LADDER)
-    assert "checks: none" in done.output
 
 
 @pytest.mark.soak
@@ -203,6 +201,9 @@ def test_whatever_goes_wrong_the_robot_walks_on(tmp_path: Path) -> None:
     done = walk(tmp_path, "--backend", "kinematic", "--distance", "14", "--terrain", "hills", *options)
     assert_walked(done)
     assert {name for name in FAULTS.values() if name} <= done.recoveries.keys()
+    assert "1 of 1 amplifier trip" in done.output
+    assert "1 of 1 unseen rock" in done.output
+    assert "moves checked before 100%, leg moves after 100%" in done.output
     assert [task.state for task in done.named("lose program")] == [TaskState.ACHIEVED] * 3
     assert all(task.state is TaskState.ACHIEVED for task in done.named("traverse arc"))
     journal = tmp_path / "walk" / "journal"

@@ -1,0 +1,218 @@
+"""A walk in figures: from the record of its footsteps, from its journal, and from what its programs used."""
+
+import hashlib
+import math
+import os
+import resource
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+
+from robots.ambler_sim.messages import CALIBRATE, INJECT, LOSE_PROGRAM, MOVE_BODY, MOVE_LEG, TAKE_STEPS
+from robots.ambler_sim.vocabulary import Footstep, Pose
+from tca_tools.run.fold import History
+from tca_tools.run.records import Task, TaskState
+from tca_wire.points import Moment
+
+RECOVERIES = {
+    "amplifier trip": ("switch on",),
+    "stuck joint": ("free leg",),
+    "motion fault": ("free leg",),
+    "encoder drift": (CALIBRATE.name,),
+    "force sensor": (CALIBRATE.name,),
+    "no image": ("look again", "go on without image"),
+    "bad image": ("look again", "go on without image"),
+    "unseen rock": ("raise leg", "replan move"),
+    "no footfall": ("plan otherwise", "replan move", "shuffle feet"),
+    "lost module": (LOSE_PROGRAM.name,),
+    "lost central": (LOSE_PROGRAM.name,),
+}
+"""By which tasks it is seen that a fault was noticed and recovered from."""
+
+CLASS = 0.05
+"""Of slopes, in the histogram."""
+
+
+@dataclass
+class Usage:
+    """What central needs while the walk goes on, by metres walked."""
+
+    memory: list[tuple[float, float]] = field(default_factory=list)
+    """Metres, and megabytes."""
+
+    def look(self, metres: float, process: int) -> None:
+        """Note what a process needs now."""
+        try:
+            pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
+        except (OSError, IndexError):
+            return
+        self.memory.append((metres, pages * resource.getpagesize() / 1e6))
+
+    def at(self, share: float) -> float:
+        """Megabytes at a share of the way; NaN if that is not known."""
+        if not self.memory:
+            return math.nan
+        way = share * self.memory[-1][0]
+        return next(megabytes for metres, megabytes in self.memory if metres >= way)
+
+
+@dataclass(frozen=True, slots=True)
+class FaultFigures:
+    """Of one kind of faults: how many there were, and how many recoveries of that kind succeeded."""
+
+    injected: int
+    recovered: int
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What a walk was like. Lengths in m, angles in degrees, times in s, memory in MB."""
+
+    footsteps: int
+    way: float
+    steepest: float
+    slopes: dict[str, int]
+    most_tilt: float
+    least_margin: float
+    error: float
+    faults: dict[str, FaultFigures]
+    operator_calls: int
+    recoveries: dict[str, int]
+    checked_before: float
+    checked_after: float
+    planned_ahead: float
+    wall: float
+    cpu: float
+    load: float
+    central_at_quarter: float
+    central_at_end: float
+    digest: str
+
+    def lines(self) -> list[str]:
+        """For people."""
+        share = self.error / self.way if self.way else 0.0
+        slopes = ", ".join(f"{count} x {rise}" for rise, count in self.slopes.items())
+        faults = [f"{each.recovered} of {each.injected} {kind}" for kind, each in sorted(self.faults.items())]
+        return [
+            f"{self.footsteps} footsteps, {self.way:.1f} m; reckoned place {self.error:.2f} m ({share:.1%}) off",
+            f"slopes under the path up to {self.steepest:.1%}: {slopes}",
+            f"greatest tilt {self.most_tilt:.2f} degrees, least stability margin {self.least_margin:.2f} m",
+            f"faults recovered: {', '.join(faults) or 'none came'}; operator called {self.operator_calls} times",
+            (
+                f"moves checked before {self.checked_before:.0%}, leg moves after {self.checked_after:.0%}; "
+                f"planned while the step before was walked {self.planned_ahead:.0%}"
+            ),
+            (
+                f"{self.wall:.0f} s, {self.cpu:.0f} s of processor, load {self.load:.1f}; "
+                f"central {self.central_at_quarter:.0f} MB after a quarter, {self.central_at_end:.0f} MB at the end"
+            ),
+            f"footsteps' digest {self.digest}",
+        ]
+
+
+def figures_of(record: Path, history: History, usage: Usage, wall: float) -> Figures:
+    """Of a walk whose programs have ended. *wall*: how long it took."""
+    steps = read_footsteps(record)
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    tasks = list(history.tasks.values())
+    recoveries = Counter(task.name for task in tasks if is_recovery(task) and task.state is TaskState.ACHIEVED)
+    last = steps[-1] if steps else None
+    return Figures(
+        footsteps=len(steps),
+        way=sum(_distance(a, b) for a, b in pairwise([Pose(0, 0, 0, 0), *(step.true_pose for step in steps)])),
+        steepest=max((step.slope for step in steps), default=0.0),
+        slopes=_histogram([step.slope for step in steps]),
+        most_tilt=math.degrees(max((step.tilt for step in steps), default=0.0)),
+        least_margin=min((step.margin for step in steps), default=math.nan),
+        error=_distance(last.pose, last.true_pose) if last else 0.0,
+        faults=_faults(tasks, recoveries),
+        operator_calls=recoveries["call operator"],
+        recoveries=dict(recoveries),
+        checked_before=_share(list(_checked_before(history))),
+        checked_after=_share(list(_checked_after(history))),
+        planned_ahead=_share(list(_planned_ahead(history))),
+        wall=wall,
+        cpu=children.ru_utime + children.ru_stime,
+        load=os.getloadavg()[0],
+        central_at_quarter=usage.at(0.25),
+        central_at_end=usage.at(1.0),
+        digest=hashlib.sha256(record.read_bytes() if record.exists() else b"").hexdigest()[:16],
+    )
+
+
+def read_footsteps(record: Path) -> list[Footstep]:
+    """From the file that the controller has written; the last of each number counts."""
+    if not record.exists():
+        return []
+    lines = record.read_bytes().splitlines()
+    steps = (msgspec.json.decode(line, type=Footstep) for line in lines)
+    return list({step.number: step for step in steps}.values())
+
+
+def is_recovery(task: Task) -> bool:
+    """Whether a task mended something."""
+    names = {name for names in RECOVERIES.values() for name in names}
+    return task.name in names or task.name in ("call operator", "do again")
+
+
+def _faults(tasks: Sequence[Task], recoveries: Counter[str]) -> dict[str, FaultFigures]:
+    """For each kind, how many were injected; of the recoveries that fit, no more than that count."""
+    injected = Counter(INJECT.decode_data(task.body).kind for task in tasks if task.name == INJECT.name)
+    for task in tasks:
+        if task.name == LOSE_PROGRAM.name:
+            injected["lost central" if LOSE_PROGRAM.decode_data(task.body) == "central" else "lost module"] += 1
+    left = Counter(recoveries)
+    found = {}
+    for kind, count in injected.items():
+        recovered = 0
+        for name in RECOVERIES[kind]:
+            used = min(count - recovered, left[name])
+            left[name] -= used
+            recovered += used
+        found[kind] = FaultFigures(count, recovered)
+    return found
+
+
+def _checked_before(history: History) -> Iterator[bool]:
+    """Of each time that a move was begun, whether a stability check that nothing else has used was made before it."""
+    for task in history.tasks.values():
+        if task.name in (MOVE_LEG.name, MOVE_BODY.name):
+            checks = [history.tasks[child] for child in task.children if history.tasks[child].name == "stability check"]
+            ends = [check.reached[Moment.END_ACHIEVING] for check in checks if check.state is TaskState.ACHIEVED]
+            for number, handling in enumerate(task.handlings):
+                yield sum(end <= handling.start for end in ends) > number
+
+
+def _checked_after(history: History) -> Iterator[bool]:
+    """Of each leg move that was achieved, whether its footfall was checked before."""
+    for task in history.tasks.values():
+        if task.name == MOVE_LEG.name and task.state is TaskState.ACHIEVED:
+            checks = [history.tasks[child] for child in task.children if history.tasks[child].name == "footfall check"]
+            yield any(check.state is TaskState.ACHIEVED for check in checks)
+
+
+def _planned_ahead(history: History) -> Iterator[bool]:
+    """Of each step that followed another one of its arc, whether its planning began before that had been walked."""
+    for task in history.tasks.values():
+        before = history.tasks.get(task.parent)
+        if task.name == TAKE_STEPS.name and before is not None and before.name == TAKE_STEPS.name:
+            bodies = [history.tasks[child] for child in before.children if history.tasks[child].name == MOVE_BODY.name]
+            if task.handlings and bodies and bodies[-1].handlings:
+                yield task.handlings[0].start < bodies[-1].handlings[-1].until
+
+
+def _share(found: Sequence[bool]) -> float:
+    return sum(found) / len(found) if found else 1.0
+
+
+def _histogram(slopes: Sequence[float]) -> dict[str, int]:
+    classes = Counter(int(slope / CLASS) for slope in slopes)
+    return {f"{CLASS * number:.0%}-{CLASS * (number + 1):.0%}": classes[number] for number in sorted(classes)}
+
+
+def _distance(a: Pose, b: Pose) -> float:
+    return math.hypot(a.x - b.x, a.y - b.y)
