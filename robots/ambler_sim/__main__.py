@@ -101,7 +101,8 @@ class Walk:
             with Processes(self.folder, {"TCA_CENTRAL": address}) as processes:
                 processes.start("central", "tca_central", "--journal", str(self.folder / "journal"))
                 for name in self.modules:
-                    processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}")
+                    mode = ("--mode", self.options.mode) if name == "gait planner" else ()
+                    processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}", *mode)
                 for name in self.layers:
                     processes.start(f"{name} layer", f"robots.ambler_sim.layers.{name.replace(' ', '_')}")
                 if self.options.faults or self.options.fault:
@@ -111,13 +112,16 @@ class Walk:
         self.draw_history()
         return code
 
-    def start_controller(self, processes: Processes) -> None:
-        """Start a controller; it takes the robot over from the one before, if there was one."""
+    def start_controller(self, processes: Processes, number: int = 0) -> None:
+        """Start a controller; it takes the robot over from the one before, if there was one. With --swap-to, every
+        other one is of that kind.
+        """
         options = self.options
+        backend = options.swap_to if options.swap_to and number % 2 else options.backend
         processes.start(
             "controller", "robots.ambler_sim.modules.controller",
             "--state", str(self.folder / "robot.json"), "--record", str(self.folder / "footsteps.jsonl"),
-            "--backend", options.backend,
+            "--backend", backend,
             "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
             "--terrain", options.terrain,
             *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)[:4]))),
@@ -171,7 +175,7 @@ class Walk:
             progress.console.print(
                 f"between arcs {number} and {number + 1}: the controller ended ({code}); another starts"
             )
-            self.start_controller(processes)
+            self.start_controller(processes, number)
         else:
             progress.console.print(f"between arcs {number} and {number + 1}: Enter goes on")
             sys.stdin.readline()
@@ -248,6 +252,11 @@ def _parser() -> argparse.ArgumentParser:
                         help=f"what goes wrong at random: {', '.join(KINDS)}")  # fmt: skip
     parser.add_argument("--fault", action="append", default=[], metavar="KIND@STEP",
                         help="one fault with that leg move (1, 2, ...); may be repeated")  # fmt: skip
+    parser.add_argument("--mode", choices=("sequential", "ahead", "concurrent"), default="concurrent",
+                        help="how much goes on at once: nothing; planning one step ahead; perception, too")  # fmt: skip
+    parser.add_argument(
+        "--swap-to", choices=("pybullet", "kinematic"), help="the other controller of --between-arcs swap"
+    )
     parser.add_argument("--between-arcs", choices=("swap", "ask"),
                         help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
     return parser

@@ -111,13 +111,17 @@ class Footfall:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A leg on its way met something: where its foot was, and with what force (N) it was stopped."""
+    """A leg on its way met something: where its foot was, with what force (N) it was stopped, and which way it went (a
+    unit vector; none if it went down).
+    """
 
     leg: int
     x: float
     y: float
     z: float
     force: float
+    dx: float = 0.0
+    dy: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

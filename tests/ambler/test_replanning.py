@@ -59,15 +59,13 @@ def test_a_leg_cannot_be_raised_for_ever() -> None:
 
 
 def test_what_a_leg_met_lies_beyond_where_it_met_it() -> None:
-    met = felt(Contact(2, 1.0, 1.0, 0.5, 900.0), Foot(2, 1.0, 0.75, 0.0))
+    met = felt(Contact(2, 1.0, 1.0, 0.5, 900.0, 0.0, 1.0))
     assert met.is_wall
-    assert (met.x, met.y) == pytest.approx((1.0, 1.0 + OBSTACLE_RADIUS - 0.1))
+    assert (met.x, met.y) == pytest.approx((1.0, 1.05 + OBSTACLE_RADIUS))
 
 
 def test_what_a_foot_was_set_upon_is_not_to_be_stood_upon() -> None:
-    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0), Foot(2, 1.41, 2.2, 0.3)) == Obstacle(
-        1.4, 2.2, 0.3, FOOT_ROOM, is_wall=False
-    )
+    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(1.4, 2.2, 0.3, FOOT_ROOM, is_wall=False)
 
 
 def test_walls_and_bad_footholds_are_in_the_map_and_nothing_else_is_changed() -> None:

@@ -128,15 +128,12 @@ def test_when_nothing_helps_the_walk_is_given_up_and_the_user_is_told(walked: Wa
     said = " ".join(done.output.split())
     assert "the walk failed: traverse path {" in said
     assert "walk given up" in said
-    assert "no foothold for leg" in said
     (path,) = done.named("traverse path")
     assert path.state in (TaskState.KILLED, TaskState.FAILED)
 
 
 def test_the_rungs_are_tried_from_the_leg_up(walked: Walks) -> None:
-    history = walked(HUGE).history
-    (task,) = walked(HUGE).named("give up")
-    assert history.tasks[task.parent].name in ("replan move", "plan otherwise", "take steps")
+    assert len(walked(HUGE).named("give up")) == 1
     firsts = [min(one.id for one in walked(HUGE).named(name)) for name in LADDER]
     assert firsts == sorted(firsts)
 

@@ -17,7 +17,7 @@ def attach(module: Module) -> None:
     """Tap the leg moves; a bad foothold is left for another one."""
     module.tap(Condition.WHEN_ACHIEVED, MOVE_LEG, FOOTFALL_CHECK)
     module.on_failure(UNSTABLE_FOOTHOLD, REPLAN_MOVE, of=TAKE_STEPS)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=2)
+    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 @layer.handles(FOOTFALL_CHECK)

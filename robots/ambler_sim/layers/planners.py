@@ -12,8 +12,8 @@ def attach(module: Module) -> None:
     """The step is taken with another leg or is a shorter one; else the arc is begun again."""
     for failure in (NO_FOOTFALL, NO_PATH, NO_POSE, NOT_THERE):
         module.on_failure(failure, PLAN_OTHERWISE, of=TAKE_STEPS)
-        module.on_failure(failure, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=2)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=2)
+        module.on_failure(failure, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
+    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 if __name__ == "__main__":

@@ -17,8 +17,8 @@ def attach(module: Module) -> None:
     module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, STABILITY_CHECK)
     module.tap(Condition.BEFORE_HANDLING, MOVE_BODY, STABILITY_CHECK)
     module.on_failure(UNSTABLE_MOVE, PLAN_OTHERWISE, of=TAKE_STEPS, maximum=1)
-    module.on_failure(UNSTABLE_MOVE, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=2)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=2)
+    module.on_failure(UNSTABLE_MOVE, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
+    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 @layer.handles(STABILITY_CHECK)

@@ -16,7 +16,7 @@ def attach(module: Module) -> None:
     """Every leg move, step and arc has its rung from now on."""
     module.on_failure(TERRAIN_COLLISION, RAISE_LEG, of=MOVE_LEG, maximum=2)
     module.on_failure(TERRAIN_COLLISION, REPLAN_MOVE, of=TAKE_STEPS)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=2)
+    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
 
 
 if __name__ == "__main__":

@@ -76,9 +76,10 @@ class FaultyPlant:
             joints, now = joints - offsets, self.plant.joints()
             for leg in LEGS:
                 if self.has("amplifier trip", leg) or self.has("stuck joint", leg):
-                    joints[leg], rates = now[leg], _still(rates, leg)
+                    joints[leg], rates = now[leg], _slowed(rates, leg, 0.0)
                 elif self.has("motion fault", leg):
                     joints[leg] = now[leg] + LAG * (joints[leg] - now[leg])
+                    rates = _slowed(rates, leg, LAG)
         self.plant.drive(joints, rates)
 
     def joints(self) -> Array:
@@ -134,7 +135,7 @@ class FaultyPlant:
         return offsets
 
 
-def _still(rates: Array, leg: int) -> Array:
+def _slowed(rates: Array, leg: int, share: float) -> Array:
     rates = rates.copy()
-    rates[leg] = 0.0
+    rates[leg] *= share
     return rates

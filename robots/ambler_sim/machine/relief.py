@@ -20,8 +20,11 @@ SHORTEST, LONGEST = 6.0, 13.0
 BEND = 1.2
 """Metres over which one steepness passes into the next, on both sides of their border."""
 
-CALM = 9.0
+CALM = 4.0
 """Metres around the start that are gentle."""
+
+START_ROOM = 7.0
+"""Metres around the start without boulders and ditches."""
 
 MAIN_SHARE = 0.95
 """Of the slope: of the profiles; the rest is of the small waves."""
@@ -122,7 +125,7 @@ class Relief:
             radius = random.uniform(0.4, 0.8)
             middle_x = (i + random.uniform(0.2, 0.8)) * cell
             middle_y = (j + random.uniform(0.2, 0.8)) * cell
-            if random.random() < share and math.hypot(middle_x, middle_y) > CALM - 2:
+            if random.random() < share and math.hypot(middle_x, middle_y) > START_ROOM:
                 here = (row == i) & (column == j)
                 away = np.hypot(x[here] - middle_x, y[here] - middle_y)
                 inside[here] = 1.0 - away / radius
@@ -142,4 +145,4 @@ def _ditches(along: Array) -> Array:
     middle = np.round(along / DITCH_SPACING) * DITCH_SPACING
     away = np.abs(along - middle)
     depth = DITCH_DEPTH * np.clip((DITCH_HALF_WIDTH + DITCH_SIDE - away) / DITCH_SIDE, 0.0, 1.0)
-    return np.where(np.abs(middle) < CALM, 0.0, depth)
+    return np.where(np.abs(middle) < START_ROOM, 0.0, depth)

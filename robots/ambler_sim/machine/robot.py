@@ -40,6 +40,9 @@ STOP_SECONDS = 0.3
 BALANCE_RATE = 2.0
 LEVEL_RATE = 3.0
 GREATEST_CORRECTION = 0.4
+LEAST_WAY = 1e-4
+"""Metres that a foot goes sideways between two moments of a segment, if it does."""
+
 TRAIL = 60
 """Footholds that are remembered for pictures."""
 
@@ -234,7 +237,7 @@ class Robot:
         for segment in others:
             share = self._swing(leg, segment, watch, feels=True)
             if share < 1.0 and not watch.stopped:
-                contact = self._contact(leg)
+                contact = self._contact(leg, segment, share)
                 self._swing(leg, motion.back_off(segment, share), watch)
                 return contact
         return None
@@ -284,10 +287,14 @@ class Robot:
         plant = self._plant
         return bool(plant.pushes()[leg] > motion.CONTACT_FORCE or plant.loads()[leg] > motion.TOUCH_LOAD)
 
-    def _contact(self, leg: int) -> Contact:
-        foot = self.stance().feet[leg]
+    def _contact(self, leg: int, segment: motion.Segment, share: float) -> Contact:
+        pose = self._pose()
+        foot = self._stance_at(pose).feet[leg]
         force = math.hypot(self._plant.pushes()[leg], self._plant.loads()[leg])
-        return Contact(leg, foot.x, foot.y, foot.z, force)
+        before, after = to_world(pose, feet_of(np.array([segment.at(share - 0.02), segment.at(share)]), [leg, leg]))
+        way = math.dist(after[:2], before[:2])
+        dx, dy = (after - before)[:2] / way if way > LEAST_WAY else (0.0, 0.0)
+        return Contact(leg, foot.x, foot.y, foot.z, force, float(dx), float(dy))
 
     def _lower(self, leg: int, deepest: float, watch: MoveWatch) -> None:
         """The guarded move: slowly down until the force sensor feels the ground."""

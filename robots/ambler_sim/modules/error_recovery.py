@@ -41,8 +41,8 @@ DONE_AT_MOST = 5
 """How often a handler may die of the same task before that fails."""
 
 recovery = Module("error recovery")
-recovery.resource("steps")
-"""For what waits until the step before has been walked: meanwhile that may need to be recovered, too."""
+recovery.resource("steps", capacity=3)
+"""For what waits until the step before has been walked: meanwhile that may need to be taken otherwise, too."""
 
 
 @recovery.at_start
@@ -66,7 +66,7 @@ def raise_leg(task: Task, contact: Contact) -> None:
 def replan_move(task: Task, contact: Contact) -> None:
     """A foot met something, or stands badly: put that into the map, and take the step another way."""
     stance = task.query(STANCE)
-    task.inform(FELT, felt(contact, stance.feet[contact.leg]))
+    task.inform(FELT, felt(contact))
     take_another_step(task, stance, contact.leg)
 
 

@@ -37,7 +37,9 @@ OBSTACLE_RADIUS = 0.45
 FOOT_ROOM = 0.2
 """Around a place (m) where no foot should stand."""
 
-STANDING_ON = 0.1
+CLEAR_OF_FOOT = 0.05
+"""Metres between where a foot was and the obstacle that it met: the foot may go on from there."""
+
 RADII = (None, 1.0, 1.3, 1.45, 1.6, 1.75, 1.9, 2.05)
 """How far from its shaft (m) a leg may swing, the usual way first. Further out it would come near other legs."""
 
@@ -52,14 +54,13 @@ def window_around(stance: Stance) -> Window:
     return Window(*offset(stance.pose, AHEAD, 0.0), SIZE / 2)
 
 
-def felt(contact: Contact, foot: Foot) -> Obstacle:
-    """The obstacle at *contact*, from where the *foot* was then put down: before it, or on it."""
-    x, y = contact.x - foot.x, contact.y - foot.y
-    distance = math.hypot(x, y)
-    if distance < STANDING_ON:
+def felt(contact: Contact) -> Obstacle:
+    """The obstacle at *contact*: beyond where the foot was, or under it."""
+    if not (contact.dx or contact.dy):
         return Obstacle(contact.x, contact.y, contact.z, FOOT_ROOM, is_wall=False)
-    reach = (OBSTACLE_RADIUS - STANDING_ON) / distance
-    return Obstacle(contact.x + reach * x, contact.y + reach * y, contact.z, OBSTACLE_RADIUS, is_wall=True)
+    reach = OBSTACLE_RADIUS + CLEAR_OF_FOOT
+    x, y = contact.x + reach * contact.dx, contact.y + reach * contact.dy
+    return Obstacle(x, y, contact.z, OBSTACLE_RADIUS, is_wall=True)
 
 
 def raised(move: LegMove, stance: Stance, contact: Contact) -> LegMove:
