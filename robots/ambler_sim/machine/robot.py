@@ -47,7 +47,8 @@ TRAIL = 60
 """Footholds that are remembered for pictures."""
 
 MOST_BEHIND = 0.12
-"""How far (m or rad) a joint of a swinging leg may be behind its command."""
+MOST_BEHIND_STANDING = 0.05
+"""How far (m or rad) a joint of a swinging leg may be behind its command, and one of a leg that carries the body."""
 
 LIFTED = 3.0
 """How much further down (m) than where it stopped a lifted foot may find the ground."""
@@ -176,6 +177,7 @@ class Robot:
             share += speed * self._plant.tick / move.duration
             feet[:, 2] -= self._corrections()
             self._follow(blend(start, move.goal, ease(share)), feet, watch)
+            self._require_following(*LEGS, most=MOST_BEHIND_STANDING)
             if watch.stopped:
                 speed -= self._plant.tick / STOP_SECONDS
         self._settle()
@@ -256,7 +258,7 @@ class Robot:
             self._drive(joints, watch)
             if feels and self._feels_something(leg) and number < ticks:
                 return number / ticks
-            self._require_following(leg)
+            self._require_following(leg, most=MOST_BEHIND)
         return 1.0
 
     def _require_amplifiers(self) -> None:
@@ -265,13 +267,14 @@ class Robot:
             if not is_on:
                 raise AmplifierTripped(leg)
 
-    def _require_following(self, leg: int) -> None:
-        """Raise JointFault, standing on the other legs, if a leg is far from where it should be by now."""
-        error = float(np.abs(self._command[leg] - self._plant.joints()[leg]).max())
-        if error > MOST_BEHIND:
+    def _require_following(self, *legs: int, most: float) -> None:
+        """Raise JointFault, standing on the other legs, if one is further behind its command than *most*."""
+        behind = np.abs(self._command - self._plant.joints()).max(axis=1)
+        leg = max(legs, key=lambda each: behind[each])
+        if behind[leg] > most:
             self._rebase()
             self._settle()
-            raise JointFault(leg, error)
+            raise JointFault(leg, float(behind[leg]))
 
     def _put_rock(self, move: LegMove) -> None:
         """In front of the shaft, where the foot swings; higher than that is lifted."""
