@@ -28,9 +28,6 @@ CONTACT_FORCE = 800.0
 BACK_OFF = 0.25
 """How far (m) a foot goes back from what it met before it is put down."""
 
-SEARCH_DEPTH = 0.5
-"""How far below the expected ground a foot is lowered before the leg gives up."""
-
 
 @dataclass(frozen=True, eq=False)
 class Segment:

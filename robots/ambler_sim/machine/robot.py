@@ -50,9 +50,6 @@ MOST_BEHIND = 0.12
 MOST_BEHIND_STANDING = 0.05
 """How far (m or rad) a joint of a swinging leg may be behind its command, and one of a leg that carries the body."""
 
-LIFTED = 3.0
-"""How much further down (m) than where it stopped a lifted foot may find the ground."""
-
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
 """Of a rock that is put in the way (m): its distance from the foot before, and its height above the way."""
 
@@ -127,7 +124,7 @@ class Robot:
         is_free = self._plant.clear(leg, "stuck joint", "motion fault", operator=operator)
         self._rebase()
         if is_free and leg in self._airborne:
-            self._lower(leg, float(self._command[leg, 2]) + LIFTED, MoveWatch(1.0, None))
+            self._lower(leg, MoveWatch(1.0, None))
             self._rebase()
         self._settle()
         return is_free
@@ -152,7 +149,7 @@ class Robot:
         watch = MoveWatch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
         contact = self._swing_over(move.leg, segments, watch)
-        self._lower(move.leg, segments[-1].end[2] + motion.GUARD + motion.SEARCH_DEPTH, watch)
+        self._lower(move.leg, watch)
         self._rebase()
         self._settle()
         self._plant.begin_armed()
@@ -299,9 +296,11 @@ class Robot:
         dx, dy = (after - before)[:2] / way if way > LEAST_WAY else (0.0, 0.0)
         return Contact(leg, foot.x, foot.y, foot.z, force, float(dx), float(dy))
 
-    def _lower(self, leg: int, deepest: float, watch: MoveWatch) -> None:
-        """The guarded move: slowly down until the force sensor feels the ground."""
-        down = motion.GUARDED_SPEED * self._plant.tick
+    def _lower(self, leg: int, watch: MoveWatch) -> None:
+        """The guarded move: slowly down until the force sensor feels the ground, however far that is: a leg that hangs
+        is a leg that others believe to stand.
+        """
+        down, deepest = motion.GUARDED_SPEED * self._plant.tick, AMBLER.max_drop
         while self._plant.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
             joints = self._command.copy()
             joints[leg, 2] += down
