@@ -195,7 +195,7 @@ FAULTS = {
 def test_whatever_goes_wrong_the_robot_walks_on(tmp_path: Path) -> None:
     """Each fault is followed by its recovery, and what the run was is within the rules of task-level control."""
     options = [text for fault in FAULTS for text in ("--fault", fault)]
-    done = walk(tmp_path, "--backend", "kinematic", "--distance", "14", "--terrain", "hills", *options)
+    done = walk(tmp_path, "--backend", "kinematic", "--distance", "20", "--terrain", "hills", *options)
     assert_walked(done)
     assert {name for name in FAULTS.values() if name} <= done.recoveries.keys()
     assert "1 of 1 amplifier trip" in done.output
