@@ -54,12 +54,12 @@ class Candidates:
     known: Mask
 
 
-def choose_foothold(ground: ElevationMap, step: Step) -> Foot:
+def choose_foothold(ground: ElevationMap, step: Step, radius: float = SEARCH_RADIUS) -> Foot:
     """The cheapest cell that is fit to stand on and within reach as long as the foot stands there.
 
     Raises NoFootfall, saying how many cells failed for which reason.
     """
-    cells = candidates(ground, step.ideal)
+    cells = candidates(ground, step.ideal, radius)
     sound = _is_sound(cells)
     reachable = _is_reachable(cells.places, step)
     free = _is_free(cells.places, step)
@@ -78,10 +78,10 @@ def costs(cells: Candidates, ideal: Foot) -> Array:
     return ground + DISTANCE_COST * distance + UNKNOWN_COST * ~cells.known
 
 
-def candidates(ground: ElevationMap, ideal: Foot) -> Candidates:
-    """Every cell within SEARCH_RADIUS of the ideal foothold that has a known or filled-in patch around it."""
+def candidates(ground: ElevationMap, ideal: Foot, radius: float = SEARCH_RADIUS) -> Candidates:
+    """Every cell within *radius* of the ideal foothold that has a known or filled-in patch around it."""
     margin = PATCH // 2
-    rows, columns = windows(ground, ideal.x, ideal.y, SEARCH_RADIUS + margin * ground.resolution)
+    rows, columns = windows(ground, ideal.x, ideal.y, radius + margin * ground.resolution)
     heights, known = heights_of(ground)[rows, columns], known_cells(ground)[rows, columns]
     if min(heights.shape) < PATCH:
         return _no_candidates()
@@ -90,7 +90,7 @@ def candidates(ground: ElevationMap, ideal: Foot) -> Candidates:
     row, column = np.indices(inner.shape).reshape(2, -1)
     x = ground.x + ground.resolution * (rows.start + margin + row)
     y = ground.y + ground.resolution * (columns.start + margin + column)
-    near = (np.hypot(x - ideal.x, y - ideal.y) <= SEARCH_RADIUS) & np.isfinite(patches).all(axis=1)
+    near = (np.hypot(x - ideal.x, y - ideal.y) <= radius) & np.isfinite(patches).all(axis=1)
     return _fitted(patches[near], x[near], y[near], inner.ravel()[near], ground.resolution)
 
 

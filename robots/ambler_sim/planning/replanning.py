@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from robots.ambler_sim.errors import AmblerError, NoStep, OutOfReach, PathBlocked, UnstableMove
+from robots.ambler_sim.errors import AmblerError, NoFootfall, NoStep, OutOfReach, PathBlocked, UnstableMove
 from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, offset, side_of
 from robots.ambler_sim.planning.body import plan_body_move
 from robots.ambler_sim.planning.checks import is_stable, margins_of_body_move, margins_of_leg_move
@@ -45,6 +45,12 @@ RADII = (None, 1.0, 1.3, 1.45, 1.6, 1.75, 1.9, 2.05)
 
 IN_PLACE = 0.15
 
+WIDER = 1.0
+"""Metres around the ideal foothold in which one is looked for when there is none nearby."""
+
+BESIDE = ((0.0, 0.0), (0.35, 0.0), (-0.35, 0.0), (0.0, 0.35), (0.0, -0.35))
+"""Metres from a place of the standard configuration."""
+
 ADVANCES = (0.5, 0.25, 0.12)
 """How far (m) the body goes on with a footstep."""
 
@@ -77,7 +83,10 @@ def another_way(ground: ElevationMap, step: Step) -> LegMove:
 
     Raises NoFootfall or PathBlocked when there is no way.
     """
-    foothold = choose_foothold(ground, step)
+    try:
+        foothold = choose_foothold(ground, step)
+    except NoFootfall:
+        foothold = choose_foothold(ground, step, WIDER)
     angle = circulating_angle(step.before.pose, step.before.feet[step.leg])
     return _way(ground, step.before, foothold, circulation(step.leg) if angle > math.pi / 2 else 0)
 
@@ -152,10 +161,18 @@ def _safe_moves(ground: ElevationMap, stance: Stance, places: Iterable[Foot]) ->
 
 def _move_to(ground: ElevationMap, stance: Stance, place: Foot) -> LegMove:
     """Straight to a place of the standard configuration; from within the body backwards, as the leg came."""
-    height = height_at(ground, place.x, place.y)
-    foothold = replace(place, z=height if math.isfinite(height) else mean_height(stance.feet))
+    foothold = _fit_to_stand_on(ground, stance, place)
     is_inside = circulating_angle(stance.pose, stance.feet[place.leg]) > math.pi
     return _way(ground, stance, foothold, -circulation(place.leg) if is_inside else 0)
+
+
+def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
+    """The place, or one beside it if it is to be avoided; where nothing is known, at the height of the other feet."""
+    for ahead, left in BESIDE:
+        x, y = place.x + ahead, place.y + left
+        if math.isfinite(height := height_at(ground, x, y)):
+            return replace(place, x=x, y=y, z=height)
+    return replace(place, z=mean_height(stance.feet))
 
 
 def _way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> LegMove:
