@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 from integration.programs import central
 from integration.test_walk import walk
 
+from robots.ambler_sim.run.figures import Figures
 from tca_module import Goal, Module, Outcome, Task
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
@@ -13,11 +15,26 @@ from tca_tools.run.journals import open_log
 pytestmark = pytest.mark.soak
 
 
-def test_the_ambler_walks_thirty_metres_of_steeper_hills(tmp_path: Path) -> None:
+def test_the_ambler_walks_sixty_metres_of_steep_hills_whatever_goes_wrong(tmp_path: Path) -> None:
     pytest.importorskip("pybullet")
-    done = walk(tmp_path / "walk", "--distance", "30", "--arcs", "3", "--slope", "0.2", "--pace", "0")
+    options = ("--distance", "60", "--terrain", "hills", "--faults", "all", "--seed", "6", "--pace", "0")
+    done = walk(tmp_path / "walk", *options)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "30.0 of 30.0 m" in done.stdout
+    figures = msgspec.json.decode((tmp_path / "walk" / "figures.json").read_bytes(), type=Figures)
+    assert 60 <= figures.way < 62
+    assert 0.25 < figures.steepest <= 0.3
+    assert figures.most_tilt < 2
+    assert figures.error < 0.02 * figures.way
+    assert (figures.checked_before, figures.checked_after) == (1.0, 1.0)
+    assert figures.planned_ahead > 0.9
+
+
+def test_the_same_seed_gives_the_same_footsteps(tmp_path: Path) -> None:
+    options = ("--backend", "kinematic", "--distance", "30", "--terrain", "hills", "--faults", "all", "--pace", "0")
+    for name in ("first", "again"):
+        assert walk(tmp_path / name, *options).returncode == 0
+    first, again = ((tmp_path / name / "footsteps.jsonl").read_bytes() for name in ("first", "again"))
+    assert first == again
 
 
 def resident(process: int) -> int:

@@ -47,11 +47,14 @@ TRAIL = 60
 """Footholds that are remembered for pictures."""
 
 MOST_BEHIND = 0.12
-MOST_BEHIND_STANDING = 0.05
+MOST_BEHIND_STANDING = 0.06
 """How far (m or rad) a joint of a swinging leg may be behind its command, and one of a leg that carries the body."""
 
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
 """Of a rock that is put in the way (m): its distance from the foot before, and its height above the way."""
+
+HIGHEST_ROCK = 1.0
+"""Metres above the ground around it."""
 
 TOLERANCE = 0.05
 """The links go this much (m) further than planners may plan: feet creep some centimetres on steep ground."""
@@ -281,7 +284,8 @@ class Robot:
         start = self.true_stance().feet[move.leg]
         if math.hypot(x - start.x, y - start.y) > ROCK_ROOM:
             self._rock_due = False
-            self._plant.add_rock(Rock(x, y, ROCK_RADIUS, move.lift + ROCK_ABOVE - self.terrain.height(x, y)))
+            height = min(move.lift + ROCK_ABOVE - self.terrain.height(x, y), HIGHEST_ROCK)
+            self._plant.add_rock(Rock(x, y, ROCK_RADIUS, height))
 
     def _feels_something(self, leg: int) -> bool:
         plant = self._plant
