@@ -117,6 +117,7 @@ ACQUIRE_IMAGE = Command("acquire image", int)
 IMAGES = Query("images", int, reply=tuple[Image, ...])
 UPDATE_MAP = Command("update map")
 FELT = Inform("felt", Obstacle)
+FORGET_FELT = Inform("forget what was felt")
 
 NO_FOOTFALL = Failure("no footfall", Step)
 NO_PATH = Failure("no path", Placing)

@@ -9,7 +9,7 @@ import numpy as np
 from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContact
 from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, Array, feet_of, joints_of, leg_joints, offset, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
-from robots.ambler_sim.machine.faults import FaultyPlant
+from robots.ambler_sim.machine.faults import MACHINE_KINDS, SCANNER_KINDS, FaultyPlant
 from robots.ambler_sim.machine.motion import blend, ease, expected_seconds, leg_segments
 from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
@@ -115,7 +115,7 @@ class Robot:
         """Something goes wrong from the next move on."""
         if fault.kind == "unseen rock":
             self._rock_due = True
-        else:
+        elif fault.kind in MACHINE_KINDS + SCANNER_KINDS:
             self._plant.arm(fault)
 
     def reset(self, leg: int, *, operator: bool = False) -> bool:

@@ -11,6 +11,7 @@ from robots.ambler_sim.messages import (
     ACQUIRE_IMAGE,
     ELEVATION_MAP,
     FELT,
+    FORGET_FELT,
     MOVE_BODY,
     MOVE_LEG,
     STANCE,
@@ -36,6 +37,9 @@ from tca_module import Module, Outcome, Scope, Task, TaskRef, Trouble
 
 REPLANNED_AT_MOST = 3
 """How often for one step."""
+
+FORGOTTEN_AFTER = 3
+"""Shuffles, after which it is believed no more what legs have felt."""
 
 DONE_AT_MOST = 5
 """How often a handler may die of the same task before that fails."""
@@ -117,6 +121,8 @@ def shuffle_feet(task: Task) -> None:
     trouble, stance = task.trouble, task.query(STANCE)
     arc_task = trouble.attached
     assert arc_task is not None
+    if trouble.invocations > FORGOTTEN_AFTER:
+        task.inform(FORGET_FELT)
     moves = shuffle(ground(task, stance), stance, _leg_of(trouble.failing))
     abandon(trouble, "begun again")
     with task.sequence():

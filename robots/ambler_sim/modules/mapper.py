@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from robots.ambler_sim.messages import ELEVATION_MAP, FELT, IMAGES, UPDATE_MAP
+from robots.ambler_sim.messages import ELEVATION_MAP, FELT, FORGET_FELT, IMAGES, UPDATE_MAP
 from robots.ambler_sim.planning.elevation import cut, unknown_map, with_obstacles
 from robots.ambler_sim.planning.mapping import build_elevation_map, points_of
 from robots.ambler_sim.vocabulary import ElevationMap, Obstacle, Window
@@ -47,6 +47,12 @@ def elevation_map(task: Task, window: Window) -> ElevationMap:
 def felt(_: Task, obstacle: Obstacle) -> None:
     """A leg has met something that the scanner does not see."""
     memory.obstacles.append(obstacle)
+
+
+@mapper.handles(FORGET_FELT)
+def forget_felt(_: Task) -> None:
+    """What was felt leaves no way: some of it is not where it was thought to be."""
+    memory.obstacles.clear()
 
 
 if __name__ == "__main__":
