@@ -6,6 +6,7 @@ import logging
 import os
 import pkgutil
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -302,6 +303,7 @@ def main() -> int:
     pace = f"{options.pace:g} times as fast as in reality" if options.pace else "as fast as can be"
     console.print(f"The Ambler walks {options.metres:g} m {how}, {pace}.")
     began = time.monotonic()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the programs are stopped in order
     try:
         walk = Walk(options, _fresh(options.out))
         code = walk.run()

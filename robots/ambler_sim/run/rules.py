@@ -1,7 +1,7 @@
 """What must hold of every walk, for ``tca check walk/journal robots/ambler_sim/run/rules.py``.
 
-That a stability check precedes and a footfall check follows every move, and that no move is handled while the scanner
-holds the controller, follows from the rules that ``tca check`` has for wiretaps and locks.
+The rules that ``tca check`` has for wiretaps and locks judge those that there are: whether each move was checked at all
+is in the figures of the walk.
 """
 
 PROPERTIES = [
