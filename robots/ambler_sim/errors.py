@@ -1,5 +1,7 @@
 """The failures of planning and moving; anything else that is raised is a bug."""
 
+import math
+
 from robots.ambler_sim.vocabulary import Contact
 
 
@@ -30,6 +32,14 @@ class JointFault(AmblerError):
     def __init__(self, leg: int, error: float) -> None:
         super().__init__(f"leg {leg} does not follow: it is {error:.2f} m or rad behind")
         self.leg, self.error = leg, error
+
+
+class Tilting(AmblerError):
+    """The body tilts more than is safe: the move was stopped, with all feet on the ground."""
+
+    def __init__(self, tilt: float) -> None:
+        super().__init__(f"the body tilts by {math.degrees(tilt):.1f} degrees")
+        self.tilt = tilt
 
 
 class AmplifierTripped(AmblerError):

@@ -22,6 +22,9 @@ GUARDED_SPEED = 0.25
 TOUCH_LOAD = 1500.0
 """A foot with this vertical force (N) stands."""
 
+HANGING_LOAD = 500.0
+"""A foot that bears less (N) does not stand."""
+
 CONTACT_FORCE = 800.0
 """A lifted foot that is pushed aside with this force (N) has met something; swinging freely it feels at most half."""
 

@@ -37,9 +37,16 @@ class MoveWatch:
         self._seconds, self._on_tick = seconds, on_tick
         self._elapsed = 0.0
         self.stopped = False
+        self.tilt = 0.0
+        """The inclination (rad) of the body for which the move was stopped, if it was."""
 
     def passed(self, seconds: float) -> None:
         """Tell the listener; once it has said stop it is not asked again."""
         self._elapsed += seconds
         if self._on_tick is not None and not self.stopped:
             self.stopped = not self._on_tick(min(self._elapsed / self._seconds, 1.0))
+
+    def tilted(self, tilt: float) -> None:
+        """Stop: the body tilts too much."""
+        if not self.tilt:
+            self.tilt, self.stopped = tilt, True

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContact
+from robots.ambler_sim.errors import AmplifierTripped, JointFault, TerrainContact, Tilting
 from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, Array, feet_of, joints_of, leg_joints, offset, to_body, to_world
 from robots.ambler_sim.machine import motion, scanner
 from robots.ambler_sim.machine.faults import MACHINE_KINDS, SCANNER_KINDS, FaultyPlant
@@ -49,6 +49,13 @@ TRAIL = 60
 MOST_BEHIND = 0.12
 MOST_BEHIND_STANDING = 0.06
 """How far (m or rad) a joint of a swinging leg may be behind its command, and one of a leg that carries the body."""
+
+MOST_TILT = 0.023
+"""The inclination (rad) at which a move is stopped, with its leg put down: 1.3 degrees. Walking well it is half of that."""
+
+LEVEL_ENOUGH = 0.005
+LEVEL_SECONDS = 6.0
+"""How level (rad) the body is made by ``level``, and how long that may take."""
 
 ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
 """Of a rock that is put in the way (m): its distance from the foot before, and its height above the way."""
@@ -137,12 +144,24 @@ class Robot:
         self._plant.clear(leg, "encoder drift", "force sensor")
         self._rebase()
 
+    def level(self) -> None:
+        """Put down the legs that bear nothing, and stand until the body is level, LEVEL_SECONDS at most."""
+        self._rebase()
+        for leg in LEGS:
+            if self._plant.loads()[leg] < motion.HANGING_LOAD:  # never so of NaN
+                self._lower(leg, MoveWatch(1.0, None))
+        began = self.time
+        self._settle()
+        while self._tilt() > LEVEL_ENOUGH and self.time - began < LEVEL_SECONDS:
+            self._settle()
+        self._rebase()
+
     # --- moves -------------------------------------------------------------------------------------------------------
 
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
         """Carry out a leg move. When stopped, the foot is put down where it is: the robot always stands on six feet.
 
-        Raises TerrainContact, standing again, when the leg met something on its way.
+        Raises TerrainContact or Tilting, standing again, when the leg met something on its way or the body tilted.
         """
         self._require_amplifiers()
         self._rebase()
@@ -159,12 +178,14 @@ class Robot:
         footfall = self._landed(move.leg, reached=not watch.stopped and contact is None)
         if contact is not None:
             raise TerrainContact(contact)
+        if watch.tilt:
+            raise Tilting(watch.tilt)
         return footfall
 
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
         """Carry the body to a pose over standing feet; returns the pose reached. When stopped it comes to rest gently.
 
-        Raises OutOfReach, without moving, when a leg could not follow.
+        Raises OutOfReach, without moving, when a leg could not follow, and Tilting when the body tilted.
         """
         self._require_amplifiers()
         self._rebase()
@@ -185,6 +206,8 @@ class Robot:
         self.footsteps += 1
         heading = compass(self._plant.attitude().pose.heading, self.terrain.spec.seed, self.footsteps)
         self._odometry.fix(self._plant.joints(), self._airborne, heading)
+        if watch.tilt:
+            raise Tilting(watch.tilt)
         return self._pose()
 
     def scan(self) -> Array:
@@ -322,11 +345,17 @@ class Robot:
         self._plant.drive(joints, (joints - self._command) / tick)
         self._command = joints
         self.time += tick
-        attitude = self._plant.attitude()
-        self.peak_tilt = max(self.peak_tilt, math.hypot(attitude.roll, attitude.pitch))
+        tilt = self._tilt()
+        self.peak_tilt = max(self.peak_tilt, tilt)
         self.pacer.passed(tick)
         if watch is not None:
             watch.passed(tick)
+            if tilt > MOST_TILT:
+                watch.tilted(tilt)
+
+    def _tilt(self) -> float:
+        attitude = self._plant.attitude()
+        return math.hypot(attitude.roll, attitude.pitch)
 
     def _settle(self) -> None:
         """Stand still while loads and level are evened out."""

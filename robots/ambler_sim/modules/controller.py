@@ -11,7 +11,7 @@ from typing import cast
 
 import msgspec
 
-from robots.ambler_sim.errors import AmblerError, AmplifierTripped, JointFault, TerrainContact
+from robots.ambler_sim.errors import AmblerError, AmplifierTripped, JointFault, TerrainContact, Tilting
 from robots.ambler_sim.machine.making import Backend, make_robot
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.shared import Machine
@@ -23,6 +23,7 @@ from robots.ambler_sim.messages import (
     FREE_JOINT,
     INJECT,
     JOINT_FAULT,
+    LEVEL_BODY,
     MOTION_FAULT,
     MOVE_BODY,
     MOVE_LEG,
@@ -33,6 +34,7 @@ from robots.ambler_sim.messages import (
     RESET,
     STANCE,
     TERRAIN_COLLISION,
+    TIP_OVER_RISK,
     MotionError,
     Reset,
 )
@@ -154,6 +156,12 @@ def _care(controller: Module, machine: Machine, save: Callable[[], None]) -> Non
             robot.calibrate(leg)
         save()
 
+    @controller.handles(LEVEL_BODY)
+    def level_body(_: Task) -> None:
+        with machine.moving():
+            robot.level()
+        save()
+
 
 def failure_of(error: AmblerError) -> FailureRaised:
     """The failure by which others hear of an error."""
@@ -162,6 +170,8 @@ def failure_of(error: AmblerError) -> FailureRaised:
             return TERRAIN_COLLISION(error.contact, str(error))
         case AmplifierTripped():
             return AMPLIFIER_TRIPPED(error.leg, str(error))
+        case Tilting():
+            return TIP_OVER_RISK(error.tilt, str(error))
         case JointFault():
             return JOINT_FAULT(MotionError(error.leg, error.error), str(error))
         case _:

@@ -1,0 +1,49 @@
+"""The layer against tipping over: a move that was stopped because the body tilts begins again when it is level, or is
+planned otherwise; and no move begins while a leg that should stand bears nothing.
+"""
+
+import math
+
+from robots.ambler_sim.messages import LEVEL_BODY, MOVE_BODY, MOVE_LEG, READINGS, TAKE_STEPS, TIP_OVER_RISK, TRAVERSE_ARC
+from robots.ambler_sim.planning.checks import LEAST_LOAD
+from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, STUCK, make_layer
+from tca_module import Command, Condition, ExceptionHandler, Module, Task
+
+MOST_TILT = 0.015
+"""The inclination (rad) of the standing robot from which on it is made level: 0.9 degrees."""
+
+STEADY = ExceptionHandler("steady", float)
+SUPPORT_CHECK = Command("support check")
+
+layer = make_layer("tip over")
+
+
+@layer.at_start
+def attach(module: Module) -> None:
+    """Tap the moves; one that tilted the robot twice is not tried a third time."""
+    for move in (MOVE_LEG, MOVE_BODY):
+        module.tap(Condition.BEFORE_HANDLING, move, SUPPORT_CHECK)
+        module.on_failure(TIP_OVER_RISK, STEADY, of=move, maximum=2)
+    module.on_failure(TIP_OVER_RISK, PLAN_OTHERWISE, of=TAKE_STEPS)
+    module.on_failure(TIP_OVER_RISK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
+    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=6)
+
+
+@layer.handles(STEADY)
+def steady(task: Task, _: float) -> None:
+    """Let the robot come to rest, level, and the move begin again."""
+    task.command(LEVEL_BODY).wait()
+    task.trouble.failing.retry()
+
+
+@layer.handles(SUPPORT_CHECK)
+def support_check(task: Task) -> None:
+    """Hold a move until the robot stands level on six feet."""
+    readings = task.query(READINGS)
+    hangs = any(load < LEAST_LOAD for load in readings.loads)
+    if hangs or math.hypot(readings.roll, readings.pitch) > MOST_TILT:
+        task.command(LEVEL_BODY).wait()
+
+
+if __name__ == "__main__":
+    layer.run()
