@@ -2,7 +2,7 @@
 
 import math
 
-from robots.ambler_sim.vocabulary import Contact
+from robots.ambler_sim.vocabulary import LEGS, Contact
 
 
 class AmblerError(Exception):
@@ -18,11 +18,12 @@ class PathBlocked(AmblerError):
 
 
 class TerrainContact(AmblerError):
-    """A leg met something on its way and was put down in front of it."""
+    """A leg met something on its way and was put down in front of it, or the body met something and went back."""
 
     def __init__(self, contact: Contact) -> None:
         where = f"x {contact.x:.2f}, y {contact.y:.2f}, z {contact.z:.2f}"
-        super().__init__(f"leg {contact.leg} met something at {where} with {contact.force / 1000:.1f} kN")
+        what = f"leg {contact.leg}" if contact.leg in LEGS else "the body"
+        super().__init__(f"{what} met something at {where} with {contact.force / 1000:.1f} kN")
         self.contact = contact
 
 

@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Mechanism:
-    """Dimensions (m) and masses (kg). Width, mass and the six shoulder levels follow the published machine."""
+    """Dimensions (m) and masses (kg). Width, mass and the six shoulder levels follow the published machine; *belly* is
+    how far the body reaches down below the lowest shoulder.
+    """
 
     shaft_offset: float = 1.0
     shoulder_heights: tuple[float, ...] = (0.0, 0.4, 0.8, 0.8, 0.4, 0.0)
@@ -29,6 +31,9 @@ class Mechanism:
     foot_radius: float = 0.12
     link_length: float = 4.2
     beam_length: float = 1.2
+    beam_width: float = 0.25
+    body_length: float = 0.95
+    belly: float = 0.5
     body_mass: float = 1000.0
     body_mass_height: float = 1.0
     shoulder_mass: float = 90.0

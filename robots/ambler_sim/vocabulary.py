@@ -17,6 +17,7 @@ KINDS = (
     "no image",
     "bad image",
     "unseen rock",
+    "soft spot",
     "no footfall",
     "lost module",
     "lost central",
@@ -112,7 +113,7 @@ class Footfall:
 @dataclass(frozen=True, slots=True)
 class Contact:
     """A leg on its way met something: where its foot was, with what force (N) it was stopped, and which way it went (a
-    unit vector; none if it went down).
+    unit vector; none if it went down). Or the body (leg -1): the place is that of its front.
     """
 
     leg: int
@@ -165,13 +166,14 @@ class Rock:
 @dataclass(frozen=True, slots=True)
 class TerrainSpec:
     """All that is needed to make the same ground again: its kind (one of TERRAINS in terrain.py), its steepest gradient
-    (rise per run), and rocks.
+    (rise per run), rocks, and the places (x, y) where it gave way.
     """
 
     seed: int = 1
     slope: float = 0.10
     rocks: tuple[Rock, ...] = ()
     kind: str = "hills"
+    holes: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

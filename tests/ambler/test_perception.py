@@ -1,5 +1,7 @@
 """From scan points to maps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ambler.builders import a_stance
@@ -10,7 +12,7 @@ from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.planning.elevation import height_at, heights_of, known_cells
 from robots.ambler_sim.planning.mapping import build_elevation_map
-from robots.ambler_sim.vocabulary import Pose, TerrainSpec
+from robots.ambler_sim.vocabulary import BodyMove, Pose, TerrainSpec
 
 NO_POINTS = np.empty((0, 3))
 
@@ -74,3 +76,25 @@ def test_a_scan_of_hills_becomes_a_map_of_these_hills() -> None:
     errors = heights[near] - robot.terrain.heights_at(x[near], y[near])
     assert near.sum() > 700
     assert np.sqrt((errors**2).mean()) < 0.03
+
+
+def test_an_image_that_is_taken_while_the_body_moves_is_blurred() -> None:
+    robot = make_robot("kinematic", terrain=TerrainSpec(seed=2, slope=0.3), start=Pose(30.0, 0.0, 0.0, 0.0))
+    start = robot.stance().pose
+    sharp: list[Array] = []
+    blurred: list[Array] = []
+    goal = replace(start, x=start.x + 0.4)
+
+    def look(_: float) -> bool:
+        (blurred if len(sharp) else sharp).append(robot.scan())
+        return True
+
+    def off(points: Array) -> float:
+        points = points[-2000:]  # the last rows of the sweep
+        return float(np.abs(points[:, 2] - robot.terrain.heights_at(points[:, 0], points[:, 1])).mean())
+
+    robot.move_body(BodyMove(goal, 2.0), look)
+    middle = blurred[len(blurred) // 2]
+    assert off(sharp[0]) < 0.03
+    assert off(middle) > 1.5 * off(sharp[0])
+    assert off(robot.scan()) < 0.03

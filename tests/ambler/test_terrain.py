@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from robots.ambler_sim.machine.making import START
 from robots.ambler_sim.machine.plant import standing_posture
-from robots.ambler_sim.machine.relief import SOFTNESS
 from robots.ambler_sim.machine.terrain import TERRAINS, make_terrain
 from robots.ambler_sim.vocabulary import TerrainSpec
 
@@ -48,9 +47,6 @@ def test_a_height_does_not_depend_on_what_was_asked_before(x: float, y: float) -
 
 
 def test_ground_may_be_soft() -> None:
-    terrain = make_terrain(TerrainSpec())
-    terrain.soften(2.0, 1.0, 0.5)
-    assert terrain.softness_at(np.array([2.2, 3.0]), np.array([1.0, 1.0])).tolist() == [SOFTNESS, 1.0]
     x, y = np.meshgrid(np.linspace(10.0, 60.0, 100), np.linspace(-9.0, 9.0, 40))
     soft = make_terrain(TerrainSpec(kind="soft")).softness_at(x, y) < 1
     assert 0.005 < soft.mean() < 0.2
@@ -66,3 +62,13 @@ def test_rays_in_the_physics_engine_end_on_the_terrain_wherever_its_middle_heigh
     plant.close()
     assert hits[:3, 2] == pytest.approx(terrain.heights_at(hits[:3, 0], hits[:3, 1]), abs=0.01)
     assert np.isnan(hits[3]).all()
+
+
+def test_where_ground_gives_way_it_falls_in_and_nowhere_else() -> None:
+    terrain, untouched = make_terrain(TerrainSpec(slope=0.3)), make_terrain(TerrainSpec(slope=0.3))
+    terrain.give_way(2.0, 1.0)
+    x, y = np.array([2.0, 2.2, 2.4, 2.9, 700.0]), np.ones(5)
+    fallen = untouched.heights_at(x, y) - terrain.heights_at(x, y)
+    assert fallen == pytest.approx([0.25, 0.25, 0.125, 0.0, 0.0], abs=0.06)
+    again = make_terrain(terrain.present)
+    assert again.heights_at(x, y) == pytest.approx(terrain.heights_at(x, y))

@@ -4,7 +4,15 @@ planned otherwise; and no move begins while a leg that should stand bears nothin
 
 import math
 
-from robots.ambler_sim.messages import LEVEL_BODY, MOVE_BODY, MOVE_LEG, READINGS, TAKE_STEPS, TIP_OVER_RISK, TRAVERSE_ARC
+from robots.ambler_sim.messages import (
+    LEVEL_BODY,
+    MOVE_BODY,
+    MOVE_LEG,
+    READINGS,
+    TAKE_STEPS,
+    TIP_OVER_RISK,
+    TRAVERSE_ARC,
+)
 from robots.ambler_sim.planning.checks import LEAST_LOAD
 from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, STUCK, make_layer
 from tca_module import Command, Condition, ExceptionHandler, Module, Task

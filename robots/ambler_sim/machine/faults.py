@@ -99,6 +99,10 @@ class FaultyPlant:
         """The horizontal forces on the feet."""
         return self.plant.pushes()
 
+    def bumps(self) -> Array:
+        """The forces on links and body."""
+        return self.plant.bumps()
+
     def attitude(self) -> Attitude:
         """Position and inclination of the body."""
         return self.plant.attitude()
@@ -120,6 +124,10 @@ class FaultyPlant:
     def add_rock(self, rock: Rock) -> None:
         """A rock that the scanner does not see."""
         self.plant.add_rock(rock)
+
+    def give_way(self, x: float, y: float) -> None:
+        """The ground falls in, and with it the foot that stands there."""
+        self.plant.give_way(x, y)
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
         """Draw robot, ground and footprints."""

@@ -61,6 +61,14 @@ class GroundBodies:
             self.rocks.remove(oldest)
             pybullet.removeBody(oldest, physicsClientId=self._world)
 
+    def remake(self, x: float, y: float) -> None:
+        """The ground around a point has changed."""
+        size = TILE * RESOLUTION
+        corners = {(int((x + i) // size), int((y + j) // size)) for i in (-1, 1) for j in (-1, 1)}
+        for place in sorted(corners & set(self._tiles)):
+            pybullet.removeBody(self._tiles[place], physicsClientId=self._world)
+            self._tiles[place] = self._make_tile(*place)
+
     def _make_tile(self, i: int, j: int) -> int:
         """A height field. The engine puts the middle of its height range at z = 0, hence the offset."""
         heights = self._terrain.lattice(i * TILE, j * TILE, TILE + 1, TILE + 1)

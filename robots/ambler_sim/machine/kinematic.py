@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.ambler_sim.geometry import AMBLER, Array, feet_of, posture_pose, to_world
+from robots.ambler_sim.geometry import AMBLER, SHAFT_Y, SHOULDER_Z, Array, feet_of, posture_pose, to_body, to_world
 from robots.ambler_sim.machine.plant import Attitude
 from robots.ambler_sim.machine.terrain import STANDS_ON, Terrain
 from robots.ambler_sim.pictures.drawing import draw
 from robots.ambler_sim.planning.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.vocabulary import Foot, Pose, Posture, Rock, Stance
+from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock, Stance
 
 RAY_STEP = 0.25
 LEAST_FEET = 3
@@ -68,6 +68,16 @@ class KinematicPlant:
             pushes = np.maximum(pushes, np.where(beside, AMBLER.foot_stiffness * depth, 0.0))
         return pushes
 
+    def bumps(self) -> Array:
+        """Of the rocks that links and body run into, as if rocks were as hard as feet."""
+        rocks = [rock for rock in self._terrain.rocks if self._terrain.top(rock) > self._pose.height - AMBLER.belly]
+        if not rocks:
+            return np.zeros(len(LEGS) + 1)
+        places = np.array([[rock.x, rock.y, self._terrain.top(rock)] for rock in rocks])
+        tops, radii = to_body(self._pose, places), np.array([rock.radius for rock in rocks])
+        depths = np.array([*_into_beams(self._joints, tops, radii), _into_body(tops, radii)])
+        return AMBLER.foot_stiffness * depths.clip(min=0.0)
+
     def attitude(self) -> Attitude:
         """The pose in equilibrium."""
         return Attitude(self._pose, self._roll, self._pitch)
@@ -87,6 +97,10 @@ class KinematicPlant:
     def add_rock(self, rock: Rock) -> None:
         """It is felt by feet that run into it."""
         self._terrain.add(rock)
+
+    def give_way(self, x: float, y: float) -> None:
+        """The ground falls in, and with it the foot that stands there."""
+        self._terrain.give_way(x, y)
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
         """A drawing from the side and from above, as SVG."""
@@ -122,30 +136,51 @@ class KinematicPlant:
         arms = np.stack([np.ones(len(feet)), feet[:, 1], -feet[:, 0]], axis=1)
         x, y, _ = centre_of_gravity(self._joints)
         pull = WEIGHT / AMBLER.foot_stiffness * np.array([1.0, y, -x])
+        firmness = self._terrain.softness_at(spot[:, 0], spot[:, 1])
         now = np.array([self._pose.height, self._roll, self._pitch])
-        height, self._roll, self._pitch = map(float, _equilibrium(arms, wanted, pull, now))
+        height, self._roll, self._pitch = map(float, _equilibrium(arms, wanted, firmness, pull, now))
         sunk = wanted - arms @ (height, self._roll, self._pitch)
-        self._loads = AMBLER.foot_stiffness * sunk.clip(min=0.0)
+        self._loads = AMBLER.foot_stiffness * firmness * sunk.clip(min=0.0)
         self._pose = Pose(self._pose.x, self._pose.y, self._pose.heading, height)
 
 
-def _equilibrium(arms: Array, wanted: Array, pull: Array, guess: Array) -> Array:
-    """The lowest point of the energy of six springs that push but do not pull, and of the weight.
+def _into_beams(joints: Array, tops: Array, radii: Array) -> list[float]:
+    """How far (m) each leg's beams are in the nearest rock that reaches up to them; rocks in the body frame."""
+    depths = []
+    for leg, (angle, reach, _) in enumerate(joints):
+        along, away = np.array([math.cos(angle), math.sin(angle)]), tops[:, :2] - [0.0, SHAFT_Y[leg]]
+        nearest = (away @ along).clip(0.0, reach)[:, None] * along
+        depth = radii + AMBLER.beam_width / 2 - np.hypot(*(away - nearest).T)
+        depths.append(float(np.where(tops[:, 2] > SHOULDER_Z[leg] - AMBLER.beam_width / 2, depth, 0.0).max()))
+    return depths
+
+
+def _into_body(tops: Array, radii: Array) -> float:
+    """How far (m) the body is in the nearest rock that reaches up to it."""
+    half = np.array([AMBLER.body_length / 2, AMBLER.shaft_offset + AMBLER.body_length / 4])
+    outside = (np.abs(tops[:, :2]) - half).clip(min=0.0)
+    return float(np.where(tops[:, 2] > -AMBLER.belly, radii - np.hypot(*outside.T), 0.0).max())
+
+
+def _equilibrium(arms: Array, wanted: Array, firmness: Array, pull: Array, guess: Array) -> Array:
+    """The lowest point of the energy of six springs that push but do not pull, and of the weight. *firmness* is the
+    stiffness of each spring, as a share of a foot's on firm ground.
 
     The energy is convex and piecewise quadratic: Newton's method, halving steps that lead uphill, ends at the bottom.
     """
 
     def energy(at: Array) -> float:
         sunk = (wanted - arms @ at).clip(min=0.0)
-        return float(sunk @ sunk / 2 + pull @ at)
+        return float(sunk @ (firmness * sunk) / 2 + pull @ at)
 
     for _ in range(NEWTON_STEPS):
         sunk = wanted - arms @ guess
-        held = arms[sunk > 0]
-        uphill = pull - held.T @ sunk[sunk > 0]
+        bears = sunk > 0
+        held, stiff = arms[bears], (arms * firmness[:, None])[bears]
+        uphill = pull - stiff.T @ sunk[bears]
         if np.abs(uphill).max() < CLOSE_ENOUGH:
             break
-        change = np.linalg.solve(held.T @ held + SOFT, uphill)
+        change = np.linalg.solve(stiff.T @ held + SOFT, uphill)
         before = energy(guess)
         while energy(guess - change) > before and np.abs(change).max() > CLOSE_ENOUGH:
             change = change / 2

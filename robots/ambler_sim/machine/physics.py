@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pybullet
 
-from robots.ambler_sim.geometry import GRAVITY, Array, unwrap
+from robots.ambler_sim.geometry import AMBLER, GRAVITY, Array, unwrap
 from robots.ambler_sim.machine.ground_bodies import UNSEEN, GroundBodies
 from robots.ambler_sim.machine.plant import Attitude, rotation_matrix
 from robots.ambler_sim.machine.terrain import Terrain
@@ -41,12 +41,16 @@ class BulletPlant:
         names = self._joint_numbers()
         self._motors = [names[f"{joint}{leg}"] for leg in LEGS for joint in JOINTS_PER_LEG]
         self._feet = [names[f"foot{leg}"] for leg in LEGS]
+        self._leg_of_link = {motor: number // len(JOINTS_PER_LEG) for number, motor in enumerate(self._motors)}
+        self._firmness = np.ones(len(LEGS))
         self._prepare_joints()
         self._heading = posture.heading
         self._assume(posture)
 
     def drive(self, joints: Array, rates: Array) -> None:
         """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""
+        if self._terrain.has_soft_ground:
+            self._sink()
         pybullet.setJointMotorControlArray(
             self._robot,
             self._motors,
@@ -74,6 +78,14 @@ class BulletPlant:
         pushes: Array = np.hypot(*self._forces()[:, :2].T)
         return pushes
 
+    def bumps(self) -> Array:
+        """From touch sensors on links and body; what rests on the ground are the feet."""
+        bumps = np.zeros(len(LEGS) + 1)
+        for contact in pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._world):
+            if contact[3] not in self._feet:
+                bumps[self._leg_of_link.get(contact[3], -1)] += contact[9]
+        return bumps
+
     def attitude(self) -> Attitude:
         """The true position of the body: as from a perfect inertial sensor."""
         place, turn = pybullet.getBasePositionAndOrientation(self._robot, physicsClientId=self._world)
@@ -84,7 +96,7 @@ class BulletPlant:
         return Attitude(Pose(float(x), float(y), self._heading, float(z)), roll, pitch)
 
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
-        """Ray casting; rays that meet the robot's own feet see nothing."""
+        """Ray casting; the scanner looks past the robot's own links."""
         ends = origin + limit * directions
         hits = pybullet.rayTestBatch(
             [origin.tolist()] * len(ends), ends.tolist(), collisionFilterMask=~UNSEEN, physicsClientId=self._world
@@ -96,6 +108,11 @@ class BulletPlant:
         """It is felt by what runs into it."""
         self._terrain.add(rock)
         self._ground.add(rock)
+
+    def give_way(self, x: float, y: float) -> None:
+        """The ground falls in, and with it the foot that stands there."""
+        self._terrain.give_way(x, y)
+        self._ground.remake(x, y)
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
         """A photograph from ahead and above, as PNG."""
@@ -145,6 +162,20 @@ class BulletPlant:
         self._centre = np.array(pybullet.getDynamicsInfo(robot, -1, physicsClientId=self._world)[3])
         return robot
 
+    def _sink(self) -> None:
+        """Feet on soft ground stand on softer springs."""
+        states = pybullet.getLinkStates(self._robot, self._feet, physicsClientId=self._world)
+        x, y, _ = np.array([state[0] for state in states]).T
+        firmness = self._terrain.softness_at(x, y)
+        for leg in np.flatnonzero(firmness != self._firmness):
+            pybullet.changeDynamics(
+                self._robot, self._feet[leg],
+                contactStiffness=AMBLER.foot_stiffness * firmness[leg],
+                contactDamping=AMBLER.foot_damping * firmness[leg],
+                physicsClientId=self._world,
+            )  # fmt: skip
+        self._firmness = firmness
+
     def _forces(self) -> Array:
         """The forces on the six-axis sensors over the feet, (6, 3); a hanging foot pulls."""
         states = pybullet.getJointStates(self._robot, self._feet, physicsClientId=self._world)
@@ -156,7 +187,9 @@ class BulletPlant:
         return {info[1].decode(): info[0] for info in infos}
 
     def _prepare_joints(self) -> None:
-        """Motor limits and gains; no damping beside the motors'; a force sensor over each foot."""
+        """Motor limits and gains; no damping beside the motors'; a force sensor over each foot. Links collide, but the
+        scanner does not see them.
+        """
         self._efforts = [EFFORT[joint] for _ in LEGS for joint in JOINTS_PER_LEG]
         self._position_gains = [POSITION_GAIN] * len(self._motors)
         self._velocity_gains = [VELOCITY_GAIN] * len(self._motors)
@@ -164,6 +197,8 @@ class BulletPlant:
             pybullet.changeDynamics(
                 self._robot, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=self._world
             )
+        for link in (-1, *self._motors):
+            pybullet.setCollisionFilterGroupMask(self._robot, link, UNSEEN, -1, physicsClientId=self._world)
         for foot in self._feet:
             pybullet.enableJointForceTorqueSensor(self._robot, foot, physicsClientId=self._world)
 

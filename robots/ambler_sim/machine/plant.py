@@ -40,6 +40,9 @@ class Plant(Protocol):
     def pushes(self) -> Array:
         """The horizontal force (N) on each foot, (6,)."""
 
+    def bumps(self) -> Array:
+        """The force (N) of the ground on the links of each leg but its foot, and on the body, (7,)."""
+
     def attitude(self) -> Attitude:
         """Position and inclination of the body."""
 
@@ -48,6 +51,9 @@ class Plant(Protocol):
 
     def add_rock(self, rock: Rock) -> None:
         """Put a rock that the scanner does not see onto the ground."""
+
+    def give_way(self, x: float, y: float) -> None:
+        """Let the ground around a point fall in."""
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
         """Draw robot, ground and footprints; returns the path written, whose ending may differ."""

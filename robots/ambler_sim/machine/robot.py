@@ -51,7 +51,7 @@ MOST_BEHIND_STANDING = 0.06
 """How far (m or rad) a joint of a swinging leg may be behind its command, and one of a leg that carries the body."""
 
 MOST_TILT = 0.023
-"""The inclination (rad) at which a move is stopped, with its leg put down: 1.3 degrees. Walking well it is half of that."""
+"""The inclination (rad) at which a move is stopped, with its leg put down: 1.3 degrees. Usually it is half of that."""
 
 LEVEL_ENOUGH = 0.005
 LEVEL_SECONDS = 6.0
@@ -83,7 +83,10 @@ class Robot:
         self._trail = deque(state.trail if state else (), maxlen=TRAIL)
         self._airborne: set[int] = set()
         self._rock_due = False
+        self._gives_way = NO_LEG
         self._command = plant.joints()
+        pose = plant.attitude().pose
+        self._place, self._velocity, self._tilt = np.array([pose.x, pose.y, pose.height]), np.zeros(3), 0.0
         self._odometry = Odometry(state.pose if state else plant.attitude().pose, self._command)
         self.peak_tilt = 0.0
         """The greatest inclination (rad) of the body since this object was made."""
@@ -122,6 +125,8 @@ class Robot:
         """Something goes wrong from the next move on."""
         if fault.kind == "unseen rock":
             self._rock_due = True
+        elif fault.kind == "soft spot":
+            self._gives_way = fault.leg
         elif fault.kind in MACHINE_KINDS + SCANNER_KINDS:
             self._plant.arm(fault)
 
@@ -152,7 +157,7 @@ class Robot:
                 self._lower(leg, MoveWatch(1.0, None))
         began = self.time
         self._settle()
-        while self._tilt() > LEVEL_ENOUGH and self.time - began < LEVEL_SECONDS:
+        while self._tilt > LEVEL_ENOUGH and self.time - began < LEVEL_SECONDS:
             self._settle()
         self._rebase()
 
@@ -174,7 +179,7 @@ class Robot:
         self._lower(move.leg, watch)
         self._rebase()
         self._settle()
-        self._plant.begin_armed()
+        self._begin_faults()
         footfall = self._landed(move.leg, reached=not watch.stopped and contact is None)
         if contact is not None:
             raise TerrainContact(contact)
@@ -185,7 +190,8 @@ class Robot:
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
         """Carry the body to a pose over standing feet; returns the pose reached. When stopped it comes to rest gently.
 
-        Raises OutOfReach, without moving, when a leg could not follow, and Tilting when the body tilted.
+        Raises OutOfReach, without moving, when a leg could not follow; TerrainContact, back where it was, when the body
+        met something; and Tilting when it tilted.
         """
         self._require_amplifiers()
         self._rebase()
@@ -193,27 +199,37 @@ class Robot:
         feet = to_world(start, feet_of(self._command))
         require_reach(joints_of(to_body(move.goal, feet)), TOLERANCE)
         watch = MoveWatch(move.duration, on_tick)
-        share, speed = 0.0, 1.0
+        share, speed, step = 0.0, 1.0, self._plant.tick / move.duration
+        contact = None
         while share < 1.0 and speed > 0.0:
-            share += speed * self._plant.tick / move.duration
+            share += speed * step
             feet[:, 2] -= self._corrections()
             self._follow(blend(start, move.goal, ease(share)), feet, watch)
+            if contact := self._bump(start, move.goal):
+                break
             self._require_following(*LEGS, most=MOST_BEHIND_STANDING)
             if watch.stopped:
                 speed -= self._plant.tick / STOP_SECONDS
+        while contact is not None and share > 0.0:
+            share -= step
+            self._follow(blend(start, move.goal, ease(max(share, 0.0))), feet, watch)
         self._settle()
-        self._plant.begin_armed()
+        self._begin_faults()
         self.footsteps += 1
         heading = compass(self._plant.attitude().pose.heading, self.terrain.spec.seed, self.footsteps)
         self._odometry.fix(self._plant.joints(), self._airborne, heading)
+        if contact is not None:
+            raise TerrainContact(contact)
         if watch.tilt:
             raise Tilting(watch.tilt)
         return self._pose()
 
     def scan(self) -> Array:
-        """Points (n, 3) of one sweep of the range scanner, where the robot believes them to be. No time passes."""
+        """Points (n, 3) of one sweep of the range scanner, where the robot believes them to be. No time passes, but
+        while the body moves they are blurred as if it did.
+        """
         self._scans += 1
-        points = scanner.scan(self._plant, (self.terrain.spec.seed, self._scans))
+        points = scanner.scan(self._plant, (self.terrain.spec.seed, self._scans), self._velocity)
         return to_world(self._pose(), to_body(self._plant.attitude().pose, points))
 
     def footstep(self) -> Footstep:
@@ -234,7 +250,7 @@ class Robot:
         """The state that another process needs to go on from here."""
         return Snapshot(
             backend=self.backend,
-            terrain=self.terrain.spec,
+            terrain=self.terrain.present,
             time=self.time,
             posture=make_posture(self._plant.attitude(), self._plant.joints()),
             pose=self._pose(),
@@ -284,6 +300,15 @@ class Robot:
             self._require_following(leg, most=MOST_BEHIND)
         return 1.0
 
+    def _begin_faults(self) -> None:
+        """A move is over: what was to go wrong after it does."""
+        self._plant.begin_armed()
+        if self._gives_way in LEGS:
+            foot = self.true_stance().feet[self._gives_way]
+            self._plant.give_way(foot.x, foot.y)
+            self._gives_way = NO_LEG
+            self._settle()
+
     def _require_amplifiers(self) -> None:
         """Raise AmplifierTripped, before anything moves, if the amplifier of a leg is off."""
         for leg, is_on in enumerate(self._plant.amplifiers()):
@@ -312,16 +337,28 @@ class Robot:
 
     def _feels_something(self, leg: int) -> bool:
         plant = self._plant
-        return bool(plant.pushes()[leg] > motion.CONTACT_FORCE or plant.loads()[leg] > motion.TOUCH_LOAD)
+        felt = max(plant.pushes()[leg], plant.bumps()[leg])
+        return bool(felt > motion.CONTACT_FORCE or plant.loads()[leg] > motion.TOUCH_LOAD)
 
     def _contact(self, leg: int, segment: motion.Segment, share: float) -> Contact:
         pose = self._pose()
         foot = self._stance_at(pose).feet[leg]
-        force = math.hypot(self._plant.pushes()[leg], self._plant.loads()[leg])
+        force = math.hypot(self._plant.pushes()[leg], self._plant.bumps()[leg], self._plant.loads()[leg])
         before, after = to_world(pose, feet_of(np.array([segment.at(share - 0.02), segment.at(share)]), [leg, leg]))
         way = math.dist(after[:2], before[:2])
         dx, dy = (after - before)[:2] / way if way > LEAST_WAY else (0.0, 0.0)
         return Contact(leg, foot.x, foot.y, foot.z, force, float(dx), float(dy))
+
+    def _bump(self, start: Pose, goal: Pose) -> Contact | None:
+        """The contact of the body, or of a leg's beams, on its way from *start* to *goal*; None if nothing is there."""
+        bumps = self._plant.bumps()
+        if bumps.max() <= motion.CONTACT_FORCE:
+            return None
+        pose, way = self._pose(), math.dist((start.x, start.y), (goal.x, goal.y))
+        dx, dy = ((goal.x - start.x) / way, (goal.y - start.y) / way) if way > LEAST_WAY else (0.0, 0.0)
+        nose = AMBLER.body_length / 2
+        low = pose.height - AMBLER.belly
+        return Contact(NO_LEG, pose.x + nose * dx, pose.y + nose * dy, low, float(bumps.max()), dx, dy)
 
     def _lower(self, leg: int, watch: MoveWatch) -> None:
         """The guarded move: slowly down until the force sensor feels the ground, however far that is: a leg that hangs
@@ -345,17 +382,16 @@ class Robot:
         self._plant.drive(joints, (joints - self._command) / tick)
         self._command = joints
         self.time += tick
-        tilt = self._tilt()
-        self.peak_tilt = max(self.peak_tilt, tilt)
+        attitude = self._plant.attitude()
+        place = np.array([attitude.pose.x, attitude.pose.y, attitude.pose.height])
+        self._velocity, self._place = (place - self._place) / tick, place
+        self._tilt = math.hypot(attitude.roll, attitude.pitch)
+        self.peak_tilt = max(self.peak_tilt, self._tilt)
         self.pacer.passed(tick)
         if watch is not None:
             watch.passed(tick)
-            if tilt > MOST_TILT:
-                watch.tilted(tilt)
-
-    def _tilt(self) -> float:
-        attitude = self._plant.attitude()
-        return math.hypot(attitude.roll, attitude.pitch)
+            if self._tilt > MOST_TILT:
+                watch.tilted(self._tilt)
 
     def _settle(self) -> None:
         """Stand still while loads and level are evened out."""

@@ -11,12 +11,17 @@ MOUNT = np.array([0.9, 0.0, 2.6])
 ROWS, COLUMNS = 64, 96
 RANGE = 14.0
 NOISE = 0.02
+SWEEP = 0.5
+"""Seconds, from the nearest row to the farthest."""
+
 _NEAREST, _FARTHEST = np.radians(-78.0), np.radians(-24.0)
 _SIDEWAYS = np.radians(85.0)
 
 
-def scan(plant: Plant, seed: tuple[int, int]) -> Array:
-    """World points (n, 3) where the rays met the ground; the same *seed* gives the same noise."""
+def scan(plant: Plant, seed: tuple[int, int], velocity: Array) -> Array:
+    """World points (n, 3) where the rays met the ground, as if all had gone out at once; the same *seed* gives the same
+    noise. While the body moves (*velocity*, m/s) the image is blurred: a sweep takes SWEEP seconds, row by row.
+    """
     attitude = plant.attitude()
     turn = rotation_matrix(attitude.roll, attitude.pitch, attitude.pose.heading)
     origin = _position(attitude) + turn @ MOUNT
@@ -24,7 +29,8 @@ def scan(plant: Plant, seed: tuple[int, int]) -> Array:
     distances = plant.cast(origin, directions, RANGE)
     distances = distances + np.random.default_rng(seed).normal(0.0, NOISE, len(distances))
     hit = np.isfinite(distances)
-    points: Array = origin + distances[hit, None] * directions[hit]
+    late = np.repeat(np.linspace(0.0, SWEEP, ROWS), COLUMNS)[hit, None]
+    points: Array = origin + distances[hit, None] * directions[hit] - late * velocity
     return points
 
 

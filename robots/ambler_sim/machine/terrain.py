@@ -6,12 +6,13 @@ Heights are those of a lattice, bilinear in between, in both simulators. What is
 import math
 import random
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.machine.relief import SOFTNESS, Relief
+from robots.ambler_sim.machine.relief import Relief
 from robots.ambler_sim.vocabulary import Rock, TerrainSpec
 
 Cells = NDArray[np.intp]
@@ -25,7 +26,10 @@ STANDS_ON = 0.15
 
 ROCK_RADIUS = (0.2, 0.3)
 MOST_ADDED = 20
-"""Rocks and soft spots: older ones are behind."""
+"""Rocks and holes: older ones are behind."""
+
+HOLE_RADIUS, HOLE_DEPTH = 0.6, 0.25
+"""Of ground that gives way (m): it falls in around the foot, by less and less further out."""
 
 STEEPNESS = {"flat": 0.0, "rolling": 0.1}
 """Rise per run, at most, of the kinds that don't have the slope that is asked for."""
@@ -40,9 +44,14 @@ class Terrain:
         self.spec = spec
         self._relief = Relief(spec.kind, spec.seed, min(spec.slope, STEEPNESS.get(spec.kind, spec.slope)))
         self._added: deque[Rock] = deque(maxlen=MOST_ADDED)
-        self._softened: deque[tuple[float, float, float]] = deque(maxlen=MOST_ADDED)
+        self._holes = deque(spec.holes, maxlen=MOST_ADDED)
         self._row, self._column = -CELLS // 2, -CELLS // 2
         self._kept = self.lattice(self._row, self._column, CELLS, CELLS)
+
+    @property
+    def present(self) -> TerrainSpec:
+        """The ground as it now is, but for rocks that were added."""
+        return replace(self.spec, holes=tuple(self._holes))
 
     @property
     def rocks(self) -> tuple[Rock, ...]:
@@ -53,7 +62,7 @@ class Terrain:
         """The heights of a part of the lattice (rows along x, columns along y) that begins at this row and column."""
         x: Array = RESOLUTION * np.arange(row, row + rows, dtype=np.float64)
         y: Array = RESOLUTION * np.arange(column, column + columns, dtype=np.float64)
-        return self._relief.heights(x[:, None], y[None, :])
+        return self._surface(x[:, None], y[None, :])
 
     def height(self, x: float, y: float) -> float:
         """The ground height (m) at a point."""
@@ -83,20 +92,23 @@ class Terrain:
         )
         return math.hypot(east - west, north - south) / (2 * step)
 
+    @property
+    def has_soft_ground(self) -> bool:
+        """Whether the ground is soft anywhere."""
+        return self.spec.kind == "soft"
+
     def softness_at(self, x: Array, y: Array) -> Array:
         """The factor of the feet's stiffness at these points: 1 on firm ground."""
-        softness = self._relief.softness(x, y)
-        for middle_x, middle_y, radius in self._softened:
-            softness = np.where(np.hypot(x - middle_x, y - middle_y) <= radius, SOFTNESS, softness)
-        return softness
+        return self._relief.softness(x, y)
 
     def add(self, rock: Rock) -> None:
         """Put a rock onto the ground."""
         self._added.append(rock)
 
-    def soften(self, x: float, y: float, radius: float) -> None:
-        """Make the ground around a point soft."""
-        self._softened.append((x, y, radius))
+    def give_way(self, x: float, y: float) -> None:
+        """The ground around a point falls in."""
+        self._holes.append((x, y))
+        self._kept = self.lattice(self._row, self._column, CELLS, CELLS)
 
     def top(self, rock: Rock) -> float:
         """The height of a rock's highest point in the world."""
@@ -117,7 +129,15 @@ class Terrain:
         """The heights of cells that are too far apart to be kept."""
         x: Array = RESOLUTION * i.astype(np.float64)
         y: Array = RESOLUTION * j.astype(np.float64)
-        return self._relief.heights(x, y)
+        return self._surface(x, y)
+
+    def _surface(self, x: Array, y: Array) -> Array:
+        """The heights at these points, with the holes."""
+        heights = self._relief.heights(x, y)
+        for middle_x, middle_y in self._holes:
+            inside = (1.5 - 1.5 * np.hypot(x - middle_x, y - middle_y) / HOLE_RADIUS).clip(0.0, 1.0)
+            heights = heights - HOLE_DEPTH * inside
+        return heights
 
     def _keeps(self, i: Cells, j: Cells) -> bool:
         """Whether the cells of these rows and columns are in the part that is kept, which moves if need be."""

@@ -46,32 +46,38 @@ def _body() -> str:
         _box((0.98, 0, 2.52), (0.03, 0.40, 0.18), "dark"),
     ]
     inertia = _inertia(AMBLER.body_mass, (0, 0, AMBLER.body_mass_height), (0.9, 2.7, 1.6))
-    return _link("body", inertia, looks)
+    width = 2 * AMBLER.shaft_offset + AMBLER.body_length / 2
+    height, belly = 2.7, AMBLER.belly
+    solid = _collision((0, 0, height / 2 - belly), f'<box size="{AMBLER.body_length} {width} {height}"/>')
+    return _link("body", inertia, looks, collision=solid)
 
 
 def _leg(leg: int) -> str:
     """Shoulder beam, sliding extension, vertical link and foot: each part the child of the one before."""
-    parts, reach, length = AMBLER, AMBLER.min_reach, AMBLER.link_length
+    parts, reach, length, width = AMBLER, AMBLER.min_reach, AMBLER.link_length, AMBLER.beam_width
     shoulder = _link(
         f"shoulder{leg}_link",
         _inertia(parts.shoulder_mass, (reach / 2, 0, 0), (reach, 0.3, 0.25)),
         [_cylinder((0, 0, 0), 0.27, 0.30, "dark"), _box((reach / 2, 0, 0), (reach, 0.26, 0.24), "aluminium")],
+        collision=_collision((reach / 2, 0, 0), f'<box size="{reach} {width} {width}"/>'),
     )
     extension = _link(
         f"extension{leg}_link",
         _inertia(parts.extension_mass, (-parts.beam_length / 2, 0, 0), (parts.beam_length, 0.2, 0.15)),
         [_box((-reach / 2, 0, 0), (reach + 0.2, 0.17, 0.15), "bright"), _box((0, 0, 0), (0.28, 0.28, 0.42), "blue")],
+        collision=_collision((-reach / 2, 0, 0), f'<box size="{reach} {width} {width}"/>'),
     )
     vertical = _link(
         f"vertical{leg}_link",
         _inertia(parts.vertical_mass, (0, 0, length / 2), (0.15, 0.15, length)),
         [_cylinder((0, 0, length / 2 + 0.1), 0.075, length - 0.2, "bright")],
+        collision=_collision((0, 0, length / 2 + 0.1), f'<cylinder radius="0.075" length="{length - 0.2}"/>'),
     )
     foot = _link(
         f"foot{leg}_link",
         _inertia(parts.foot_mass, (0, 0, 0), (0.3, 0.3, 0.1)),
         [_cylinder((0, 0, -0.02), 0.26, 0.10, "dark"), _cylinder((0, 0, 0.08), 0.12, 0.14, "orange")],
-        collision=f'<collision><geometry><sphere radius="{parts.foot_radius}"/></geometry></collision>',
+        collision=_collision((0, 0, 0), f'<sphere radius="{parts.foot_radius}"/>'),
         contact=_springs(),
     )
     return shoulder + extension + vertical + foot + _joints(leg)
@@ -128,6 +134,10 @@ def _box(centre: Triple, size: Triple, colour: str) -> str:
 
 def _cylinder(centre: Triple, radius: float, length: float, colour: str) -> str:
     return _visual(centre, f'<cylinder radius="{radius}" length="{length}"/>', colour)
+
+
+def _collision(centre: Triple, geometry: str) -> str:
+    return f'<collision><origin xyz="{_text(centre)}"/><geometry>{geometry}</geometry></collision>'
 
 
 def _visual(centre: Triple, shape: str, colour: str) -> str:

@@ -38,8 +38,8 @@ class Margins:
 
 
 def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
-    """The least while the leg is in the air: at either end of its way, for a leg weighs a tenth of the robot. Without one
-    more leg: when it stands on its foothold.
+    """The least while the leg is in the air: at either end of its way, for a leg weighs a tenth of the robot. That
+    without one more leg is for when it stands on its foothold.
     """
     after = with_foot(stance, move.foothold)
     both = stance, after

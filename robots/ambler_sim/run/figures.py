@@ -27,6 +27,7 @@ RECOVERIES = {
     "no image": ("look again", "go on without image"),
     "bad image": ("look again", "go on without image"),
     "unseen rock": ("raise leg", "replan move"),
+    "soft spot": ("level body",),
     "no footfall": ("plan otherwise", "replan move", "shuffle feet"),
     "lost module": (LOSE_PROGRAM.name,),
     "lost central": (LOSE_PROGRAM.name,),
