@@ -7,14 +7,16 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from robots.ambler_sim.layers import footfall, planners, stability, terrain_contact
+from robots.ambler_sim.layers import footfall, planners, stability, terrain_contact, tip_over
 from robots.ambler_sim.layers.footfall import FOOTFALL_CHECK
 from robots.ambler_sim.layers.stability import STABILITY_CHECK, UNSTABLE_MOVE
+from robots.ambler_sim.layers.tip_over import STEADY
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.robot import Robot
-from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, TRAVERSE_PATH, Bend, Path
+from robots.ambler_sim.messages import LEVEL_BODY, MOVE_BODY, MOVE_LEG, TIP_OVER_RISK, TRAVERSE_PATH, Bend, Path
 from robots.ambler_sim.modules import (
     body_planner,
     controller,
@@ -27,11 +29,11 @@ from robots.ambler_sim.modules import (
 )
 from robots.ambler_sim.modules.task_manager import make_module as make_task_manager
 from robots.ambler_sim.recovery import REPLAN_MOVE
-from robots.ambler_sim.vocabulary import BodyMove, Readings
+from robots.ambler_sim.vocabulary import BodyMove, Fault, Readings
 from tca_module import Client, TaskFailed, connect
 from tca_module.testing import LocalCentral
 from tca_tools.run.fold import History
-from tca_wire.journal.facts import Received
+from tca_wire.journal.facts import Failed, Received
 
 WALKERS = [
     f"robots.ambler_sim.modules.{name}"
@@ -47,7 +49,7 @@ WALKERS = [
     )
 ]
 
-LAYERS = [each.layer for each in (footfall, planners, stability, terrain_contact)]
+LAYERS = [each.layer for each in (footfall, planners, stability, terrain_contact, tip_over)]
 
 
 @pytest.fixture
@@ -112,12 +114,12 @@ def test_a_check_tells_its_margins(user: Client, robot: Robot, central: LocalCen
 def test_a_foot_that_seems_to_bear_nothing_is_placed_elsewhere(
     robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A force sensor that says nothing once: who asks cannot know that the foot stands well."""
-    truth, lies = robot.readings, iter([(0.0,) * 6])
+    """A force sensor that says nothing once, after the move: who asks cannot know that the foot stands well."""
+    truth, believed = robot.readings, iter([True, False])
 
     def readings() -> Readings:
         now = truth()
-        return replace(now, loads=next(lies, now.loads))
+        return now if next(believed, True) else replace(now, loads=(0.0,) * 6)
 
     monkeypatch.setattr(robot, "readings", readings)
     user.goal(TRAVERSE_PATH, Path((Bend(0.0, 1.0),))).result(timeout=30)
@@ -128,3 +130,31 @@ def test_a_foot_that_seems_to_bear_nothing_is_placed_elsewhere(
     assert math.dist((first.foothold.x, first.foothold.y), (again.foothold.x, again.foothold.y)) > 0.2
     assert len(sent(central, FOOTFALL_CHECK.name)) == 3
     assert robot.stance().pose.x == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_leg_under_which_the_ground_gives_way_is_put_down_before_anything_moves(
+    robot: Robot, user: Client, central: LocalCentral
+) -> None:
+    robot.inject(Fault("soft spot", leg=4))
+    pose = robot.stance().pose
+    user.command(MOVE_BODY, BodyMove(replace(pose, x=pose.x + 0.1), 1.0)).result(timeout=10)
+    assert robot.readings().loads[4] < 500.0
+    user.command(MOVE_BODY, BodyMove(pose, 1.0)).result(timeout=10)
+    assert len(sent(central, LEVEL_BODY.name)) == 1
+    assert min(robot.readings().loads) > 1000.0
+
+
+def test_a_move_that_tilts_the_robot_begins_again_when_it_is_level(
+    robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All legs of one side are a little short, which nobody notices before the move."""
+    monkeypatch.setattr(tip_over, "MOST_TILT", 1.0)
+    shorter = np.zeros((6, 3))
+    shorter[:3, 2] = -0.12
+    robot._drive(robot._command + shorter)
+    pose = robot.stance().pose
+    user.command(MOVE_BODY, BodyMove(replace(pose, x=pose.x + 0.1), 1.0)).result(timeout=10)
+    (steadied,) = sent(central, STEADY.name)
+    assert TIP_OVER_RISK.name in [fact.failure for fact in central.facts if isinstance(fact, Failed)]
+    assert steadied.parent == sent(central, MOVE_BODY.name)[0].id
+    assert robot.stance().pose.x == pytest.approx(pose.x + 0.1, abs=0.03)

@@ -22,8 +22,8 @@ LOW = "1.1 1.85 0.25 0.7"
 TALL = "1.1 0.9 0.25 1.9"
 """Taller than a leg is raised; the leg swings around it."""
 
-BROAD = "1.4 0.6 0.3 1.9"
-"""As broad as a leg can go around; half a metre further on it is no longer in the way."""
+BROAD = "1.4 0.3 0.7 1.9"
+"""Too broad for a leg to go around, until the feet stand otherwise."""
 
 HUGE = "3.6 0.0 2.4 1.9"
 
@@ -114,7 +114,7 @@ def names_under(walk: Walk, task: Task) -> list[str]:
 def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked: Walks) -> None:
     done = walked(BROAD)
     assert_walked(done)
-    assert done.recoveries.keys() == {"raise leg", "replan move", "shuffle feet"}
+    assert done.recoveries.keys() >= {"raise leg", "replan move", "shuffle feet"}
     shuffled = done.named("shuffle feet")
     assert set(names_under(done, shuffled[0])) == {"move leg"}
     (arc,) = done.named("traverse arc")
@@ -186,6 +186,7 @@ FAULTS = {
     "bad image@11": "look again",
     "unseen rock@13": "raise leg",
     "no footfall@15": "plan otherwise",
+    "soft spot@16": "",
     "lost module@18": "",
     "lost central@20": "",
     "lost module@22": "",
@@ -200,6 +201,7 @@ def test_whatever_goes_wrong_the_robot_walks_on(tmp_path: Path) -> None:
     assert {name for name in FAULTS.values() if name} <= done.recoveries.keys()
     assert "1 of 1 amplifier trip" in done.output
     assert "1 of 1 unseen rock" in done.output
+    assert "1 of 1 soft spot" in done.output
     assert "moves checked before 100%, leg moves after 100%" in done.output
     assert [task.state for task in done.named("lose program")] == [TaskState.ACHIEVED] * 3
     assert all(task.state is TaskState.ACHIEVED for task in done.named("traverse arc"))
