@@ -53,6 +53,9 @@ MOST_BEHIND_STANDING = 0.06
 MOST_TILT = 0.023
 """The inclination (rad) at which a move is stopped, with its leg put down: 1.3 degrees. Usually it is half of that."""
 
+SPARED = 0.1
+"""Metres: ground gives way under a leg without which the robot stands by that much; else it would fall."""
+
 LEVEL_ENOUGH = 0.005
 LEVEL_SECONDS = 6.0
 """How level (rad) the body is made by ``level``, and how long that may take."""
@@ -303,7 +306,7 @@ class Robot:
     def _begin_faults(self) -> None:
         """A move is over: what was to go wrong after it does."""
         self._plant.begin_armed()
-        if self._gives_way in LEGS:
+        if self._gives_way in LEGS and support_margin(self.true_stance(), self._gives_way) > SPARED:
             foot = self.true_stance().feet[self._gives_way]
             self._plant.give_way(foot.x, foot.y)
             self._gives_way = NO_LEG
