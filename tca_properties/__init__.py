@@ -1,4 +1,6 @@
-"""Properties of runs: what must always, never or at last be true. The explorer and ``tca check`` ask the same."""
+"""Properties of runs: what must always, never or at last be true. The explorer and ``tca check`` ask the same, but for
+properties of cases, which are of whole runs: these are ``tca check``'s.
+"""
 
 from tca_properties.algebra import (
     Property,
@@ -11,6 +13,7 @@ from tca_properties.algebra import (
     never_stuck,
     within,
 )
+from tca_properties.cases import CasesProperty, Counted, in_all_cases, in_at_least
 from tca_properties.language import property_from
 from tca_properties.predicates import (
     achieved,
@@ -33,6 +36,8 @@ from tca_properties.world import BadProperty
 
 __all__ = [
     "BadProperty",
+    "CasesProperty",
+    "Counted",
     "Property",
     "achieved",
     "always",
@@ -46,6 +51,8 @@ __all__ = [
     "fired",
     "handled",
     "handled_by",
+    "in_all_cases",
+    "in_at_least",
     "killed",
     "never",
     "never_stuck",

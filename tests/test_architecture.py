@@ -52,6 +52,7 @@ MAY_IMPORT = {
         "tca_coordination",
         "tca_missions",
         "tca_module",
+        "tca_properties",
         "tca_wire",
         "tca_tools",
         "numpy",
@@ -130,8 +131,9 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "field_values": {"world"},
         "predicates": {"field_values", "world"},
         "algebra": {"predicates", "world"},
+        "cases": {"algebra", "world"},
         "language": {"algebra", "field_values", "predicates", "world"},
-        "__init__": {"algebra", "language", "predicates", "world"},
+        "__init__": {"algebra", "cases", "language", "predicates", "world"},
     },
     "tca_run": {
         "guard": set(),

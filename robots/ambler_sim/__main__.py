@@ -34,8 +34,6 @@ from robots.processes import Processes
 from tca_module import Outcome, TaskFailed, TcaError, Timeout
 from tca_module.sending.task_ref import SentTask
 from tca_tools.gantt.__main__ import gantt
-from tca_tools.run.fold import History
-from tca_tools.run.journals import open_log
 from tca_tools.tasktree_viz.__main__ import tree
 
 MODULES = ("scanner", "mapper", "footfall planner", "leg recovery planner", "body planner", "gait planner")
@@ -183,8 +181,7 @@ class Walk:
 
     def judge(self) -> Figures:
         """The walk in figures, which are also written into its folder."""
-        history = History.until(open_log(self.folder / "journal"))
-        figures = figures_of(self.folder / "footsteps.jsonl", history, self.usage, self.wall)
+        figures = figures_of(self.folder / "footsteps.jsonl", self.folder / "journal", self.usage, self.wall)
         (self.folder / "figures.json").write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
         return figures
 

@@ -12,7 +12,7 @@ from tca_explorer.scenario.script import Program
 from tca_module.errors import MisuseError
 from tca_module.sending.sender import Sender
 from tca_module.serving.handler_options import HandlerOptions, checked_format
-from tca_properties import Property
+from tca_properties import CasesProperty, Property
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.parts import HandlerFormat
@@ -201,6 +201,8 @@ def checked_properties(properties: Iterable[Any]) -> tuple[Property, ...]:
     for one in found:
         if not isinstance(one, Property):
             raise ScenarioError(f"{one!r:.60} is no property: give never(...), before(...), never_stuck(), ...")
+        if isinstance(one, CasesProperty):
+            raise ScenarioError(f"'{one}' counts cases of a whole run: ask it of a journal, with tca check")
     return found
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from tca_properties.algebra import Breach, NeverStuck, Property, words_of
+from tca_properties.cases import CasesProperty, Counted
 from tca_properties.predicates import OfMessages
 from tca_properties.world import Found, Predicate
 from tca_tools.check.records import MessageRecord
@@ -21,6 +22,8 @@ class Judge:
         self.matches = Matches(stated.predicates)
         self.culprit = 0
         """The message by which it was broken (0: none is known)."""
+        self.counted: Counted | None = None
+        """Of a property of cases, once they were counted: how many there were."""
         self._memory = 0
         self._had_case = False
 
@@ -35,6 +38,8 @@ class Judge:
 
     def at_end(self, world: JournalWorld) -> str:
         """When the journal is read: what is wrong. Of what was to come within some time, that may not be over."""
+        if isinstance(self.stated, CasesProperty):
+            return self._of_cases(self.stated, world)
         left = [task for task in world.tasks if not task.is_over]
         if isinstance(self.stated, NeverStuck) and left:
             return f"when the journal ends, these have not: {self._blame(left)}"
@@ -47,9 +52,20 @@ class Judge:
         self.culprit = max((number for number, gone in world.over.items() if name and gone.message == name), default=0)
         return f"it never did; {world.name(self.culprit)} was the last to end" if self.culprit else "it never did"
 
+    def _of_cases(self, stated: CasesProperty, world: JournalWorld) -> str:
+        """What is wrong with the cases of the run. Of a part of one nothing can be said."""
+        if not world.is_whole or world.history is None:
+            return ""
+        self.counted = stated.count(world.history)
+        if stated.allows(self.counted):
+            return ""
+        return f"here it is so in {self.counted}, not with {self._blame(self.counted.bad)}"
+
     @property
     def vacuous(self) -> str:
         """Why it says nothing that it holds; "" if it says something."""
+        if self.counted is not None:
+            return "" if self.counted.number else "in this run there was no case of it"
         for one in self.stated.predicates:
             if isinstance(one, OfMessages) and not self.matches.has_subject(one):
                 return f"in this run there never was '{one.subject}'" if one.message or one.data else ""

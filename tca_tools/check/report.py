@@ -48,7 +48,8 @@ def verdict_lines(
     for judge in unbroken:
         idle = misnamed.get(judge.stated, judge.vacuous)
         note = click.style(f" (which says nothing: {printable(idle)})", fg="yellow") if idle else ""
-        yield _good(printable(str(judge.stated)), is_whole=is_whole) + note
+        share = f" ({judge.counted})" if judge.counted and not idle else ""
+        yield _good(printable(str(judge.stated)) + share, is_whole=is_whole) + note
 
 
 def _good(what: str, *, is_whole: bool) -> str:

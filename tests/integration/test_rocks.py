@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from click.testing import CliRunner
 
+from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
+from tca_tools.check.__main__ import check
+from tca_tools.check.rules import RULES as RULES_OF_TASKS
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
 from tca_tools.run.records import Task, TaskState
-from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome, Role
 
 pytestmark = pytest.mark.slow
@@ -29,7 +32,6 @@ HUGE = "3.6 0.0 2.4 1.9"
 
 ROCKS = [HUGE, *(pytest.param(rock, marks=pytest.mark.soak) for rock in (TALL, BROAD))]
 
-MOVES = ("move leg", "move body")
 LADDER = ("raise leg", "replan move", "shuffle feet", "give up")
 
 
@@ -139,28 +141,22 @@ def test_the_rungs_are_tried_from_the_leg_up(walked: Walks) -> None:
 
 
 @pytest.mark.parametrize("rock", ROCKS)
-def test_a_stability_check_precedes_every_move(walked: Walks, rock: str) -> None:
-    """Every time that a controller begins a move, a check that nothing else has used was made before it."""
+def test_a_stability_check_precedes_every_move_and_a_footfall_check_follows_each_of_a_leg(
+    walked: Walks, rock: str
+) -> None:
     history = walked(rock).history
-    begun = [(task, handling) for task in walked(rock).named(*MOVES) for handling in task.handlings]
-    assert len(begun) >= 8
-    for task, handling in begun:
-        children = [history.tasks[child] for child in task.children]
-        checks = [check for check in children if check.name == "stability check" and check.state is TaskState.ACHIEVED]
-        before = [check for check in checks if check.reached[Moment.END_ACHIEVING] <= handling.start]
-        assert len(before) >= task.handlings.index(handling) + 1
+    before, after = STABILITY.count(history), FOOTFALL.count(history)
+    assert (before.bad, after.bad) == ([], [])
+    assert before.number >= 8
+    assert after.number >= 4
 
 
-@pytest.mark.parametrize("rock", ROCKS)
-def test_a_footfall_check_follows_every_leg_move(walked: Walks, rock: str) -> None:
-    """No leg move is achieved, and nothing goes on after it, before its footfall was checked."""
-    history = walked(rock).history
-    achieved = [task for task in walked(rock).named("move leg") if task.state is TaskState.ACHIEVED]
-    assert len(achieved) >= 4
-    for task in achieved:
-        (check,) = [history.tasks[child] for child in task.children if history.tasks[child].name == "footfall check"]
-        assert check.reached[Moment.START_HANDLING] >= task.reached[Moment.END_HANDLING]
-        assert check.reached[Moment.END_ACHIEVING] <= task.reached[Moment.END_ACHIEVING]
+def test_a_walk_says_itself_which_rules_it_has_broken(tmp_path: Path) -> None:
+    layers = ("--without", "stability", "--without", "footfall")
+    done = walk(tmp_path, "--backend", "kinematic", "--distance", "1", "--mode", "sequential", *layers)
+    assert_walked(done)
+    broken = {line.partition(": ")[2].partition(": ")[0] for line in done.output.splitlines() if "broken: " in line}
+    assert broken == {str(STABILITY), str(FOOTFALL), str(PLANNED_AHEAD)}
 
 
 @pytest.mark.soak
@@ -202,10 +198,10 @@ def test_whatever_goes_wrong_the_robot_walks_on(tmp_path: Path) -> None:
     assert "1 of 1 amplifier trip" in done.output
     assert "1 of 1 unseen rock" in done.output
     assert "1 of 1 soft spot" in done.output
-    assert "moves checked before 100%, leg moves after 100%" in done.output
+    number = len(RULES_OF_TASKS) + len(RULES)
+    assert f"rules kept: {number} of {number}" in done.output
     assert [task.state for task in done.named("lose program")] == [TaskState.ACHIEVED] * 3
     assert all(task.state is TaskState.ACHIEVED for task in done.named("traverse arc"))
-    journal = tmp_path / "walk" / "journal"
-    tca, rules = Path(sys.executable).with_name("tca"), ROOT / "robots/ambler_sim/run/rules.py"
-    good = subprocess.run([tca, "check", journal, rules], stdout=subprocess.PIPE, check=False)
-    assert good.returncode == 0, good.stdout
+    journal, rules = tmp_path / "walk" / "journal", ROOT / "robots/ambler_sim/run/rules.py"
+    good = CliRunner().invoke(check, [str(journal), str(rules)])
+    assert good.exit_code == 0, good.output

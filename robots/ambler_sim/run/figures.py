@@ -5,18 +5,21 @@ import math
 import os
 import resource
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 
-from robots.ambler_sim.messages import CALIBRATE, INJECT, LOSE_PROGRAM, MOVE_BODY, MOVE_LEG, TAKE_STEPS
+from robots.ambler_sim.messages import CALIBRATE, INJECT, LOSE_PROGRAM
+from robots.ambler_sim.run.rules import FOOTFALL, PLANNED_AHEAD, RULES, STABILITY
 from robots.ambler_sim.vocabulary import Footstep, Pose
+from tca_tools.check.checked_run import CheckedRun
+from tca_tools.check.rules import RULES as RULES_OF_TASKS
 from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
 from tca_tools.run.records import Task, TaskState
-from tca_wire.points import Moment
 
 RECOVERIES = {
     "amplifier trip": ("switch on",),
@@ -70,6 +73,18 @@ class FaultFigures:
 
 
 @dataclass(frozen=True, slots=True)
+class RuleFigures:
+    """How many rules a walk kept, of those of task-level control and its own, and what is to be said of the others."""
+
+    kept: int
+    number: int
+    others: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.kept} of {self.number}"
+
+
+@dataclass(frozen=True, slots=True)
 class Figures:
     """What a walk was like. Lengths in m, angles in degrees, times in s, memory in MB."""
 
@@ -86,6 +101,7 @@ class Figures:
     checked_before: float
     checked_after: float
     planned_ahead: float
+    rules: RuleFigures
     wall: float
     cpu: float
     load: float
@@ -111,12 +127,16 @@ class Figures:
                 f"{self.wall:.0f} s, {self.cpu:.0f} s of processor, load {self.load:.1f}; "
                 f"central {self.central_at_quarter:.0f} MB after a quarter, {self.central_at_end:.0f} MB at the end"
             ),
+            f"rules kept: {self.rules}",
+            *(f"  {other}" for other in self.rules.others),
             f"footsteps' digest {self.digest}",
         ]
 
 
-def figures_of(record: Path, history: History, usage: Usage, wall: float) -> Figures:
+def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figures:
     """Of a walk whose programs have ended. *wall*: how long it took."""
+    history = History()
+    checked = CheckedRun.of(open_log(journal), RULES, history)
     steps = read_footsteps(record)
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     tasks = list(history.tasks.values())
@@ -133,9 +153,10 @@ def figures_of(record: Path, history: History, usage: Usage, wall: float) -> Fig
         faults=_faults(tasks, recoveries),
         operator_calls=recoveries["call operator"],
         recoveries=dict(recoveries),
-        checked_before=_share(list(_checked_before(history))),
-        checked_after=_share(list(_checked_after(history))),
-        planned_ahead=_share(list(_planned_ahead(history))),
+        checked_before=STABILITY.count(history).share,
+        checked_after=FOOTFALL.count(history).share,
+        planned_ahead=PLANNED_AHEAD.count(history).share,
+        rules=_rules(checked),
         wall=wall,
         cpu=children.ru_utime + children.ru_stime,
         load=os.getloadavg()[0],
@@ -178,36 +199,14 @@ def _faults(tasks: Sequence[Task], recoveries: Counter[str]) -> dict[str, FaultF
     return found
 
 
-def _checked_before(history: History) -> Iterator[bool]:
-    """Of each time that a move was begun, whether a stability check that nothing else has used was made before it."""
-    for task in history.tasks.values():
-        if task.name in (MOVE_LEG.name, MOVE_BODY.name):
-            checks = [history.tasks[child] for child in task.children if history.tasks[child].name == "stability check"]
-            ends = [check.reached[Moment.END_ACHIEVING] for check in checks if check.state is TaskState.ACHIEVED]
-            for number, handling in enumerate(task.handlings):
-                yield sum(end <= handling.start for end in ends) > number
-
-
-def _checked_after(history: History) -> Iterator[bool]:
-    """Of each leg move that was achieved, whether its footfall was checked before."""
-    for task in history.tasks.values():
-        if task.name == MOVE_LEG.name and task.state is TaskState.ACHIEVED:
-            checks = [history.tasks[child] for child in task.children if history.tasks[child].name == "footfall check"]
-            yield any(check.state is TaskState.ACHIEVED for check in checks)
-
-
-def _planned_ahead(history: History) -> Iterator[bool]:
-    """Of each step that followed another one of its arc, whether its planning began before that had been walked."""
-    for task in history.tasks.values():
-        before = history.tasks.get(task.parent)
-        if task.name == TAKE_STEPS.name and before is not None and before.name == TAKE_STEPS.name:
-            bodies = [history.tasks[child] for child in before.children if history.tasks[child].name == MOVE_BODY.name]
-            if task.handlings and bodies and bodies[-1].handlings:
-                yield task.handlings[0].start < bodies[-1].handlings[-1].until
-
-
-def _share(found: Sequence[bool]) -> float:
-    return sum(found) / len(found) if found else 1.0
+def _rules(checked: CheckedRun) -> RuleFigures:
+    number = len(RULES_OF_TASKS) + len(RULES)
+    if not checked.is_whole:
+        return RuleFigures(0, number, ("not judged: a part of the journal can't be read",))
+    idle = [judge for judge in checked.unbroken if judge.vacuous]
+    broken = {each.rule: f"broken: {each.rule}: {each.what}" for each in reversed(checked.violations)}
+    others = (*reversed(broken.values()), *(f"says nothing: {judge.stated}: {judge.vacuous}" for judge in idle))
+    return RuleFigures(checked.rules_kept + len(checked.unbroken) - len(idle), number, others)
 
 
 def _histogram(slopes: Sequence[float]) -> dict[str, int]:

@@ -1,13 +1,112 @@
-"""What must hold of every walk, for ``tca check walk/journal robots/ambler_sim/run/rules.py``.
+"""What must hold of every walk: ``tca check walk/journal robots/ambler_sim/run/rules.py``.
 
-The rules that ``tca check`` has for wiretaps and locks judge those that there are: whether each move was checked at all
-is in the figures of the walk.
+A walk checks itself against these when it ends. Nothing here imports the robot: a journal can be checked without it.
 """
 
-PROPERTIES = [
-    "at most 1 planned ahead of take steps",
-    "at most 1 handled of move leg",
-    "at most 1 handled of move body",
-    "at most 1 handled of acquire image",
-    "move leg begun before move body achieved",
+from bisect import bisect_left
+from collections.abc import Iterator
+from operator import attrgetter
+
+from tca_properties import in_all_cases, in_at_least, property_from
+from tca_tools.run.records import Claim, Handling, Message, Task, TaskState
+from tca_tools.run.whole_run import Run
+from tca_wire.points import Moment
+
+MOVE_LEG, MOVE_BODY, TAKE_STEPS, RANGES = "move leg", "move body", "take steps", "ranges"
+MOVES = (MOVE_LEG, MOVE_BODY)
+SCANNER, CONTROLLER = "scanner", "controller"
+
+
+def stability_check_precedes_each_try_of_a_move(run: Run) -> Iterator[tuple[Task, bool]]:
+    """Each time that the controller begins a leg or body move, a check since it had that move last has succeeded."""
+    for move in _named(run, *MOVES):
+        checks = _achieved_checks(run, move, "stability check")
+        had_it_until = 0.0
+        for handling in move.handlings:
+            yield move, any(since >= had_it_until and until <= handling.start for since, until in checks)
+            had_it_until = handling.until
+
+
+def footfall_check_follows_each_leg_move(run: Run) -> Iterator[tuple[Task, bool]]:
+    """Before a leg move is achieved, a check since the controller was done with it has succeeded."""
+    for move in _named(run, MOVE_LEG):
+        if move.state is TaskState.ACHIEVED:
+            checks = _achieved_checks(run, move, "footfall check")
+            moved = move.handlings[-1].until if move.handlings else 0.0
+            yield move, any(since >= moved and until <= move.time_of(Moment.END_ACHIEVING) for since, until in checks)
+
+
+def step_is_planned_while_the_one_before_is_walked(run: Run) -> Iterator[tuple[Task, bool]]:
+    """Of each step that was walked as planned, but for the first of an arc: its planner ran between the time when the
+    step before might be walked and the end of that step's moves. A step that was planned anew counts again.
+    """
+    for step in _named(run, TAKE_STEPS):
+        before = run.tasks.get(step.parent)
+        if before is not None and before.name == TAKE_STEPS:
+            begin, end = before.time_of(Moment.START_ACHIEVING), _end_of_moves(run, before, step.by)
+            walked = [child for child in _children(run, step, MOVE_BODY) if child.handlings]
+            for planned in (body_move.by for body_move in walked):
+                if planned is not None:  # else by error recovery
+                    yield step, planned.start < end and planned.until > begin
+
+
+def no_move_while_the_scanner_holds_the_controller(run: Run) -> Iterator[tuple[Message | Claim, bool]]:
+    """While the scanner has locked the controller, no move is handled."""
+    moves = sorted((one for one in run.handlings if one.name in MOVES), key=attrgetter("start"))
+    for lock in run.granted(CONTROLLER, CONTROLLER):
+        if lock.sender == SCANNER and lock.granted is not None:
+            last = bisect_left(moves, lock.until, key=attrgetter("start")) - 1
+            yield _holder(run, lock), last < 0 or moves[last].until <= lock.granted
+
+
+def image_is_taken_while_the_scanner_holds_the_controller(run: Run) -> Iterator[tuple[Message, bool]]:
+    """Whenever the range finder is read, the scanner has locked the controller."""
+    locks = [lock for lock in run.granted(CONTROLLER, CONTROLLER) if lock.sender == SCANNER]
+    for message in run.messages.values():
+        for reading in message.handlings if message.name == RANGES else ():
+            last = bisect_left(locks, reading.start, key=attrgetter("granted")) - 1
+            yield message, last >= 0 and reading.until <= locks[last].until
+
+
+STABILITY = in_all_cases(stability_check_precedes_each_try_of_a_move)
+FOOTFALL = in_all_cases(footfall_check_follows_each_leg_move)
+PLANNED_AHEAD = in_at_least(0.9, step_is_planned_while_the_one_before_is_walked)
+NO_MOVE_WHILE_LOCKED = in_all_cases(no_move_while_the_scanner_holds_the_controller)
+IMAGE_LOCKED = in_all_cases(image_is_taken_while_the_scanner_holds_the_controller)
+
+RULES = [
+    STABILITY,
+    FOOTFALL,
+    PLANNED_AHEAD,
+    property_from("at most 1 planned ahead of take steps"),
+    NO_MOVE_WHILE_LOCKED,
+    IMAGE_LOCKED,
+    property_from("at most 1 handled of move leg"),
+    property_from("at most 1 handled of move body"),
+    property_from("at most 1 handled of acquire image"),
+    property_from("move leg begun before move body achieved"),
 ]
+
+
+def _named(run: Run, *names: str) -> Iterator[Task]:
+    return (task for task in run.tasks.values() if task.name in names)
+
+
+def _children(run: Run, task: Task, *names: str) -> Iterator[Task]:
+    return (child for child in map(run.tasks.__getitem__, task.children) if child.name in names)
+
+
+def _achieved_checks(run: Run, move: Task, name: str) -> list[tuple[float, float]]:
+    """From when until when the checks of a move went on that have succeeded."""
+    achieved = (check for check in _children(run, move, name) if check.state is TaskState.ACHIEVED)
+    return [(check.time_of(Moment.START_HANDLING), check.time_of(Moment.END_ACHIEVING)) for check in achieved]
+
+
+def _end_of_moves(run: Run, step: Task, planner: Handling | None) -> float:
+    """When those moves of a step ended that one run of the planner has ordered."""
+    moves = (move for move in _children(run, step, *MOVES) if move.by is planner)
+    return max((handling.until for move in moves for handling in move.handlings), default=0.0)
+
+
+def _holder(run: Run, lock: Claim) -> Message | Claim:
+    return run.messages[lock.by.message_id] if lock.by is not None else lock

@@ -11,7 +11,7 @@ from robots.ambler_sim.run.figures import Figures
 
 HEAD = (
     "| seed | way | footsteps | steepest | faults recovered | kinds | operator | greatest tilt | least margin | error"
-    " | time | processor | central after 1/4, at the end |"
+    " | rules | time | processor | central after 1/4, at the end |"
 )
 
 
@@ -37,6 +37,7 @@ def row(seed: int, has_arrived: bool, figures: Figures) -> str:
         f"{figures.most_tilt:.2f}\N{DEGREE SIGN}",
         f"{figures.least_margin:.2f} m",
         f"{figures.error:.2f} m",
+        f"{figures.rules}",
         f"{figures.wall:.0f} s",
         f"{figures.cpu:.0f} s",
         f"{figures.central_at_quarter:.0f}, {figures.central_at_end:.0f} MB",

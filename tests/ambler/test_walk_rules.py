@@ -1,0 +1,200 @@
+"""The rules of walks, each on a made run that keeps it and on one that does not."""
+
+import re
+from pathlib import Path
+
+import pytest
+from tools.story import QUERY, Story
+
+from robots.ambler_sim.run.rules import FOOTFALL, IMAGE_LOCKED, NO_MOVE_WHILE_LOCKED, PLANNED_AHEAD, RULES, STABILITY
+from tca_tools.check.checked_run import CheckedRun
+from tca_tools.check.rules import GRANTED, LOCKED
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Role
+
+FILE = Path(__file__).parents[2] / "robots/ambler_sim/run/rules.py"
+PLANNED = Moment.END_PLANNING
+
+
+def begun() -> Story:
+    """The programs are there."""
+    story = Story().module("gait planner", "traverse arc", "take steps").module("scanner", "acquire image")
+    story.module("layer", "stability check", "footfall check")
+    story.module("controller", "move leg", "move body")
+    story.say(facts.ResourceChanged("controller", "range finder", 1))
+    return story.say(facts.HandlerAdded("ranges", "controller", "range finder")).at(1.0)
+
+
+def check(story: Story, name: str, move: int, took: float = 0.1) -> None:
+    """A wiretap's check of a move."""
+    number = story.command(name, "central", move, origin=0, role=Role.LISTENER, about=move)
+    story.acted(number, "layer", took)
+
+
+def test_a_journal_can_be_checked_where_the_robot_is_not() -> None:
+    assert not re.search(r"^\s*(from|import) robots", FILE.read_text(), re.MULTILINE)
+
+
+# --- checks before and after moves ---------------------------------------------------------------------------------
+
+
+def tried_twice(checks: tuple[int, int]) -> History:
+    """A leg move that fails and is retried, with so many stability checks before each time."""
+    story = begun()
+    move = story.command("move leg", "gait planner")
+    for tried, number in enumerate(checks):
+        for _ in range(number):
+            check(story, "stability check", move)
+        now = story.entries[-1].time
+        story.at(now + 0.1).delivered(move, "controller").at(now + 1.1)
+        if tried:
+            story.achieved(move)
+        else:
+            story.failed(move, "terrain collision").say(facts.Retried(TaskId(move), b"", "error recovery"))
+    return story.fold()
+
+
+@pytest.mark.parametrize(("checks", "kept"), [((1, 1), 2), ((1, 0), 1), ((2, 0), 1), ((0, 1), 1), ((0, 0), 0)])
+def test_each_try_of_a_move_needs_a_check_of_its_own(checks: tuple[int, int], kept: int) -> None:
+    counted = STABILITY.count(tried_twice(checks))
+    assert (counted.good, counted.number) == (kept, 2)
+    assert STABILITY.allows(counted) is (kept == 2)
+
+
+def test_a_check_that_ends_after_the_move_began_does_not_precede_it() -> None:
+    story = begun()
+    move = story.command("move body", "gait planner")
+    late = story.command("stability check", "central", move, origin=0, role=Role.LISTENER, about=move)
+    story.delivered(late, "layer").delivered(move, "controller").at(2.0).achieved(late).at(3.0).achieved(move)
+    assert [task.id for task in STABILITY.count(story.fold()).bad] == [move]
+
+
+def moved(*, checked: bool, achieved_first: bool = False) -> History:
+    story = begun()
+    move = story.command("move leg", "gait planner")
+    story.delivered(move, "controller").at(2.0).returned(move)
+    if achieved_first:
+        story.reached(move, Moment.END_ACHIEVING).at(2.5)
+    if checked:
+        check(story, "footfall check", move)
+    return story.reached(move, Moment.END_ACHIEVING).fold()
+
+
+def test_a_footfall_check_follows_each_leg_move() -> None:
+    assert str(FOOTFALL.count(moved(checked=True))) == "1 of 1"
+    assert str(FOOTFALL.count(moved(checked=False))) == "0 of 1"
+    assert str(FOOTFALL.count(moved(checked=True, achieved_first=True))) == "0 of 1"
+
+
+def test_a_leg_move_that_was_killed_is_not_to_be_checked() -> None:
+    story = begun()
+    move = story.command("move leg", "gait planner")
+    story.delivered(move, "controller").at(2.0).returned(move).say(facts.Killed(TaskId(move), "planned anew"))
+    assert FOOTFALL.count(story.reached(move, Moment.END_ACHIEVING).fold()).number == 0
+
+
+# --- planning ahead ------------------------------------------------------------------------------------------------
+
+
+def walked(*ahead: bool) -> History:
+    """An arc of one step more than that: each other one is planned while the one before is walked, or after it."""
+    story = begun()
+    arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
+    step = story.goal("take steps", "gait planner", arc)
+    story.returned(arc).reached(arc, PLANNED).delivered(step, "gait planner")
+    for is_ahead in (*ahead, False):
+        leg, body = story.command("move leg", "gait planner", step), story.command("move body", "gait planner", step)
+        rest = story.goal("take steps", "gait planner", step)
+        now = story.entries[-1].time
+        story.at(now + 0.5).returned(step).reached(step, PLANNED, Moment.START_ACHIEVING).acted(leg, "controller", 1.0)
+        story.delivered(body, "controller")
+        if is_ahead:
+            story.delivered(rest, "gait planner").at(now + 2.5).achieved(body)
+        else:
+            story.at(now + 2.5).achieved(body).at(now + 2.6).delivered(rest, "gait planner")
+        step = rest
+    return story.fold()
+
+
+def test_a_step_is_planned_while_the_one_before_is_walked() -> None:
+    assert str(PLANNED_AHEAD.count(walked(True, True))) == "2 of 2"
+    sequential = PLANNED_AHEAD.count(walked(False, False))
+    assert (str(sequential), PLANNED_AHEAD.allows(sequential)) == ("0 of 2", False)
+    assert PLANNED_AHEAD.count(walked()).number == 0  # the first step of an arc has none before it
+
+
+def test_nine_steps_of_ten_are_enough() -> None:
+    nine, eight = (PLANNED_AHEAD.count(walked(*[True] * number, *[False] * (10 - number))) for number in (9, 8))
+    assert (str(nine), PLANNED_AHEAD.allows(nine)) == ("9 of 10", True)
+    assert (str(eight), PLANNED_AHEAD.allows(eight)) == ("8 of 10", False)
+
+
+def test_a_step_that_is_planned_anew_is_not_planned_ahead() -> None:
+    """What it was planned for first has been walked long before."""
+    story = begun()
+    arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
+    step = story.goal("take steps", "gait planner", arc)
+    story.delivered(step, "gait planner")
+    body = story.command("move body", "gait planner", step)
+    rest = story.goal("take steps", "gait planner", step)
+    story.at(1.5).returned(step).reached(step, PLANNED, Moment.START_ACHIEVING).delivered(rest, "gait planner")
+    story.acted(body, "controller", 1.0)
+    for now, is_last in ((3.0, False), (5.0, True)):
+        if is_last:
+            story.delivered(rest, "gait planner")
+        body = story.command("move body", "gait planner", rest)
+        story.at(now).returned(rest)
+        if not is_last:
+            story.acted(body, "controller", 0.5).say(facts.Retried(TaskId(rest), b"", "error recovery")).at(4.0)
+    story.acted(body, "controller", 1.0)
+    assert str(PLANNED_AHEAD.count(story.fold())) == "1 of 2"
+
+
+# --- the scanner's lock --------------------------------------------------------------------------------------------
+
+
+def imaged(how: str) -> Story:
+    """A leg move, and an image beside it: with a lock that waits for the move, that does not, or without any."""
+    story = begun()
+    move = story.command("move leg", "gait planner", to="controller")
+    look = story.command("acquire image", "gait planner", to="scanner")
+    if how != "no lock":
+        story.at(1.5).say(facts.Claimed(90, "controller", "controller", False, "scanner", look))
+    if how in ("kept", "entered"):
+        story.at(2.0).achieved(move)
+    if how != "no lock":
+        story.say(facts.Granted(90))
+    if how == "entered":
+        move = story.at(2.1).command("move body", "gait planner", to="controller")
+    story.at(2.2)
+    scan = story.received("ranges", QUERY, "scanner", origin=look, blocking=True)
+    story.say(facts.Delivered(scan, scan, "controller", "range finder")).at(2.5)
+    story.returned(scan).say(facts.Answered(scan))
+    if how != "no lock":
+        story.say(facts.ClaimEnded(90, "released"))
+    story.at(2.6).achieved(look)
+    return story if how == "kept" else story.at(3.0).achieved(move)
+
+
+def violated(story: Story, folder: Path) -> set[str]:
+    journal = open_log(story.say(facts.Closed("interrupted")).write(folder))
+    checked = CheckedRun.of(journal, RULES, History())
+    return {violation.rule for violation in checked.violations}
+
+
+def test_no_move_is_handled_while_the_scanner_holds_the_controller(tmp_path: Path) -> None:
+    """The rules that each run must keep say so, too: of any lock."""
+    own = str(NO_MOVE_WHILE_LOCKED)
+    assert not {own, LOCKED.text, GRANTED.text} & violated(imaged("kept"), tmp_path / "kept")
+    assert {own, LOCKED.text} <= violated(imaged("entered"), tmp_path / "entered")
+    assert {own, GRANTED.text} <= violated(imaged("granted too early"), tmp_path / "early")
+
+
+def test_an_image_that_is_taken_without_a_lock() -> None:
+    """Rules of locks say nothing of a lock that is not there."""
+    assert str(IMAGE_LOCKED.count(imaged("kept").fold())) == "1 of 1"
+    assert str(IMAGE_LOCKED.count(imaged("no lock").fold())) == "0 of 1"
+    assert NO_MOVE_WHILE_LOCKED.count(imaged("no lock").fold()).number == 0
