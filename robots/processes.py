@@ -61,6 +61,10 @@ class Processes:
         process = self._running.get(name)
         return process.pid if process else 0
 
+    def numbers(self) -> list[int]:
+        """The numbers of all programs' processes."""
+        return [process.pid for process in self._running.values()]
+
     def ended(self) -> str | None:
         """The name of a program that ended by itself, if any has."""
         return next((name for name, process in self._running.items() if process.poll() is not None), None)

@@ -154,7 +154,11 @@ class Walk:
                 goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
                 began = time.monotonic()
                 code = _watch(
-                    goal, processes, progress, bar, lambda: self.usage.look(self.walked, processes.number("central"))
+                    goal,
+                    processes,
+                    progress,
+                    bar,
+                    lambda: self.usage.look(self.walked, processes.number("central"), processes.numbers()),
                 )
                 self.wall = time.monotonic() - began
                 if code == 0:

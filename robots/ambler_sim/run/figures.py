@@ -5,7 +5,7 @@ import math
 import os
 import resource
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -41,27 +41,31 @@ CLASS = 0.05
 """Of slopes, in the histogram."""
 
 
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What programs need, in MB: central, and all of them together."""
+
+    central: float = math.nan
+    all: float = math.nan
+
+    def __str__(self) -> str:
+        return f"{self.central:.0f} and {self.all:.0f} MB"
+
+
 @dataclass
 class Usage:
-    """What central needs while the walk goes on, by metres walked."""
+    """What programs need while the walk goes on, by metres walked."""
 
-    memory: list[tuple[float, float]] = field(default_factory=list)
-    """Metres, and megabytes."""
+    memory: list[tuple[float, Memory]] = field(default_factory=list)
 
-    def look(self, metres: float, process: int) -> None:
-        """Note what a process needs now."""
-        try:
-            pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
-        except (OSError, IndexError):
-            return
-        self.memory.append((metres, pages * resource.getpagesize() / 1e6))
+    def look(self, metres: float, central: int, numbers: Iterable[int]) -> None:
+        """Note what central's process and all of these (by their numbers) need now."""
+        self.memory.append((metres, Memory(_megabytes(central), sum(map(_megabytes, numbers)))))
 
-    def at(self, share: float) -> float:
-        """Megabytes at a share of the way; NaN if that is not known."""
-        if not self.memory:
-            return math.nan
-        way = share * self.memory[-1][0]
-        return next(megabytes for metres, megabytes in self.memory if metres >= way)
+    def at(self, share: float) -> Memory:
+        """At a share of the way."""
+        way = share * self.memory[-1][0] if self.memory else math.inf
+        return next((memory for metres, memory in self.memory if metres >= way), Memory())
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +109,8 @@ class Figures:
     wall: float
     cpu: float
     load: float
-    central_at_quarter: float
-    central_at_end: float
+    memory_at_quarter: Memory
+    memory_at_end: Memory
     digest: str
 
     def lines(self) -> list[str]:
@@ -125,7 +129,7 @@ class Figures:
             ),
             (
                 f"{self.wall:.0f} s, {self.cpu:.0f} s of processor, load {self.load:.1f}; "
-                f"central {self.central_at_quarter:.0f} MB after a quarter, {self.central_at_end:.0f} MB at the end"
+                f"central and all programs {self.memory_at_quarter} after a quarter, {self.memory_at_end} at the end"
             ),
             f"rules kept: {self.rules}",
             *(f"  {other}" for other in self.rules.others),
@@ -160,10 +164,18 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
         wall=wall,
         cpu=children.ru_utime + children.ru_stime,
         load=os.getloadavg()[0],
-        central_at_quarter=usage.at(0.25),
-        central_at_end=usage.at(1.0),
+        memory_at_quarter=usage.at(0.25),
+        memory_at_end=usage.at(1.0),
         digest=hashlib.sha256(record.read_bytes() if record.exists() else b"").hexdigest()[:16],
     )
+
+
+def _megabytes(process: int) -> float:
+    """Of a process; 0 if there is none."""
+    try:
+        return int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]) * resource.getpagesize() / 1e6
+    except (OSError, IndexError):
+        return 0.0
 
 
 def read_footsteps(record: Path) -> list[Footstep]:

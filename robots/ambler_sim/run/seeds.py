@@ -11,7 +11,7 @@ from robots.ambler_sim.run.figures import Figures
 
 HEAD = (
     "| seed | way | footsteps | steepest | faults recovered | kinds | operator | greatest tilt | least margin | error"
-    " | rules | time | processor | central after 1/4, at the end |"
+    " | rules | time | processor | central and all after 1/4 | at the end |"
 )
 
 
@@ -40,7 +40,8 @@ def row(seed: int, has_arrived: bool, figures: Figures) -> str:
         f"{figures.rules}",
         f"{figures.wall:.0f} s",
         f"{figures.cpu:.0f} s",
-        f"{figures.central_at_quarter:.0f}, {figures.central_at_end:.0f} MB",
+        f"{figures.memory_at_quarter}",
+        f"{figures.memory_at_end}",
     )
     return f"| {' | '.join(cells)} |"
 
