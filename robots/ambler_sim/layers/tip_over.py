@@ -9,12 +9,15 @@ from robots.ambler_sim.messages import (
     MOVE_BODY,
     MOVE_LEG,
     READINGS,
+    STANCE,
     TAKE_STEPS,
     TIP_OVER_RISK,
     TRAVERSE_ARC,
 )
-from robots.ambler_sim.planning.checks import LEAST_LOAD
+from robots.ambler_sim.planning.checks import LEAST_LOAD, LEAST_SUPPORT
+from robots.ambler_sim.planning.stability import support_margin
 from robots.ambler_sim.recovery import PLAN_OTHERWISE, SHUFFLE_FEET, STUCK, make_layer
+from robots.ambler_sim.vocabulary import Readings
 from tca_module import Command, Condition, ExceptionHandler, Module, Task
 
 MOST_TILT = 0.015
@@ -46,11 +49,28 @@ def steady(task: Task, _: float) -> None:
 
 @layer.handles(SUPPORT_CHECK)
 def support_check(task: Task) -> None:
-    """Hold a move until the robot stands level on six feet."""
+    """Hold a move until the robot stands level on six feet, or at least would stand on those that bear it."""
     readings = task.query(READINGS)
-    hangs = any(load < LEAST_LOAD for load in readings.loads)
-    if hangs or math.hypot(readings.roll, readings.pitch) > MOST_TILT:
-        task.command(LEVEL_BODY).wait()
+    if not hanging(readings) and tilt(readings) <= MOST_TILT:
+        return
+    task.command(LEVEL_BODY).wait()
+    readings, stance, move = task.query(READINGS), task.query(STANCE), task.tap_event.tapped
+    assert move is not None
+    lifted = {move.data(MOVE_LEG).leg} if move.message == MOVE_LEG.name else set()
+    margin = support_margin(stance, *lifted.union(hanging(readings)))
+    if margin < LEAST_SUPPORT:
+        legs = ", ".join(map(str, hanging(readings)))
+        raise TIP_OVER_RISK(tilt(readings), f"{move} would leave {margin:.2f} m to the edge: these legs hang: {legs}")
+
+
+def hanging(readings: Readings) -> list[int]:
+    """The legs that bear nothing."""
+    return [leg for leg, load in enumerate(readings.loads) if load < LEAST_LOAD]
+
+
+def tilt(readings: Readings) -> float:
+    """The inclination (rad) of the body."""
+    return math.hypot(readings.roll, readings.pitch)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,9 @@ ACCELERATIONS: Array = np.array([6.0, 6.0, 12.0])
 SHORTEST = 0.1
 GUARD = 0.15
 GUARDED_SPEED = 0.25
+HURRIED_SPEED = 1.0
+"""How fast (m/s) a foot is lowered, and how fast when the body tilts."""
+
 TOUCH_LOAD = 1500.0
 """A foot with this vertical force (N) stands."""
 

@@ -56,6 +56,9 @@ MOST_TILT = 0.023
 SPARED = 0.1
 """Metres: ground gives way under a leg without which the robot stands by that much; else it would fall."""
 
+PUT_DOWN_AT_MOST = 3
+"""Times that a leg is lowered at the end of its move."""
+
 LEVEL_ENOUGH = 0.005
 LEVEL_SECONDS = 6.0
 """How level (rad) the body is made by ``level``, and how long that may take."""
@@ -156,7 +159,7 @@ class Robot:
         """Put down the legs that bear nothing, and stand until the body is level, LEVEL_SECONDS at most."""
         self._rebase()
         for leg in LEGS:
-            if self._plant.loads()[leg] < motion.HANGING_LOAD:  # never so of NaN
+            if self._hangs(leg):
                 self._lower(leg, MoveWatch(1.0, None))
         began = self.time
         self._settle()
@@ -179,9 +182,7 @@ class Robot:
         watch = MoveWatch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
         contact = self._swing_over(move.leg, segments, watch)
-        self._lower(move.leg, watch)
-        self._rebase()
-        self._settle()
+        self._put_down(move.leg, watch)
         self._begin_faults()
         footfall = self._landed(move.leg, reached=not watch.stopped and contact is None)
         if contact is not None:
@@ -306,7 +307,9 @@ class Robot:
     def _begin_faults(self) -> None:
         """A move is over: what was to go wrong after it does."""
         self._plant.begin_armed()
-        if self._gives_way in LEGS and support_margin(self.true_stance(), self._gives_way) > SPARED:
+        if self._gives_way not in LEGS or any(map(self._hangs, LEGS)):
+            return
+        if support_margin(self.true_stance(), self._gives_way) > SPARED:
             foot = self.true_stance().feet[self._gives_way]
             self._plant.give_way(foot.x, foot.y)
             self._gives_way = NO_LEG
@@ -363,14 +366,27 @@ class Robot:
         low = pose.height - AMBLER.belly
         return Contact(NO_LEG, pose.x + nose * dx, pose.y + nose * dy, low, float(bumps.max()), dx, dy)
 
+    def _put_down(self, leg: int, watch: MoveWatch) -> None:
+        """Let a leg stand, and settle: again, if it bears nothing when the others have."""
+        for _ in range(PUT_DOWN_AT_MOST):
+            self._lower(leg, watch)
+            self._rebase()
+            self._settle()
+            if not self._hangs(leg):
+                return
+
+    def _hangs(self, leg: int) -> bool:
+        """Whether a foot bears nothing; of a sensor that says nothing that is not known."""
+        return bool(self._plant.loads()[leg] < motion.HANGING_LOAD)
+
     def _lower(self, leg: int, watch: MoveWatch) -> None:
         """The guarded move: slowly down until the force sensor feels the ground, however far that is: a leg that hangs
         is a leg that others believe to stand.
         """
-        down, deepest = motion.GUARDED_SPEED * self._plant.tick, AMBLER.max_drop
+        deepest = AMBLER.max_drop
         while self._plant.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
             joints = self._command.copy()
-            joints[leg, 2] += down
+            joints[leg, 2] += self._plant.tick * (motion.HURRIED_SPEED if watch.tilt else motion.GUARDED_SPEED)
             self._drive(joints, watch)
         if self._command[leg, 2] < deepest:
             self._odometry.fix(self._plant.joints(), self._airborne)
