@@ -49,7 +49,7 @@ def draw(scene: LabScene, title: str) -> str:
         place.circle("bin", floor.bin, 0.2 * SCALE),
         place.label(floor.bin, "bin"),
         place.rectangle("charger", Block(floor.charger.x, floor.charger.y, *_corner(floor.charger)).grown(0.2)),
-        place.label(floor.charger, "charger"),
+        place.label(Spot(floor.charger.x, floor.charger.y - 0.35), "charger"),
         *(place.way(stretch) for stretch in scene.trail if len(stretch.points) > 1),
         *(part for cup in cups for part in place.cup(cup)),
         place.circle("robot", scene.robot, RADIUS * SCALE),

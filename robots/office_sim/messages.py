@@ -56,3 +56,6 @@ OPEN_FINGERS = Query("open fingers", reply=bool)
 DOCK: Query[None, float | None] = Query("dock", reply=float | None)
 """Seconds until the battery is full; None: the charger is too far away."""
 SCENE = Query("scene", reply=LabScene)
+
+OPEN_LAB = Inform("open lab")
+"""From now on the lab's time passes."""

@@ -16,8 +16,10 @@ STEP = 0.1
 """Seconds at most between two looks at what happens."""
 
 SPEED = 0.6
-DRIVING, STANDING, CHARGING = 0.0045, 0.0004, 0.03
+DRIVING, STANDING, CHARGING = 0.006, 0.0006, 0.03
 """Parts of the battery that a second takes, or gives."""
+
+FULL = 0.9999
 
 BETWEEN_CUPS = 20.0
 """Seconds, on average."""
@@ -55,7 +57,7 @@ class WorldCup:
 class OfficeWorld:
     """The lab of a seed during a shift of so many seconds."""
 
-    def __init__(self, seed: int, shift: float) -> None:
+    def __init__(self, seed: int, shift: float, battery: float = 1.0) -> None:
         rng = random.Random(seed)  # noqa: S311 - no secret
         self.time = 0.0
         self.floor = make_floor(rng)
@@ -63,7 +65,7 @@ class OfficeWorld:
         self._eyes = random.Random(seed)  # noqa: S311
         self._robot = Spot(self.floor.charger.x - 0.6, self.floor.charger.y + 0.3)
         self._way: list[Spot] = []
-        self._battery, self._charges, self._is_docked = 1.0, 0, False
+        self._battery, self._charges, self._is_docked = battery, 0, False
         self._trail = [Stretch(with_cup=False, points=[self._robot])]
         self._happened: list[str] = []
 
@@ -113,7 +115,7 @@ class OfficeWorld:
             left -= ahead
         power = CHARGING if self._is_docked else -(DRIVING if is_moving else STANDING)
         self._battery = min(max(self._battery + power * seconds, 0.0), 1.0)
-        if self._is_docked and self._battery == 1.0:
+        if self._is_docked and self._battery >= FULL:
             self._is_docked = False
             self._happens("the battery is full")
 

@@ -3,23 +3,20 @@
 A cup that the hand holds stays there meanwhile. The goal under way begins anew, from what is so then.
 """
 
-from typing import Any
-
 from robots.office_sim.messages import (
     BATTERY,
     CHARGE,
     COLLECT_CUP,
-    DROP,
     FLOOR_PLAN,
     FOLLOW_PATH,
-    GRASP,
+    HELD_CUP,
     KEEP_FLOOR_FREE,
     NAVIGATE,
     NEW_CUPS,
 )
 from robots.office_sim.program import run
 from robots.office_sim.vocabulary import Approach
-from tca_module import Command, Condition, Message, Module, PollingMonitor, Query, Task, TaskRef
+from tca_module import Command, Condition, Module, PollingMonitor, Query, Task, TaskRef
 
 PERIOD = 2.0
 LOW = 0.3
@@ -49,6 +46,7 @@ def make_module(pace: float) -> Module:
         for monitor in collecting:
             monitor.suspend()
         try:
+            task.query(HELD_CUP)  # the arm answers when it is at rest
             for goal in task.tasks(COLLECT_CUP):
                 _interrupt(goal)
             task.goal(NAVIGATE, Approach(task.query(FLOOR_PLAN).charger))
@@ -62,21 +60,13 @@ def make_module(pace: float) -> Module:
 
 
 def _interrupt(goal: TaskRef) -> None:
-    """Have it begin anew later, if it has begun: not while the arm moves, and with a base at rest."""
-    for hand in (*_running(goal, GRASP), *_running(goal, DROP)):
-        hand.wait()
-    driving = _running(goal, FOLLOW_PATH)
+    """Have it begin anew later, if it has begun; the base is at rest then."""
+    driving = goal.descendants(FOLLOW_PATH)
     info = goal.info()
     if info is not None and "start achieving" in info.reached:
         goal.retry()
-    for drive in driving:
-        drive.wait()
-
-
-def _running(goal: TaskRef, message: Message[Any, Any]) -> list[TaskRef]:
-    """What a handler has just now, under a goal."""
-    found = ((task, task.info()) for task in goal.descendants(message))
-    return [task for task, info in found if info is not None and info.module]
+        for drive in driving:
+            drive.wait()
 
 
 if __name__ == "__main__":

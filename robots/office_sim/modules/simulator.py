@@ -11,6 +11,7 @@ from robots.office_sim.messages import (
     FLOOR_PLAN,
     HALT,
     OPEN_FINGERS,
+    OPEN_LAB,
     ROBOT_SPOT,
     SCENE,
 )
@@ -20,18 +21,21 @@ from tca_module import Module, Task
 
 
 class Lab:
-    """A world whose time begins when somebody first asks, and passes *pace* times as fast as that of the programs."""
+    """A world whose time passes *pace* times as fast as that of the programs, from when it is opened."""
 
     def __init__(self, world: OfficeWorld, pace: float) -> None:
         self._world = world
         self.pace = pace
         self._began: float | None = None
 
+    def open(self, task: Task) -> None:
+        """Let its time begin."""
+        self._began = task.time()
+
     def at(self, task: Task) -> OfficeWorld:
         """The world as it is now."""
-        if self._began is None:
-            self._began = task.time()
-        self._world.advance((task.time() - self._began) * self.pace)
+        if self._began is not None:
+            self._world.advance((task.time() - self._began) * self.pace)
         return self._world
 
 
@@ -45,6 +49,7 @@ def make_module(world: OfficeWorld, pace: float) -> Module:
 
 def _move(simulator: Module, lab: Lab) -> None:
     """What the robot's wheels, fingers and plug are told."""
+    simulator.handles(OPEN_LAB)(lab.open)
 
     @simulator.handles(DRIVE)
     def drive(task: Task, way: list[Spot]) -> float:

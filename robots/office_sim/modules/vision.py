@@ -1,9 +1,11 @@
 """Vision: finds cups in the pictures of the camera on the ceiling, and knows each of them again in the next one."""
 
+from contextlib import suppress
+
 from robots.office_sim.messages import CAMERA, CUPS_IN_VIEW
 from robots.office_sim.program import run
 from robots.office_sim.vocabulary import Cup, Spot
-from tca_module import Callback, Module, Task
+from tca_module import Callback, Module, Stopped, Task
 
 PERIOD = 0.5
 """Seconds between two pictures."""
@@ -49,7 +51,8 @@ def make_module(pace: float) -> Module:
 
     @vision.every(PERIOD / pace, resource="vision")
     def look(callback: Callback) -> None:
-        tracks.see(callback.query(CAMERA))
+        with suppress(Stopped):  # the module ends: nobody asks any more
+            tracks.see(callback.query(CAMERA))
 
     @vision.handles(CUPS_IN_VIEW)
     def cups_in_view(_: Task) -> list[Cup]:
