@@ -18,7 +18,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m robots.office_sim", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/office"), help="folder of its files (%(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="which lab, which cups and people (%(default)s)")
-    parser.add_argument("--pace", type=_pace, default=8.0, help="how fast the lab's time passes (%(default)s)")
+    parser.add_argument("--pace", type=_pace, default=16.0, help="how fast the lab's time passes (%(default)s)")
     parser.add_argument("--shift", type=_shift, default=240.0, help="seconds in which cups fall (%(default)s)")
     parser.add_argument("--without", action="append", default=[], choices=LAYERS, metavar="LAYER",
                         help=f"leave out a layer: {', '.join(LAYERS)}")  # fmt: skip

@@ -38,7 +38,7 @@ LOOKS = {
 
 def draw(scene: LabScene, title: str) -> str:
     """The picture, as text."""
-    floor, place = scene.floor, _Places(scene.floor)
+    floor, place = scene.floor, _LabMap(scene.floor)
     cups = [cup for cup in scene.cups if cup.state in LOOKS]
     body = [
         f'<text class="title" x="{MARGIN:.0f}" y="26">{text(f"{title}: {in_words(scene)}")}</text>',
@@ -72,7 +72,7 @@ def in_words(scene: LabScene) -> str:
     )
 
 
-class _Places:
+class _LabMap:
     """Where the places of a floor are in the picture; its y axis goes up."""
 
     def __init__(self, floor: FloorPlan) -> None:

@@ -1,6 +1,6 @@
 """What the programs say to each other. Nobody needs to know who handles a message."""
 
-from robots.office_sim.vocabulary import Approach, Closed, Cup, FloorPlan, LabScene, Spot
+from robots.office_sim.vocabulary import Approach, Cup, FloorPlan, Grasped, LabScene, Spot
 from tca_module import Command, Failure, Goal, Inform, PollingMonitor, Query
 
 REACH = 0.45
@@ -50,7 +50,7 @@ DRIVE = Query("drive", list[Spot], reply=float)
 """Seconds that it takes."""
 HALT = Query("halt", reply=Spot)
 """Where the robot stands then."""
-CLOSE_FINGERS = Query("close fingers", Spot, reply=Closed)
+CLOSE_FINGERS = Query("close fingers", Spot, reply=Grasped)
 OPEN_FINGERS = Query("open fingers", reply=bool)
 """Whether they held something."""
 DOCK: Query[None, float | None] = Query("dock", reply=float | None)

@@ -73,7 +73,7 @@ class Approach:
     within: float = 0.0
 
 
-class Closed(StrEnum):
+class Grasped(StrEnum):
     """What the fingers feel when they close."""
 
     CUP = "cup"

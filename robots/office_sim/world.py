@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from robots.office_sim.floor import make_floor
 from robots.office_sim.messages import REACH
-from robots.office_sim.vocabulary import Closed, CupState, LabScene, SeenCup, Spot, Stretch
+from robots.office_sim.vocabulary import CupState, Grasped, LabScene, SeenCup, Spot, Stretch
 
 STEP = 0.1
 """Seconds at most between two looks at what happens."""
@@ -155,7 +155,7 @@ class OfficeWorld:
             self._trail[-1].points.append(self._robot)
         return self._robot
 
-    def close_fingers(self, spot: Spot) -> Closed:
+    def close_fingers(self, spot: Spot) -> Grasped:
         """Grasp what lies there."""
         near = [
             cup
@@ -163,15 +163,15 @@ class OfficeWorld:
             if cup.state is CupState.FLOOR and cup.spot.to(spot) <= TOLERANCE and self._reaches(cup.spot)
         ]
         if not near or self._held():
-            return Closed.NOTHING
+            return Grasped.NOTHING
         (cup,) = near
         if cup.slips:
             cup.slips -= 1
             self._happens(f"cup {cup.number} slips")
-            return Closed.SLIPPED
+            return Grasped.SLIPPED
         self._becomes(cup, CupState.HAND)
         self._trail.append(Stretch(with_cup=True, points=[self._robot]))
-        return Closed.CUP
+        return Grasped.CUP
 
     def open_fingers(self) -> bool:
         """Let go: over the bin the cup is gone, elsewhere it lies there. Whether there was one."""

@@ -3,6 +3,7 @@
 import random
 import re
 from collections import Counter
+from functools import cache
 
 import pytest
 from office.stepped import LAYERS, keep_free, office, the
@@ -24,6 +25,7 @@ class ShiftObserver:
     """Looks every second whether what must hold does."""
 
     def __init__(self) -> None:
+        self.most_goals = 0
         self._gone_for: Counter[int] = Counter()
 
     def look(self, user: Client, scene: LabScene) -> None:
@@ -31,6 +33,7 @@ class ShiftObserver:
         assert len(the(scene, CupState.HAND)) <= 1
         assert 0 < scene.battery <= 1
         goals = [goal.data(COLLECT_CUP).spot for goal in user.tasks(COLLECT_CUP)]
+        self.most_goals = max(self.most_goals, len(goals))
         is_suspended = bool(user.tasks(RECHARGE))
         for cup in the(scene, CupState.TAKEN):
             if any(cup.spot.to(spot) < 0.1 for spot in goals) and not is_suspended:
@@ -39,19 +42,26 @@ class ShiftObserver:
         assert len(goals) == len({(round(spot.x, 1), round(spot.y, 1)) for spot in goals})
 
 
+@cache
+def shift(seed: int) -> tuple[str, LabScene, int]:
+    """A whole shift: what happened at central and in the lab, and how many goals there were at most."""
+    observer = ShiftObserver()
+    central, scene = keep_free(OfficeWorld(seed, SHIFT), observer.look)
+    return central.transcript(), scene, observer.most_goals
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_each_cup_ends_in_the_bin_or_was_taken(seed: int) -> None:
-    central, scene = keep_free(OfficeWorld(seed, SHIFT), ShiftObserver().look)
+    transcript, scene, _ = shift(seed)
     assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
-    lines = central.transcript().splitlines()
+    lines = transcript.splitlines()
     dropped = {line.split("{")[1] for line in lines if re.search(r"returned: drop \{\d+\}: done", line)}
     assert len(dropped) == len(the(scene, CupState.BIN))
 
 
 def test_goals_are_cancelled_when_their_cups_vanish() -> None:
     """One that waits for its turn, too: nothing is under way for it then."""
-    central, scene = keep_free(OfficeWorld(1, SHIFT), ShiftObserver().look)
-    transcript = central.transcript()
+    transcript, scene, _ = shift(1)
     cancelled = re.findall(r"killed: collect cup \{(\d+)\}: cup \d+ is out of view", transcript)
     assert 2 <= len(cancelled) <= len(the(scene, CupState.TAKEN))
     before = [transcript.split(f"killed: collect cup {{{number}}}")[0] for number in cancelled]
@@ -70,14 +80,8 @@ def test_a_seed_comes_out_the_same_every_time() -> None:
 
 
 def test_goals_are_added_while_others_are_under_way_and_done_in_order() -> None:
-    most = 0
-
-    def look(user: Client, _: LabScene) -> None:
-        nonlocal most
-        most = max(most, len(user.tasks(COLLECT_CUP)))
-
-    _, scene = keep_free(OfficeWorld(1, SHIFT), look)
-    assert most >= 2
+    _, scene, most_goals = shift(1)
+    assert most_goals >= 2
     hands = [line for line in scene.happened if "in the hand" in line or "in the bin" in line]
     assert all("hand" in first and "bin" in then for first, then in zip(hands[::2], hands[1::2], strict=True))
 
@@ -100,10 +104,10 @@ def test_all_that_holds_in_any_lab() -> None:
 
 
 def test_a_cup_that_slips_too_often_is_left_alone_for_a_while() -> None:
-    central, scene = keep_free(OfficeWorld(1, SHIFT), lambda *_: None)
+    transcript, scene, _ = shift(1)
     slips = Counter(line.split()[3] for line in scene.happened if line.endswith("slips"))
     often = next(number for number, count in slips.items() if count == 4)
-    assert "given up for a while" in central.transcript()
+    assert "given up for a while" in transcript
     assert any(f"cup {often} is in the bin" in line for line in scene.happened)
 
 

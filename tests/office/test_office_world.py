@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from robots.office_sim.errors import NoPath
 from robots.office_sim.modules.vision import PATIENCE, CupTracks
 from robots.office_sim.paths import RADIUS, is_clear, path_to
-from robots.office_sim.vocabulary import Approach, Block, Closed, CupState, FloorPlan, LabScene, Spot
+from robots.office_sim.vocabulary import Approach, Block, CupState, FloorPlan, Grasped, LabScene, Spot
 from robots.office_sim.world import CHARGING, DRIVING, SPEED, OfficeWorld
 
 SEEDS = st.integers(0, 10_000)
@@ -95,17 +95,17 @@ def test_a_cup_is_grasped_lost_grasped_again_and_dropped_into_the_bin() -> None:
     world.advance(5.0)
     (cup,) = world.scene().cups
     assert cup.state is CupState.FLOOR
-    assert world.close_fingers(cup.spot) is Closed.NOTHING  # out of reach
+    assert world.close_fingers(cup.spot) is Grasped.NOTHING  # out of reach
     drive(world, cup.spot, 0.4)
-    while (closed := world.close_fingers(cup.spot)) is Closed.SLIPPED:
+    while (closed := world.close_fingers(cup.spot)) is Grasped.SLIPPED:
         pass
-    assert closed is Closed.CUP
-    assert world.close_fingers(cup.spot) is Closed.NOTHING  # the hand is full
+    assert closed is Grasped.CUP
+    assert world.close_fingers(cup.spot) is Grasped.NOTHING  # the hand is full
     assert world.open_fingers()
     assert not world.open_fingers()
     (cup,) = world.scene().cups
     assert (cup.state, cup.spot) == (CupState.FLOOR, world.robot)
-    assert world.close_fingers(cup.spot) is Closed.CUP
+    assert world.close_fingers(cup.spot) is Grasped.CUP
     drive(world, world.floor.bin, 0.4)
     world.open_fingers()
     assert states(world.scene()) == [CupState.BIN]

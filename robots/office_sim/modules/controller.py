@@ -19,7 +19,7 @@ from robots.office_sim.messages import (
     STUCK,
 )
 from robots.office_sim.program import run
-from robots.office_sim.vocabulary import Closed, Cup, Spot
+from robots.office_sim.vocabulary import Cup, Grasped, Spot
 from tca_module import Module, Task
 
 GRASPING, DROPPING = 2.0, 1.0
@@ -43,11 +43,11 @@ class Hand:
         task.sleep(GRASPING / self._pace)
         with task.shielded():  # whoever closes the fingers must know what they hold
             closed = task.query(CLOSE_FINGERS, cup.spot)
-            if closed is Closed.CUP:
+            if closed is Grasped.CUP:
                 self.held = cup.number
-        if closed is Closed.SLIPPED:
+        if closed is Grasped.SLIPPED:
             raise CUP_SLIPPED(cup, f"cup {cup.number} has slipped out of the fingers")
-        if closed is Closed.NOTHING:
+        if closed is Grasped.NOTHING:
             raise NO_CUP_THERE(cup, f"the fingers feel no cup {cup.number}")
 
     def drop(self, task: Task) -> None:

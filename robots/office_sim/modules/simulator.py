@@ -15,7 +15,7 @@ from robots.office_sim.messages import (
     ROBOT_SPOT,
     SCENE,
 )
-from robots.office_sim.vocabulary import Closed, FloorPlan, LabScene, Spot
+from robots.office_sim.vocabulary import FloorPlan, Grasped, LabScene, Spot
 from robots.office_sim.world import OfficeWorld
 from tca_module import Module, Task
 
@@ -60,7 +60,7 @@ def _move(simulator: Module, lab: Lab) -> None:
         return lab.at(task).halt()
 
     @simulator.handles(CLOSE_FINGERS)
-    def close_fingers(task: Task, spot: Spot) -> Closed:
+    def close_fingers(task: Task, spot: Spot) -> Grasped:
         return lab.at(task).close_fingers(spot)
 
     @simulator.handles(OPEN_FINGERS)
