@@ -158,7 +158,19 @@ from tca_module import Command, Variable
 MOVE_BASE, BOX_B_FREE, base = Command("a", str), Variable("b", float), Agent("base")
 """
 
-NAMES = {"life-cycles": LIFE_CYCLES, "ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
+OFFICE = """
+from robots.office_sim.layers.battery import RECHARGE, _interrupt
+from robots.office_sim.layers.grasps import *
+from robots.office_sim.layers.vanished_cups import CANCEL_GOAL, IS_GONE, PERIOD
+from robots.office_sim.messages import *
+from robots.office_sim.modules.task_manager import _cups_with_goals
+from robots.office_sim.vocabulary import *
+from tca_module import *
+layer = manager = module = Module("any")
+pace = 1.0
+"""
+
+NAMES = {"office": OFFICE, "life-cycles": LIFE_CYCLES, "ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN,
          "preview-coordination": COORDINATION, "missions": MISSIONS, "activities": ACTIVITIES, "state-machines": MACHINES, "task-servers": SERVERS}  # fmt: skip
 """What the pages take for known."""
 

@@ -1,0 +1,1 @@
+"""A robot that keeps the floor of a lab free of cups."""

@@ -1,0 +1,73 @@
+"""The battery layer: when the battery runs low collecting is suspended, the robot recharges, and collecting goes on.
+
+A cup that the hand holds stays there meanwhile. The goal under way begins anew, from what is so then.
+"""
+
+from robots.office_sim.messages import (
+    BATTERY,
+    CHARGE,
+    COLLECT_CUP,
+    FLOOR_PLAN,
+    FOLLOW_PATH,
+    HELD_CUP,
+    KEEP_FLOOR_FREE,
+    NAVIGATE,
+    NEW_CUPS,
+)
+from robots.office_sim.program import run
+from robots.office_sim.vocabulary import Approach
+from tca_module import Command, Condition, Module, PollingMonitor, Query, Task, TaskRef
+
+PERIOD = 2.0
+LOW = 0.3
+"""Enough for the way to the charger, from anywhere."""
+
+IS_LOW = Query("is battery low", reply=bool)
+RECHARGE = Command("recharge")
+BATTERY_LOW = PollingMonitor("battery low", condition=IS_LOW, action=RECHARGE)
+
+
+def make_module(pace: float) -> Module:
+    """The module."""
+    layer = Module("battery layer")
+    layer.resource("recharging")
+
+    @layer.at_start
+    def attach(module: Module) -> None:
+        module.tap(Condition.WHILE_ACHIEVING, KEEP_FLOOR_FREE, BATTERY_LOW, period=PERIOD / pace)
+
+    @layer.handles(IS_LOW)
+    def is_low(task: Task) -> bool:
+        return task.query(BATTERY) < LOW and not task.tasks(RECHARGE)
+
+    @layer.handles(RECHARGE, resource="recharging")
+    def recharge(task: Task) -> None:
+        collecting = task.tasks(NEW_CUPS)  # and all goals under it
+        for monitor in collecting:
+            monitor.suspend()
+        try:
+            task.query(HELD_CUP)  # the arm answers when it is at rest
+            for goal in task.tasks(COLLECT_CUP):
+                _interrupt(goal)
+            task.goal(NAVIGATE, Approach(task.query(FLOOR_PLAN).charger))
+            task.command(CHARGE).wait()
+        finally:
+            with task.shielded():
+                for monitor in collecting:
+                    monitor.resume()
+
+    return layer
+
+
+def _interrupt(goal: TaskRef) -> None:
+    """Have it begin anew later, if it has begun; the base is at rest then."""
+    driving = goal.descendants(FOLLOW_PATH)
+    info = goal.info()
+    if info is not None and "start achieving" in info.reached:
+        goal.retry()
+        for drive in driving:
+            drive.wait()
+
+
+if __name__ == "__main__":
+    run(make_module)

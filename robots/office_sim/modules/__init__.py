@@ -1,0 +1,1 @@
+"""The programs of the robot: each is a process, and none knows of another."""

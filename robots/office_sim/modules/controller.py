@@ -1,0 +1,109 @@
+"""The controller: drives the base, moves the arm, charges."""
+
+from robots.office_sim.messages import (
+    CHARGE,
+    CLOSE_FINGERS,
+    CUP_SLIPPED,
+    DOCK,
+    DRIVE,
+    DROP,
+    FOLLOW_PATH,
+    GRASP,
+    HALT,
+    HELD_CUP,
+    LET_GO,
+    NO_CUP_THERE,
+    NOT_AT_CHARGER,
+    OPEN_FINGERS,
+    ROBOT_SPOT,
+    STUCK,
+)
+from robots.office_sim.program import run
+from robots.office_sim.vocabulary import Cup, Grasped, Spot
+from tca_module import Module, Task
+
+GRASPING, DROPPING = 2.0, 1.0
+"""Seconds that the arm needs."""
+
+SETTLING, PATIENCE = 0.05, 20
+"""Seconds after which it is looked again whether the base has arrived, and how often."""
+
+TOLERANCE = 0.02
+
+
+class Hand:
+    """The hand, and the number of the cup that it holds."""
+
+    def __init__(self, pace: float) -> None:
+        self._pace = pace
+        self.held: int | None = None
+
+    def grasp(self, task: Task, cup: Cup) -> None:
+        """Grasp a cup. Raises CUP_SLIPPED and NO_CUP_THERE."""
+        task.sleep(GRASPING / self._pace)
+        with task.shielded():  # whoever closes the fingers must know what they hold
+            closed = task.query(CLOSE_FINGERS, cup.spot)
+            if closed is Grasped.CUP:
+                self.held = cup.number
+        if closed is Grasped.SLIPPED:
+            raise CUP_SLIPPED(cup, f"cup {cup.number} has slipped out of the fingers")
+        if closed is Grasped.NOTHING:
+            raise NO_CUP_THERE(cup, f"the fingers feel no cup {cup.number}")
+
+    def drop(self, task: Task) -> None:
+        """Let go of what it holds."""
+        task.sleep(DROPPING / self._pace)
+        self._open(task)
+
+    def let_go(self, task: Task, number: int) -> None:
+        """Let go of one cup, at once."""
+        if self.held == number:
+            self._open(task)
+
+    def _open(self, task: Task) -> None:
+        with task.shielded():
+            task.query(OPEN_FINGERS)
+            self.held = None
+
+
+def make_module(pace: float) -> Module:
+    """The module. Base and arm have a resource each."""
+    controller, hand = Module("controller"), Hand(pace)
+    controller.resource("base")
+    controller.resource("arm")
+    controller.handles(FOLLOW_PATH, resource="base")(follow_path)
+    controller.handles(CHARGE, resource="base")(charge)
+    controller.handles(GRASP, resource="arm")(hand.grasp)
+    controller.handles(DROP, resource="arm")(hand.drop)
+    controller.handles(LET_GO, resource="arm")(hand.let_go)
+    controller.handles(HELD_CUP, resource="arm")(lambda _: hand.held)
+    return controller
+
+
+def follow_path(task: Task, way: list[Spot]) -> None:
+    """Drive from one point to the next. Raises STUCK."""
+    if not way:
+        return
+    try:
+        task.sleep(task.query(DRIVE, way))
+        for _ in range(PATIENCE):
+            missing = task.query(ROBOT_SPOT).to(way[-1])
+            if missing <= TOLERANCE:
+                return
+            task.sleep(SETTLING)
+    finally:
+        with task.shielded():  # a killed one, too, leaves the base at rest
+            task.query(HALT)
+    raise STUCK(missing, f"the robot stands {missing:.2f} m from where it should be")
+
+
+def charge(task: Task) -> None:
+    """Charge the battery. Raises NOT_AT_CHARGER."""
+    seconds = task.query(DOCK)
+    if seconds is None:
+        raise NOT_AT_CHARGER(None, "the charger is out of reach")
+    task.sleep(seconds)
+
+
+if __name__ == "__main__":
+    run(make_module)

@@ -1,0 +1,65 @@
+"""Vision: finds cups in the pictures of the camera on the ceiling, and knows each of them again in the next one."""
+
+from contextlib import suppress
+
+from robots.office_sim.messages import CAMERA, CUPS_IN_VIEW
+from robots.office_sim.program import run
+from robots.office_sim.vocabulary import Cup, Spot
+from tca_module import Callback, Module, Stopped, Task
+
+PERIOD = 0.5
+"""Seconds between two pictures."""
+
+NEAR = 0.15
+"""Metres within which what lies in two pictures is the same cup."""
+
+PATIENCE = 3
+"""A cup that is in none of so many pictures is out of view: in one or two it may have been overlooked."""
+
+
+class CupTracks:
+    """The cups in view, by number."""
+
+    def __init__(self) -> None:
+        self._cups: dict[int, Cup] = {}
+        self._missed: dict[int, int] = {}
+        self._last = 0
+
+    def see(self, spots: list[Spot]) -> None:
+        """A picture."""
+        new = list(spots)
+        for number, cup in list(self._cups.items()):
+            same = [spot for spot in new if spot.to(cup.spot) <= NEAR]
+            for spot in same:
+                new.remove(spot)
+            self._missed[number] = 0 if same else self._missed[number] + 1
+            if self._missed[number] >= PATIENCE:
+                del self._cups[number], self._missed[number]
+        for spot in new:
+            self._last += 1
+            self._cups[self._last], self._missed[self._last] = Cup(self._last, spot), 0
+
+    @property
+    def cups(self) -> list[Cup]:
+        """Oldest first."""
+        return list(self._cups.values())
+
+
+def make_module(pace: float) -> Module:
+    """The module."""
+    vision, tracks = Module("vision"), CupTracks()
+
+    @vision.every(PERIOD / pace, resource="vision")
+    def look(callback: Callback) -> None:
+        with suppress(Stopped):  # the module ends: nobody asks any more
+            tracks.see(callback.query(CAMERA))
+
+    @vision.handles(CUPS_IN_VIEW)
+    def cups_in_view(_: Task) -> list[Cup]:
+        return tracks.cups
+
+    return vision
+
+
+if __name__ == "__main__":
+    run(make_module)

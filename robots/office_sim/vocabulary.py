@@ -1,0 +1,122 @@
+"""What the data of the messages are made of: places and things of a lab, in metres. Pure."""
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A point of the floor."""
+
+    x: float
+    y: float
+
+    def to(self, other: "Spot") -> float:
+        """The distance."""
+        return math.hypot(other.x - self.x, other.y - self.y)
+
+    def towards(self, other: "Spot", metres: float) -> "Spot":
+        """The point that lies so far on the way to another."""
+        part = metres / self.to(other)
+        return Spot(self.x + part * (other.x - self.x), self.y + part * (other.y - self.y))
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A piece of floor that a wall or a table covers."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def grown(self, by: float) -> "Block":
+        """The piece with a margin around it."""
+        return Block(self.left - by, self.bottom - by, self.right + by, self.top + by)
+
+    def covers(self, spot: Spot) -> bool:
+        """Whether a point lies within it; its edge does not count."""
+        return self.left < spot.x < self.right and self.bottom < spot.y < self.top
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPlan:
+    """What stays where it is."""
+
+    width: float
+    depth: float
+    walls: list[Block]
+    tables: list[Block]
+    bin: Spot
+    charger: Spot
+
+    def is_free(self, spot: Spot, margin: float) -> bool:
+        """Whether so much room is around a point."""
+        is_inside = margin <= spot.x <= self.width - margin and margin <= spot.y <= self.depth - margin
+        return is_inside and not any(block.grown(margin).covers(spot) for block in (*self.walls, *self.tables))
+
+
+@dataclass(frozen=True, slots=True)
+class Cup:
+    """A cup on the floor, with the number that vision knows it by."""
+
+    number: int
+    spot: Spot
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """Where to go, and how near."""
+
+    spot: Spot
+    within: float = 0.0
+
+
+class Grasped(StrEnum):
+    """What the fingers feel when they close."""
+
+    CUP = "cup"
+    SLIPPED = "slipped"
+    NOTHING = "nothing"
+
+
+class CupState(StrEnum):
+    """Where a cup is."""
+
+    TO_COME = "to come"
+    FLOOR = "on the floor"
+    HAND = "in the hand"
+    BIN = "in the bin"
+    TAKEN = "taken by somebody"
+
+
+@dataclass(slots=True)
+class SeenCup:
+    """A cup as the picture shows it: where it lay, and what became of it."""
+
+    number: int
+    spot: Spot
+    state: CupState
+
+
+@dataclass(slots=True)
+class Stretch:
+    """A part of the robot's way."""
+
+    with_cup: bool
+    points: list[Spot]
+
+
+@dataclass(slots=True)
+class LabScene:
+    """All that is to be seen from above, and what has happened so far, in words."""
+
+    time: float
+    floor: FloorPlan
+    robot: Spot
+    battery: float
+    charges: int
+    cups: list[SeenCup] = field(default_factory=list)
+    trail: list[Stretch] = field(default_factory=list)
+    happened: list[str] = field(default_factory=list)

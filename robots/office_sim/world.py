@@ -1,0 +1,209 @@
+"""The lab as it is: cups that fall down and are taken away, a robot with a hand and a battery. It knows no clock: time
+passes when somebody calls `advance`, and the same seed with the same calls at the same times comes out the same.
+"""
+
+import itertools
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from robots.office_sim.floor import make_floor
+from robots.office_sim.messages import REACH
+from robots.office_sim.vocabulary import CupState, Grasped, LabScene, SeenCup, Spot, Stretch
+
+STEP = 0.1
+"""Seconds at most between two looks at what happens."""
+
+SPEED = 0.6
+DRIVING, STANDING, CHARGING = 0.006, 0.0006, 0.03
+"""Parts of the battery that a second takes, or gives."""
+
+FULL = 0.9999
+
+BETWEEN_CUPS = 20.0
+"""Seconds, on average."""
+
+TAKEN = 0.35
+"""Part of the cups that somebody takes, between so many seconds after they fell."""
+TAKEN_AFTER = (4.0, 60.0)
+
+SLIPS = (0, 0, 0, 1, 1, 4)
+"""How often a cup may slip out of the fingers."""
+
+ROOM = 0.36
+"""Metres that a cup lies away from what the robot can't pass."""
+
+APART, FROM_BIN = 0.4, 1.5
+TOLERANCE = 0.12
+"""Metres that the hand may be wrong by."""
+
+MISSED, BLUR = 0.03, 0.01
+"""How often the camera does not see a cup, and by how many metres it is wrong."""
+
+
+@dataclass(slots=True)
+class WorldCup:
+    """A cup, and what is to become of it."""
+
+    number: int
+    spot: Spot
+    falls: float
+    taken: float
+    slips: int
+    state: CupState = CupState.TO_COME
+
+
+class OfficeWorld:
+    """The lab of a seed during a shift of so many seconds."""
+
+    def __init__(self, seed: int, shift: float, battery: float = 1.0) -> None:
+        rng = random.Random(seed)  # noqa: S311 - no secret
+        self.time = 0.0
+        self.floor = make_floor(rng)
+        self._cups = list(self._make_cups(rng, shift))
+        self._eyes = random.Random(seed)  # noqa: S311
+        self._robot = Spot(self.floor.charger.x - 0.6, self.floor.charger.y + 0.3)
+        self._way: list[Spot] = []
+        self._battery, self._charges, self._is_docked = battery, 0, False
+        self._trail = [Stretch(with_cup=False, points=[self._robot])]
+        self._happened: list[str] = []
+
+    def _make_cups(self, rng: random.Random, shift: float) -> Iterator[WorldCup]:
+        """What falls during the shift: one cup at least."""
+        spots: list[Spot] = []
+        time = rng.uniform(1.0, 5.0)
+        while not spots or time < shift:
+            spots.append(self._another_spot(rng, spots))
+            taken = time + rng.uniform(*TAKEN_AFTER) if rng.random() < TAKEN else math.inf
+            yield WorldCup(len(spots), spots[-1], time, taken, rng.choice(SLIPS))
+            time += rng.expovariate(1 / BETWEEN_CUPS)
+
+    def _another_spot(self, rng: random.Random, others: list[Spot]) -> Spot:
+        floor = self.floor
+        while True:
+            spot = Spot(rng.uniform(0.0, floor.width), rng.uniform(0.0, floor.depth))
+            is_apart = all(spot.to(other) >= APART for other in others)
+            if is_apart and floor.is_free(spot, ROOM) and spot.to(floor.bin) >= FROM_BIN:
+                return spot
+
+    def advance(self, to: float) -> None:
+        """Let time pass until then."""
+        while self.time < to:
+            step = min(STEP, to - self.time)
+            self.time = to if step < STEP else self.time + step
+            self._let_people_act()
+            self._drive_on(step)
+
+    def _let_people_act(self) -> None:
+        for cup in self._cups:
+            if cup.state is CupState.TO_COME and self.time >= cup.falls:
+                self._becomes(cup, CupState.FLOOR)
+            if cup.state is CupState.FLOOR and self.time >= cup.taken:
+                self._becomes(cup, CupState.TAKEN)
+
+    def _drive_on(self, seconds: float) -> None:
+        left = SPEED * seconds if self._battery > 0 else 0.0
+        is_moving = bool(self._way) and left > 0
+        while self._way and left > 0:
+            ahead = self._robot.to(self._way[0])
+            if ahead <= left:
+                self._robot = self._way.pop(0)
+                self._trail[-1].points.append(self._robot)
+            else:
+                self._robot = self._robot.towards(self._way[0], left)
+            left -= ahead
+        power = CHARGING if self._is_docked else -(DRIVING if is_moving else STANDING)
+        self._battery = min(max(self._battery + power * seconds, 0.0), 1.0)
+        if self._is_docked and self._battery >= FULL:
+            self._is_docked = False
+            self._happens("the battery is full")
+
+    def _becomes(self, cup: WorldCup, state: CupState) -> None:
+        cup.state = state
+        self._happens(f"cup {cup.number} is {state}")
+
+    def _happens(self, what: str) -> None:
+        self._happened.append(f"{self.time:6.1f} s  {what}")
+
+    def look(self) -> list[Spot]:
+        """The cups that the camera on the ceiling sees: not each of them in each picture, and a little blurred."""
+        lying = [cup.spot for cup in self._cups if cup.state is CupState.FLOOR]
+        seen = [spot for spot in lying if self._eyes.random() >= MISSED]
+        return [Spot(spot.x + self._eyes.gauss(0, BLUR), spot.y + self._eyes.gauss(0, BLUR)) for spot in seen]
+
+    @property
+    def robot(self) -> Spot:
+        """Where the robot is."""
+        return self._robot
+
+    @property
+    def battery(self) -> float:
+        """What is left in it, from 0 to 1."""
+        return self._battery
+
+    def drive(self, way: list[Spot]) -> float:
+        """Set off; the seconds that it takes."""
+        self.halt()
+        self._way, self._is_docked = list(way), False
+        return sum(here.to(there) for here, there in itertools.pairwise([self._robot, *way])) / SPEED
+
+    def halt(self) -> Spot:
+        """Stand still; where that is."""
+        if self._way:
+            self._way = []
+            self._trail[-1].points.append(self._robot)
+        return self._robot
+
+    def close_fingers(self, spot: Spot) -> Grasped:
+        """Grasp what lies there."""
+        near = [
+            cup
+            for cup in self._cups
+            if cup.state is CupState.FLOOR and cup.spot.to(spot) <= TOLERANCE and self._reaches(cup.spot)
+        ]
+        if not near or self._held():
+            return Grasped.NOTHING
+        (cup,) = near
+        if cup.slips:
+            cup.slips -= 1
+            self._happens(f"cup {cup.number} slips")
+            return Grasped.SLIPPED
+        self._becomes(cup, CupState.HAND)
+        self._trail.append(Stretch(with_cup=True, points=[self._robot]))
+        return Grasped.CUP
+
+    def open_fingers(self) -> bool:
+        """Let go: over the bin the cup is gone, elsewhere it lies there. Whether there was one."""
+        held = self._held()
+        for cup in held:
+            is_over_bin = self._reaches(self.floor.bin)
+            if not is_over_bin:
+                cup.spot = self._robot
+            self._becomes(cup, CupState.BIN if is_over_bin else CupState.FLOOR)
+            self._trail.append(Stretch(with_cup=False, points=[self._robot]))
+        return bool(held)
+
+    def dock(self) -> float | None:
+        """Charge until the battery is full, or the robot drives away; the seconds that it takes, None: not here."""
+        if self._robot.to(self.floor.charger) > TOLERANCE:
+            return None
+        self._is_docked = True
+        self._charges += 1
+        self._happens(f"the battery is being charged, from {self._battery:.0%}")
+        return (1.0 - self._battery) / CHARGING
+
+    def _held(self) -> list[WorldCup]:
+        return [cup for cup in self._cups if cup.state is CupState.HAND]
+
+    def _reaches(self, spot: Spot) -> bool:
+        return self._robot.to(spot) <= REACH + TOLERANCE
+
+    def scene(self) -> LabScene:
+        """What is to be seen from above."""
+        trail = [Stretch(stretch.with_cup, stretch.points[:]) for stretch in self._trail]
+        trail[-1].points.append(self._robot)
+        cups = [SeenCup(cup.number, cup.spot, cup.state) for cup in self._cups]
+        return LabScene(
+            self.time, self.floor, self._robot, self._battery, self._charges, cups, trail, self._happened[:]
+        )

@@ -1,0 +1,56 @@
+"""The whole robot in one process, on a clock that is stepped: the same seed comes out the same every time."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+
+from robots.office_sim.layers import battery, grasps, vanished_cups
+from robots.office_sim.messages import CALL_IT_A_DAY, KEEP_FLOOR_FREE, OPEN_LAB, SCENE
+from robots.office_sim.modules import controller, planner, simulator, task_manager, vision
+from robots.office_sim.vocabulary import CupState, LabScene, SeenCup
+from robots.office_sim.world import OfficeWorld
+from tca_module import Client, Module, connect
+from tca_module.testing import LocalCentral
+
+MakeModule = Callable[[float], Module]
+LAYERS: tuple[MakeModule, ...] = (vanished_cups.make_module, battery.make_module, grasps.make_module)
+WALKING: tuple[MakeModule, ...] = tuple(each.make_module for each in (vision, controller, planner, task_manager))
+LONG = 2000.0
+"""Seconds within which no cup must be left."""
+
+
+@contextmanager
+def office(world: OfficeWorld, layers: tuple[MakeModule, ...] = LAYERS) -> Iterator[tuple[LocalCentral, Client]]:
+    """All modules at work in a lab that is open, and somebody who uses them; the caller steps the clock."""
+    modules = [simulator.make_module(world, 1.0), *(make(1.0) for make in (*WALKING, *layers))]
+    with ExitStack() as stack:
+        central = stack.enter_context(LocalCentral(stepped=True))
+        for module in modules:
+            module.central = central
+            stack.enter_context(module.running())
+        user = stack.enter_context(connect("user", central))
+        user.inform(OPEN_LAB)
+        yield central, user
+
+
+def keep_free(
+    world: OfficeWorld, look: Callable[[Client, LabScene], None], layers: tuple[MakeModule, ...] = LAYERS
+) -> tuple[LocalCentral, LabScene]:
+    """Let the robot work until no cup is left; *look* is called every second."""
+    with office(world, layers) as (central, user):
+        keeping = user.goal(KEEP_FLOOR_FREE)
+        while has_cups_left(scene := user.query(SCENE)):
+            assert scene.time < LONG
+            look(user, scene)
+            central.advance(1.0)
+        user.inform(CALL_IT_A_DAY)
+        central.advance(60.0)
+        keeping.result(timeout=0)
+        return central, user.query(SCENE)
+
+
+def has_cups_left(scene: LabScene) -> bool:
+    return any(cup.state not in (CupState.BIN, CupState.TAKEN) for cup in scene.cups)
+
+
+def the(scene: LabScene, state: CupState) -> list[SeenCup]:
+    return [cup for cup in scene.cups if cup.state is state]

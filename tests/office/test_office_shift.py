@@ -1,0 +1,149 @@
+"""A shift on a stepped clock: what must hold of cups and goals at any time, and what each layer is for."""
+
+import random
+import re
+from collections import Counter
+from functools import cache
+
+import pytest
+from office.stepped import LAYERS, keep_free, office, the
+
+from robots.office_sim.layers import battery, grasps, vanished_cups
+from robots.office_sim.layers.battery import RECHARGE
+from robots.office_sim.messages import COLLECT_CUP, KEEP_FLOOR_FREE, SCENE
+from robots.office_sim.vocabulary import CupState, LabScene
+from robots.office_sim.world import OfficeWorld
+from tca_module import Client, TaskFailed
+
+SHIFT = 150.0
+SEEDS = (1, 3, 4)
+NOTICED = 6.0
+"""Seconds within which there is no goal for a vanished cup any more: three pictures, a poll, a grasp."""
+
+
+class ShiftObserver:
+    """Looks every second whether what must hold does."""
+
+    def __init__(self) -> None:
+        self.most_goals = 0
+        self._gone_for: Counter[int] = Counter()
+
+    def look(self, user: Client, scene: LabScene) -> None:
+        """Raises AssertionError if not."""
+        assert len(the(scene, CupState.HAND)) <= 1
+        assert 0 < scene.battery <= 1
+        goals = [goal.data(COLLECT_CUP).spot for goal in user.tasks(COLLECT_CUP)]
+        self.most_goals = max(self.most_goals, len(goals))
+        is_suspended = bool(user.tasks(RECHARGE))
+        for cup in the(scene, CupState.TAKEN):
+            if any(cup.spot.to(spot) < 0.1 for spot in goals) and not is_suspended:
+                self._gone_for[cup.number] += 1
+                assert self._gone_for[cup.number] < NOTICED, f"still a goal for cup {cup.number}"
+        assert len(goals) == len({(round(spot.x, 1), round(spot.y, 1)) for spot in goals})
+
+
+@cache
+def shift(seed: int) -> tuple[str, LabScene, int]:
+    """A whole shift: what happened at central and in the lab, and how many goals there were at most."""
+    observer = ShiftObserver()
+    central, scene = keep_free(OfficeWorld(seed, SHIFT), observer.look)
+    return central.transcript(), scene, observer.most_goals
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_each_cup_ends_in_the_bin_or_was_taken(seed: int) -> None:
+    transcript, scene, _ = shift(seed)
+    assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
+    lines = transcript.splitlines()
+    dropped = {line.split("{")[1] for line in lines if re.search(r"returned: drop \{\d+\}: done", line)}
+    assert len(dropped) == len(the(scene, CupState.BIN))
+
+
+def test_goals_are_cancelled_when_their_cups_vanish() -> None:
+    """One that waits for its turn, too: nothing is under way for it then."""
+    transcript, scene, _ = shift(1)
+    cancelled = re.findall(r"killed: collect cup \{(\d+)\}: cup \d+ is out of view", transcript)
+    assert 2 <= len(cancelled) <= len(the(scene, CupState.TAKEN))
+    before = [transcript.split(f"killed: collect cup {{{number}}}")[0] for number in cancelled]
+    began = [
+        f"reached: collect cup {{{number}}}: start achieving" in text
+        for number, text in zip(cancelled, before, strict=True)
+    ]
+    assert True in began
+    assert False in began
+
+
+def test_a_seed_comes_out_the_same_every_time() -> None:
+    runs = [keep_free(OfficeWorld(2, 60.0), lambda *_: None) for _ in range(2)]
+    assert runs[0][1] == runs[1][1]
+    assert runs[0][0].transcript() == runs[1][0].transcript()
+
+
+def test_goals_are_added_while_others_are_under_way_and_done_in_order() -> None:
+    _, scene, most_goals = shift(1)
+    assert most_goals >= 2
+    hands = [line for line in scene.happened if "in the hand" in line or "in the bin" in line]
+    assert all("hand" in first and "bin" in then for first, then in zip(hands[::2], hands[1::2], strict=True))
+
+
+def test_a_cup_that_is_in_the_hand_comes_along_to_the_charger_and_then_into_the_bin() -> None:
+    _, scene = keep_free(OfficeWorld(9, 30.0, battery=0.35), ShiftObserver().look)
+    told = [line.split("  ")[-1] for line in scene.happened]
+    grasped = told.index("cup 1 is in the hand")
+    charged = next(number for number, line in enumerate(told) if "is being charged" in line)
+    assert grasped < charged < told.index("the battery is full") < told.index("cup 1 is in the bin")
+
+
+@pytest.mark.soak
+def test_all_that_holds_in_any_lab() -> None:
+    rng = random.Random(1)
+    for seed in range(100, 160):
+        world = OfficeWorld(seed, rng.choice([60.0, 150.0, 300.0]), battery=rng.choice([1.0, rng.uniform(0.3, 0.6)]))
+        _, scene = keep_free(world, ShiftObserver().look)
+        assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
+
+
+def test_a_cup_that_slips_too_often_is_left_alone_for_a_while() -> None:
+    transcript, scene, _ = shift(1)
+    slips = Counter(line.split()[3] for line in scene.happened if line.endswith("slips"))
+    often = next(number for number, count in slips.items() if count == 4)
+    assert "given up for a while" in transcript
+    assert any(f"cup {often} is in the bin" in line for line in scene.happened)
+
+
+def test_what_an_operator_kills_is_put_down_and_collected_after_all() -> None:
+    with office(OfficeWorld(2, 1.0)) as (central, user):
+        user.goal(KEEP_FLOOR_FREE)
+        for _ in range(60):
+            central.advance(1.0)
+            if held := the(user.query(SCENE), CupState.HAND):
+                break
+        central.advance(3.0)
+        for goal in user.tasks(COLLECT_CUP):
+            goal.kill("the operator says so")
+        central.advance(0.1)
+        (lying,) = the(user.query(SCENE), CupState.FLOOR)
+        assert lying.number == held[0].number
+        assert lying.spot.to(held[0].spot) > 1.0
+        central.advance(60.0)
+        assert [cup.number for cup in the(user.query(SCENE), CupState.BIN)] == [lying.number]
+
+
+@pytest.mark.parametrize("without", [vanished_cups, battery, grasps])
+def test_the_robot_knows_nothing_of_its_layers(without: object) -> None:
+    """Without one it works on, but not as well: it drives to cups that are gone, stands still, or stops at a slip."""
+    layers = tuple(make for make in LAYERS if make.__module__ != getattr(without, "__name__", ""))
+    assert len(layers) == len(LAYERS) - 1
+    with office(OfficeWorld(1, SHIFT, battery=0.4), layers) as (central, user):
+        keeping = user.goal(KEEP_FLOOR_FREE)
+        central.advance(300.0)
+        scene, transcript = user.query(SCENE), central.transcript()
+        if without is vanished_cups:
+            assert "the fingers feel no cup" in transcript
+            assert not [cup for cup in scene.cups if cup.state is CupState.FLOOR]
+        elif without is battery:
+            assert scene.battery == 0
+            assert scene.charges == 0
+        else:
+            with pytest.raises(TaskFailed, match="slipped"):
+                keeping.result(timeout=0)

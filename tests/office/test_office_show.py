@@ -1,0 +1,63 @@
+"""The picture; and the whole thing with real processes."""
+
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from robots.office_sim.drawing import draw, in_words
+from robots.office_sim.vocabulary import CupState
+from robots.office_sim.world import OfficeWorld
+
+ROBOT = Path(__file__).parents[2] / "robots" / "office_sim"
+PAGE = Path(__file__).parents[2].joinpath("docs/office.md").read_text()
+
+
+def count(svg: str, look: str) -> int:
+    """How often something is drawn, but for the legend."""
+    return svg.count(f'class="{look}"') - 1
+
+
+def test_the_picture_shows_what_became_of_the_cups() -> None:
+    world = OfficeWorld(1, 200.0)
+    world.advance(120.0)
+    scene = world.scene()
+    scene.cups[0].state = CupState.BIN
+    states = [cup.state for cup in scene.cups]
+    svg = draw(scene, "a <lab>")
+    ET.fromstring(svg)
+    looks = {"collected": CupState.BIN, "taken": CupState.TAKEN, "left": CupState.FLOOR}
+    assert {look: count(svg, look) for look in looks} == {look: states.count(state) for look, state in looks.items()}
+    assert CupState.TO_COME in states
+    assert svg.count('class="table"') == len(scene.floor.tables)
+    left = states.count(CupState.FLOOR)
+    assert in_words(scene).endswith(
+        f"1 collected, {states.count(CupState.TAKEN)} taken by people, {left} left; charged 0 times"
+    )
+    assert "a &lt;lab&gt;: " in svg
+
+
+@pytest.mark.slow
+def test_a_shift_is_shown(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "robots.office_sim", "--shift", "45", "--pace", "25", "--out", str(tmp_path)]
+    shown = subprocess.run(command, text=True, capture_output=True, timeout=120, check=False)
+    assert (shown.returncode, shown.stderr) == (0, "")
+    last = dict(re.findall(r"s  (cup \d+) (.*)\n", shown.stdout))
+    collected, taken = (list(last.values()).count(f"is {end}") for end in ("in the bin", "taken by somebody"))
+    assert collected + taken == len(last) > 0
+    assert f", {collected} collected, {taken} taken by people, 0 left;" in shown.stdout
+    made = re.findall(r"^made (.*)$", shown.stdout, re.MULTILINE)
+    assert made == [str(tmp_path / name) for name in ("lab.svg", "lab.png", "tree.svg", "gantt.svg")]
+    svg = tmp_path.joinpath("lab.svg").read_text()
+    assert (count(svg, "collected"), count(svg, "taken"), count(svg, "left")) == (collected, taken, 0)
+    assert "collect cup" in tmp_path.joinpath("tree.svg").read_text()
+
+
+def test_what_the_page_quotes_is_in_the_robot() -> None:
+    known = {line.strip() for path in ROBOT.rglob("*.py") for line in path.read_text().splitlines()}
+    quoted = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    assert quoted
+    assert [line for block in quoted for line in block.splitlines() if line.strip() not in known | {"", "..."}] == []
