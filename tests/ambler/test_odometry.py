@@ -1,12 +1,13 @@
 """Dead reckoning: the robot knows roughly where it is from its own legs."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from ambler.builders import an_arc, take_steps
 
 from robots.ambler_sim.machine.making import make_robot
-from robots.ambler_sim.vocabulary import TerrainSpec
+from robots.ambler_sim.vocabulary import BodyMove, Fault, TerrainSpec
 
 
 def test_the_reckoned_way_is_the_true_one_but_for_a_hundredth() -> None:
@@ -37,3 +38,14 @@ def test_a_footstep_is_recorded_with_what_is_believed_and_what_is_true() -> None
     assert step.true_pose == robot.true_stance().pose
     assert 0 < step.tilt < math.radians(2)
     assert step.margin > 0.3
+
+
+def test_a_leg_that_is_put_down_into_a_hole_does_not_lift_the_robot() -> None:
+    robot = make_robot("kinematic", terrain=TerrainSpec(seed=3, slope=0.3))
+    pose = robot.stance().pose
+    robot.inject(Fault("soft spot", leg=1))
+    robot.move_body(BodyMove(replace(pose, x=pose.x + 0.1), 1.0))
+    assert robot.readings().loads[1] < 500.0
+    robot.level()
+    assert robot.readings().loads[1] > 1000.0
+    assert robot.stance().pose.height == pytest.approx(robot.true_stance().pose.height, abs=0.02)

@@ -383,6 +383,8 @@ class Robot:
         """The guarded move: slowly down until the force sensor feels the ground, however far that is: a leg that hangs
         is a leg that others believe to stand.
         """
+        self._odometry.fix(self._plant.joints(), self._airborne)
+        self._airborne.add(leg)
         deepest = AMBLER.max_drop
         while self._plant.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
             joints = self._command.copy()

@@ -42,7 +42,7 @@ CLASS = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class MemoryUse:
     """What programs need, in MB: central, and all of them together."""
 
     central: float = math.nan
@@ -56,16 +56,16 @@ class Memory:
 class Usage:
     """What programs need while the walk goes on, by metres walked."""
 
-    memory: list[tuple[float, Memory]] = field(default_factory=list)
+    memory: list[tuple[float, MemoryUse]] = field(default_factory=list)
 
     def look(self, metres: float, central: int, numbers: Iterable[int]) -> None:
         """Note what central's process and all of these (by their numbers) need now."""
-        self.memory.append((metres, Memory(_megabytes(central), sum(map(_megabytes, numbers)))))
+        self.memory.append((metres, MemoryUse(_megabytes(central), sum(map(_megabytes, numbers)))))
 
-    def at(self, share: float) -> Memory:
+    def at(self, share: float) -> MemoryUse:
         """At a share of the way."""
         way = share * self.memory[-1][0] if self.memory else math.inf
-        return next((memory for metres, memory in self.memory if metres >= way), Memory())
+        return next((memory for metres, memory in self.memory if metres >= way), MemoryUse())
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +109,8 @@ class Figures:
     wall: float
     cpu: float
     load: float
-    memory_at_quarter: Memory
-    memory_at_end: Memory
+    memory_at_quarter: MemoryUse
+    memory_at_end: MemoryUse
     digest: str
 
     def lines(self) -> list[str]:
