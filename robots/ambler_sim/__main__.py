@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from robots.ambler_sim import layers
-from robots.ambler_sim.machine.making import pybullet_is_installed
+from robots.ambler_sim.machine.making import pybullet_is_installed, why_no_window
 from robots.ambler_sim.machine.terrain import TERRAINS, scattered_rocks
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
@@ -122,7 +122,7 @@ class Walk:
         processes.start(
             "controller", "robots.ambler_sim.modules.controller",
             "--state", str(self.folder / "robot.json"), "--record", str(self.folder / "footsteps.jsonl"),
-            "--backend", backend,
+            "--backend", backend, *(("--gui",) if options.gui else ()),
             "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
             "--terrain", options.terrain,
             *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)[:4]))),
@@ -238,6 +238,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
     parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")
     parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
+    parser.add_argument("--gui", action="store_true", help="show physics in PyBullet's own window")
     parser.add_argument("--pace", type=float, default=10.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
@@ -288,6 +289,13 @@ def _may_lock(marker: Path) -> bool:
     return True
 
 
+def no_window(options: argparse.Namespace) -> str:
+    """Why physics can't be shown in a window; empty: it can."""
+    if "pybullet" not in (options.backend, options.swap_to) and options.backend != "auto":
+        return f"the {options.backend} backend has no window: leave --backend out"
+    return why_no_window()
+
+
 def main() -> int:
     """The command line."""
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
@@ -297,6 +305,8 @@ def main() -> int:
         scheduled(options.fault)
     except ValueError as error:
         parser.error(str(error))
+    if options.gui and (missing := no_window(options)):
+        raise SystemExit(f"ambler: --gui: {missing}")
     has_physics = options.backend != "kinematic" and pybullet_is_installed()
     missing = "" if pybullet_is_installed() else " (no PyBullet here)"
     how = "with PyBullet's physics" if has_physics else f"kinematically, without physics{missing}"

@@ -2,6 +2,8 @@
 
 import importlib
 import importlib.util
+import os
+import sys
 from typing import Literal
 
 from robots.ambler_sim.machine.kinematic import KinematicPlant
@@ -21,20 +23,31 @@ def make_robot(
     pace: float = 0.0,
     state: Snapshot | None = None,
     start: Pose = START,
+    window: bool = False,
 ) -> Robot:
     """A robot standing at *start* on new ground, or where the snapshot *state* left it (whose terrain then counts).
 
     "auto" takes the backend of *state* if that can be had, else PyBullet if it is installed, else the kinematic one.
+    With *window* physics is shown in one.
     """
     ground = make_terrain(state.terrain if state else terrain or TerrainSpec())
     posture = state.posture if state else standing_posture(ground, start)
-    plant = _make_plant(_chosen(backend, state), ground, posture)
+    plant = _make_plant(_chosen(backend, state), ground, posture, window=window)
     return Robot(plant, ground, pace=pace, state=state)
 
 
 def pybullet_is_installed() -> bool:
     """PyBullet has wheels for few platforms only."""
     return importlib.util.find_spec("pybullet") is not None
+
+
+def why_no_window() -> str:
+    """What is missing here for physics to be shown in a window; empty: nothing."""
+    if not pybullet_is_installed():
+        return "it needs PyBullet, which is not installed here"
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        return "it needs a screen, and there is none here: $DISPLAY is not set"
+    return ""
 
 
 def _chosen(backend: Backend, state: Snapshot | None) -> str:
@@ -44,10 +57,10 @@ def _chosen(backend: Backend, state: Snapshot | None) -> str:
     return wanted if wanted == "kinematic" or pybullet_is_installed() else "kinematic"
 
 
-def _make_plant(backend: str, terrain: Terrain, posture: Posture) -> Plant:
+def _make_plant(backend: str, terrain: Terrain, posture: Posture, *, window: bool) -> Plant:
     if backend == "kinematic":
         return KinematicPlant(terrain, posture)
-    # Imported late: the module needs PyBullet, which may not be installed.
-    physics = importlib.import_module("robots.ambler_sim.machine.physics")
-    plant: Plant = physics.BulletPlant(terrain, posture)
+    # Imported late: these modules need PyBullet, which may not be installed.
+    module, name = ("window", "BulletWindow") if window else ("physics", "BulletPlant")
+    plant: Plant = getattr(importlib.import_module(f"robots.ambler_sim.machine.{module}"), name)(terrain, posture)
     return plant

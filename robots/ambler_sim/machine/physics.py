@@ -1,4 +1,4 @@
-"""The Ambler in PyBullet: rigid-body dynamics, motors, compliant feet. The only file that knows the physics engine."""
+"""The Ambler in PyBullet: rigid-body dynamics, motors, compliant feet."""
 
 import tempfile
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class BulletPlant:
 
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._terrain = terrain
-        self._world = pybullet.connect(pybullet.DIRECT)
+        self._world = self.connect()
         pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=self._world)
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=TICK, numSolverIterations=ITERATIONS, physicsClientId=self._world
@@ -44,6 +44,11 @@ class BulletPlant:
         self._prepare_joints()
         self._heading = posture.heading
         self._assume(posture)
+
+    def connect(self) -> int:
+        """A new physics world, which nobody sees."""
+        world: int = pybullet.connect(pybullet.DIRECT)
+        return world
 
     def drive(self, joints: Array, rates: Array) -> None:
         """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""

@@ -174,6 +174,7 @@ def main() -> None:
     parser.add_argument("--state", type=Path, help="file to save the robot in, and to go on from")
     parser.add_argument("--record", type=Path, help="file for a line for each footstep: what is believed, what is true")
     parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
+    parser.add_argument("--gui", action="store_true", help="show physics in a window")
     parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
@@ -185,7 +186,9 @@ def main() -> None:
     saved = load_snapshot(options.state) if options.state else None
     rocks = tuple(Rock(*rock) for rock in options.rock)
     terrain = TerrainSpec(seed=options.seed, slope=options.slope, rocks=rocks, kind=options.terrain)
-    robot = make_robot(cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved)
+    robot = make_robot(
+        cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved, window=options.gui
+    )
     try:
         make_module(robot, options.state, options.record).run()
     finally:
