@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from robots.ambler_sim import layers
-from robots.ambler_sim.machine.making import pybullet_is_installed, why_no_window
+from robots.ambler_sim.machine.making import BACKENDS, WITHOUT_PHYSICS, pybullet_is_installed, why_no_window
 from robots.ambler_sim.machine.terrain import TERRAINS, scattered_rocks
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
@@ -237,7 +237,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--arcs", type=int, help="in how many arcs; by default two or more, of about 10 m")
     parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
     parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")
-    parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
+    parser.add_argument("--backend", choices=BACKENDS, default="auto")
     parser.add_argument("--gui", action="store_true", help="show physics in PyBullet's own window")
     parser.add_argument("--pace", type=float, default=10.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
@@ -256,9 +256,7 @@ def _parser() -> argparse.ArgumentParser:
                         help="one fault with that leg move (1, 2, ...); may be repeated")  # fmt: skip
     parser.add_argument("--mode", choices=("sequential", "ahead", "concurrent"), default="concurrent",
                         help="how much goes on at once: nothing; planning one step ahead; perception, too")  # fmt: skip
-    parser.add_argument(
-        "--swap-to", choices=("pybullet", "kinematic"), help="the other controller of --between-arcs swap"
-    )
+    parser.add_argument("--swap-to", choices=BACKENDS[1:], help="the other controller of --between-arcs swap")
     parser.add_argument("--between-arcs", choices=("swap", "ask"),
                         help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
     return parser
@@ -307,7 +305,7 @@ def main() -> int:
         parser.error(str(error))
     if options.gui and (missing := no_window(options)):
         raise SystemExit(f"ambler: --gui: {missing}")
-    has_physics = options.backend != "kinematic" and pybullet_is_installed()
+    has_physics = options.backend not in WITHOUT_PHYSICS and pybullet_is_installed()
     missing = "" if pybullet_is_installed() else " (no PyBullet here)"
     how = "with PyBullet's physics" if has_physics else f"kinematically, without physics{missing}"
     pace = f"{options.pace:g} times as fast as in reality" if options.pace else "as fast as can be"

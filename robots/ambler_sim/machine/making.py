@@ -4,15 +4,18 @@ import importlib
 import importlib.util
 import os
 import sys
-from typing import Literal
+from typing import Literal, get_args
 
+from robots.ambler_sim.machine.graphical import GraphicalPlant
 from robots.ambler_sim.machine.kinematic import KinematicPlant
 from robots.ambler_sim.machine.plant import Plant, standing_posture
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.terrain import Terrain, make_terrain
 from robots.ambler_sim.vocabulary import Pose, Posture, Snapshot, TerrainSpec
 
-Backend = Literal["auto", "pybullet", "kinematic"]
+Backend = Literal["auto", "pybullet", "kinematic", "graphical"]
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
+WITHOUT_PHYSICS = {plant.name: plant for plant in (KinematicPlant, GraphicalPlant)}
 START = Pose(0.0, 0.0, 0.0, 0.0)
 
 
@@ -54,12 +57,12 @@ def _chosen(backend: Backend, state: Snapshot | None) -> str:
     if backend != "auto":
         return backend
     wanted = state.backend if state else "pybullet"
-    return wanted if wanted == "kinematic" or pybullet_is_installed() else "kinematic"
+    return wanted if wanted in WITHOUT_PHYSICS or pybullet_is_installed() else "kinematic"
 
 
 def _make_plant(backend: str, terrain: Terrain, posture: Posture, *, window: bool) -> Plant:
-    if backend == "kinematic":
-        return KinematicPlant(terrain, posture)
+    if backend in WITHOUT_PHYSICS:
+        return WITHOUT_PHYSICS[backend](terrain, posture)
     # Imported late: these modules need PyBullet, which may not be installed.
     module, name = ("window", "BulletWindow") if window else ("physics", "BulletPlant")
     plant: Plant = getattr(importlib.import_module(f"robots.ambler_sim.machine.{module}"), name)(terrain, posture)

@@ -15,6 +15,7 @@ from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
 from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.pictures.drawing import draw
 from robots.ambler_sim.planning.body import require_reach
 from robots.ambler_sim.planning.stability import least_norm_loads, support_margin
 from robots.ambler_sim.vocabulary import (
@@ -206,6 +207,10 @@ class Robot:
     def picture(self, path: str | Path) -> Path:
         """Draw the robot where it is now; returns the path written, whose ending depends on the backend."""
         return self._plant.picture(Path(path), tuple(self._trail))
+
+    def drawing(self) -> str:
+        """A drawing of where the robot is now, as SVG, whatever the backend."""
+        return draw(self.true_stance(), self.terrain, self._trail)
 
     def state(self) -> Snapshot:
         """The state that another process needs to go on from here."""
