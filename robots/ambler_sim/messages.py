@@ -41,10 +41,10 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class WayWalked:
-    """How far the robot has come on a path, in metres."""
+    """How far the robot has come on a path: for people, and as a share of it."""
 
-    metres: float
-    of: float
+    text: str
+    share: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,7 @@ from contextlib import suppress
 
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.messages import ROBOT_PICTURE
-from tca_module import TcaError
-from tca_module.sending.sender import Sender
+from tca_module import Sender, TcaError
 
 BETWEEN_PICTURES = 1.0
 """Seconds between two pictures, at least; drawing one takes some milliseconds."""

@@ -14,8 +14,7 @@ from robots.ambler_sim.messages import (
 )
 from robots.ambler_sim.planning.gait import pose_on
 from robots.ambler_sim.vocabulary import Arc, Pose
-from tca_module import Module, Task, Timeout
-from tca_module.sending.task_ref import SentTask
+from tca_module import Module, SentTask, Task, Timeout
 
 START = Pose(0.0, 0.0, 0.0, 0.0)
 BETWEEN_REPORTS = 1.0
@@ -81,16 +80,15 @@ def tell_progress(task: Task, path: Path, arcs: list[SentTask[None]], odometer: 
         while not is_over(arc):
             if odometer.metres != told:
                 told = odometer.metres
-                task.report(WayWalked(round(min(told, length), 1), length))
+                task.report(WayWalked(f"{told:.1f} of {length:.1f} m", round(min(told / length, 1.0), 3)))
 
 
 def is_over(arc: SentTask[None]) -> bool:
     """Wait a moment for the end of an arc."""
     try:
-        arc.wait(timeout=BETWEEN_REPORTS)
+        return arc.next_change(timeout=BETWEEN_REPORTS) is None
     except Timeout:
         return False
-    return True
 
 
 def course_of(path: Path) -> Iterator[Arc]:
