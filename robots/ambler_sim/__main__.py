@@ -26,6 +26,7 @@ from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.modules import task_manager
 from robots.ambler_sim.modules.fault_injector import kinds_of, scheduled
+from robots.ambler_sim.pictures.film import join_frames, why_no_film
 from robots.ambler_sim.recovery import GIVE_UP, is_attached
 from robots.ambler_sim.run.figures import Figures, Usage, figures_of
 from robots.ambler_sim.run.losing import lose
@@ -53,6 +54,9 @@ LOOK_PERIOD = 0.5
 
 ARC = 10.0
 """Metres, about."""
+
+FRAMES = "frames"
+"""The folder of photographs, within the walk's."""
 
 MARKER = ".ambler-walk"
 """A file by which a folder is known to hold a walk, and locked while the walk goes on."""
@@ -111,6 +115,8 @@ class Walk:
                 self.start_controller(processes)
                 code = self.conduct(address, processes)
         self.draw_history()
+        if self.options.film and join_frames(self.folder / FRAMES, self.options.film):
+            self.outputs.append(("film", self.options.film.resolve()))
         return code
 
     def start_controller(self, processes: Processes, number: int = 0) -> None:
@@ -123,6 +129,7 @@ class Walk:
             "controller", "robots.ambler_sim.modules.controller",
             "--state", str(self.folder / "robot.json"), "--record", str(self.folder / "footsteps.jsonl"),
             "--backend", backend, *(("--gui",) if options.gui else ()),
+            *(("--film", str(self.folder / FRAMES), str(options.film_from)) if options.film else ()),
             "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
             "--terrain", options.terrain,
             *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)[:4]))),
@@ -239,6 +246,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")
     parser.add_argument("--backend", choices=BACKENDS, default="auto")
     parser.add_argument("--gui", action="store_true", help="show physics in PyBullet's own window")
+    parser.add_argument(
+        "--film", type=Path, metavar="FILE", help="an animated picture of the walk: .webp, .gif or .png"
+    )
+    parser.add_argument("--film-from", type=int, default=0, metavar="STEP", help="film from that footstep on")
     parser.add_argument("--pace", type=float, default=10.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
@@ -287,11 +298,11 @@ def _may_lock(marker: Path) -> bool:
     return True
 
 
-def no_window(options: argparse.Namespace) -> str:
-    """Why physics can't be shown in a window; empty: it can."""
-    if "pybullet" not in (options.backend, options.swap_to) and options.backend != "auto":
-        return f"the {options.backend} backend has no window: leave --backend out"
-    return why_no_window()
+def without_physics(options: argparse.Namespace) -> str:
+    """Why this walk has no camera and no window; empty: it has physics, in which there are both."""
+    if options.backend in WITHOUT_PHYSICS:
+        return f"the {options.backend} backend has no physics to look at: leave --backend out"
+    return "" if pybullet_is_installed() else "it needs PyBullet, which is not installed here"
 
 
 def main() -> int:
@@ -303,8 +314,10 @@ def main() -> int:
         scheduled(options.fault)
     except ValueError as error:
         parser.error(str(error))
-    if options.gui and (missing := no_window(options)):
+    if options.gui and (missing := without_physics(options) or why_no_window()):
         raise SystemExit(f"ambler: --gui: {missing}")
+    if options.film and (missing := without_physics(options) or why_no_film(options.film)):
+        raise SystemExit(f"ambler: --film: {missing}")
     has_physics = options.backend not in WITHOUT_PHYSICS and pybullet_is_installed()
     missing = "" if pybullet_is_installed() else " (no PyBullet here)"
     how = "with PyBullet's physics" if has_physics else f"kinematically, without physics{missing}"

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from robots.ambler_sim import __main__ as walk
-from robots.ambler_sim.machine import making
 
 
 def refusal(monkeypatch: pytest.MonkeyPatch, folder: Path, *options: str) -> str:
@@ -19,7 +18,7 @@ def refusal(monkeypatch: pytest.MonkeyPatch, folder: Path, *options: str) -> str
 
 
 def test_without_a_screen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(making, "pybullet_is_installed", lambda: True)
+    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: True)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     told = refusal(monkeypatch, tmp_path / "walk")
@@ -27,14 +26,14 @@ def test_without_a_screen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
 
 
 def test_without_the_engine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(making, "pybullet_is_installed", lambda: False)
+    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: False)
     monkeypatch.setenv("DISPLAY", ":0")
     told = refusal(monkeypatch, tmp_path / "walk")
     assert told == "ambler: --gui: it needs PyBullet, which is not installed here"
 
 
 def test_without_physics(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(making, "pybullet_is_installed", lambda: True)
+    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: True)
     monkeypatch.setenv("DISPLAY", ":0")
     told = refusal(monkeypatch, tmp_path / "walk", "--backend", "kinematic")
-    assert told == "ambler: --gui: the kinematic backend has no window: leave --backend out"
+    assert told == "ambler: --gui: the kinematic backend has no physics to look at: leave --backend out"

@@ -121,9 +121,9 @@ class FaultyPlant:
         """A rock that the scanner does not see."""
         self.plant.add_rock(rock)
 
-    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
+    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
         """Draw robot, ground and footprints."""
-        return self.plant.picture(path, trail)
+        return self.plant.picture(path, trail, size)
 
     def close(self) -> None:
         """Free what the simulator holds."""

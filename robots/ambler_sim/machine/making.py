@@ -45,9 +45,7 @@ def pybullet_is_installed() -> bool:
 
 
 def why_no_window() -> str:
-    """What is missing here for physics to be shown in a window; empty: nothing."""
-    if not pybullet_is_installed():
-        return "it needs PyBullet, which is not installed here"
+    """What is missing here for a window; empty: nothing."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         return "it needs a screen, and there is none here: $DISPLAY is not set"
     return ""

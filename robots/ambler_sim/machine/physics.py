@@ -102,11 +102,12 @@ class BulletPlant:
         self._terrain.add(rock)
         self._ground.add(rock)
 
-    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
-        """A photograph from ahead and above, as PNG."""
+    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
+        """A photograph from ahead and above, as PNG. It is taken twice as large: the renderer draws hard edges."""
         pose = self.attitude().pose
-        frame = self._frame(photograph.camera_for(pose), photograph.RENDERED)
-        from_sun = self._frame(photograph.sun_over(pose), photograph.SHADOW_SIZE)
+        frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]))
+        shadows = photograph.SHADOW_SIZE * size[0] // photograph.SIZE[0]
+        from_sun = self._frame(photograph.sun_over(pose), (shadows, shadows))
         written = path.with_suffix(".png")
         photograph.write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
         return written

@@ -49,8 +49,8 @@ class Plant(Protocol):
     def add_rock(self, rock: Rock) -> None:
         """Put a rock that the scanner does not see onto the ground."""
 
-    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
-        """Draw robot, ground and footprints; returns the path written, whose ending may differ."""
+    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
+        """Draw robot, ground and footprints, in about that size; returns the path written, whose ending may differ."""
 
     def close(self) -> None:
         """Free what the simulator holds."""

@@ -16,6 +16,7 @@ from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
 from robots.ambler_sim.machine.terrain import Terrain
 from robots.ambler_sim.pictures.drawing import draw
+from robots.ambler_sim.pictures.photograph import SIZE
 from robots.ambler_sim.planning.body import require_reach
 from robots.ambler_sim.planning.stability import least_norm_loads, support_margin
 from robots.ambler_sim.vocabulary import (
@@ -204,9 +205,9 @@ class Robot:
             self.terrain.gradient_at(true.pose.x, true.pose.y), tilt, support_margin(true),
         )  # fmt: skip
 
-    def picture(self, path: str | Path) -> Path:
+    def picture(self, path: str | Path, size: tuple[int, int] = SIZE) -> Path:
         """Draw the robot where it is now; returns the path written, whose ending depends on the backend."""
-        return self._plant.picture(Path(path), tuple(self._trail))
+        return self._plant.picture(Path(path), tuple(self._trail), size)
 
     def drawing(self) -> str:
         """A drawing of where the robot is now, as SVG, whatever the backend."""

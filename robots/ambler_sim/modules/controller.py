@@ -38,6 +38,7 @@ from robots.ambler_sim.messages import (
     Reset,
 )
 from robots.ambler_sim.modules.display import Display
+from robots.ambler_sim.pictures.film import FilmCamera
 from robots.ambler_sim.vocabulary import (
     BodyMove,
     Fault,
@@ -53,9 +54,11 @@ from robots.ambler_sim.vocabulary import (
 from tca_module import FailureRaised, Module, Task
 
 
-def make_module(robot: Robot, state_file: Path | None, record: Path | None = None) -> Module:
+def make_module(
+    robot: Robot, state_file: Path | None, record: Path | None = None, camera: FilmCamera | None = None
+) -> Module:
     """The module that moves *robot*; it saves the robot after each move, and a line for each footstep for those who
-    judge the walk.
+    judge the walk. A *camera* films the moves.
     """
     controller = Module("controller")
     controller.resource("range finder")
@@ -70,7 +73,7 @@ def make_module(robot: Robot, state_file: Path | None, record: Path | None = Non
     def move_leg(task: Task, move: LegMove) -> Footfall:
         try:
             with machine.moving(move.leg):
-                return robot.move_leg(move, on_tick=lambda _: goes_on(task, machine, display))
+                return robot.move_leg(move, on_tick=lambda _: goes_on(task, machine, display, camera))
         except AmblerError as error:
             raise failure_of(error) from error
         finally:
@@ -80,7 +83,7 @@ def make_module(robot: Robot, state_file: Path | None, record: Path | None = Non
     def move_body(task: Task, move: BodyMove) -> Pose:
         try:
             with machine.moving():
-                pose = robot.move_body(move, lambda _: goes_on(task, machine, display))
+                pose = robot.move_body(move, lambda _: goes_on(task, machine, display, camera))
                 display.made_a_footstep(task)
         except AmblerError as error:
             raise failure_of(error) from error
@@ -97,10 +100,12 @@ def make_module(robot: Robot, state_file: Path | None, record: Path | None = Non
     return controller
 
 
-def goes_on(task: Task, machine: Machine, display: Display) -> bool:
+def goes_on(task: Task, machine: Machine, display: Display, camera: FilmCamera | None) -> bool:
     """Between two control ticks: scan if somebody waits for one; stop if the task was killed."""
     machine.tick()
     display.tick(task)
+    if camera is not None:
+        camera.tick()
     return not task.cancelled
 
 
@@ -179,6 +184,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.controller", description=__doc__)
     parser.add_argument("--state", type=Path, help="file to save the robot in, and to go on from")
     parser.add_argument("--record", type=Path, help="file for a line for each footstep: what is believed, what is true")
+    parser.add_argument("--film", nargs=2, metavar=("FOLDER", "FIRST"), help="photographs of moves, from a footstep on")
     parser.add_argument("--backend", choices=BACKENDS, default="auto")
     parser.add_argument("--gui", action="store_true", help="show physics in a window")
     parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
@@ -196,7 +202,8 @@ def main() -> None:
         cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved, window=options.gui
     )
     try:
-        make_module(robot, options.state, options.record).run()
+        camera = FilmCamera(robot, Path(options.film[0]), int(options.film[1])) if options.film else None
+        make_module(robot, options.state, options.record, camera).run()
     finally:
         robot.close()
 
