@@ -99,6 +99,12 @@ class Walk:
         scattered = scattered_rocks(options.seed, options.rocks, options.metres, ROCK_HEIGHTS)
         return [*scattered, *(Rock(*rock) for rock in options.rock)]
 
+    @property
+    def look(self) -> str:
+        """The command that shows it, now or later."""
+        tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
+        return f"{tca} view {self.folder}/journal"
+
     def run(self) -> int:
         """Walk, then draw; the exit code."""
         with tempfile.TemporaryDirectory(prefix="ambler") as sockets:
@@ -327,6 +333,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the programs are stopped in order
     try:
         walk = Walk(options, _fresh(options.out))
+        console.print(f"Watch it in the browser: [bold]{walk.look}[/bold]", soft_wrap=True)
         code = walk.run()
     except KeyboardInterrupt:
         console.print(f"stopped; what happened so far is in {options.out}", soft_wrap=True)
@@ -339,9 +346,7 @@ def main() -> int:
         console.print(f"  {line}", soft_wrap=True)
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)
-    tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
-    look = f"{tca} view {walk.folder}/journal"
-    console.print(f"Look at any moment again, in the browser: [bold]{look}[/bold]", soft_wrap=True)
+    console.print(f"Look at any moment again, in the browser: [bold]{walk.look}[/bold]", soft_wrap=True)
     return code
 
 
