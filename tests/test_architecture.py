@@ -82,6 +82,7 @@ ONLY_IN = {
     "pybullet": {
         "robots/ambler_sim/machine/ground_bodies.py",
         "robots/ambler_sim/machine/physics.py",
+        "robots/ambler_sim/machine/window.py",
         "robots/youbot_sim/physics.py",
     },
     "statemachine": {"tca_coordination/model/statechart.py", "tca_missions/charts/statechart.py"},

@@ -20,12 +20,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from robots.ambler_sim import layers
-from robots.ambler_sim.machine.making import pybullet_is_installed
+from robots.ambler_sim.machine.making import BACKENDS, WITHOUT_PHYSICS, pybullet_is_installed, why_no_window
 from robots.ambler_sim.machine.terrain import TERRAINS, scattered_rocks
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.modules import task_manager
 from robots.ambler_sim.modules.fault_injector import kinds_of, scheduled
+from robots.ambler_sim.pictures.film import join_frames, why_no_film
 from robots.ambler_sim.recovery import GIVE_UP, is_attached
 from robots.ambler_sim.run.figures import Figures, Usage, figures_of
 from robots.ambler_sim.run.losing import lose
@@ -51,6 +52,9 @@ LOOK_PERIOD = 0.5
 
 ARC = 10.0
 """Metres, about."""
+
+FRAMES = "frames"
+"""The folder of photographs, within the walk's."""
 
 MARKER = ".ambler-walk"
 """A file by which a folder is known to hold a walk, and locked while the walk goes on."""
@@ -93,6 +97,12 @@ class Walk:
         scattered = scattered_rocks(options.seed, options.rocks, options.metres, ROCK_HEIGHTS)
         return [*scattered, *(Rock(*rock) for rock in options.rock)]
 
+    @property
+    def look(self) -> str:
+        """The command that shows it, now or later."""
+        tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
+        return f"{tca} view {self.folder}/journal"
+
     def run(self) -> int:
         """Walk, then draw; the exit code."""
         with tempfile.TemporaryDirectory(prefix="ambler") as sockets:
@@ -109,6 +119,8 @@ class Walk:
                 self.start_controller(processes)
                 code = self.conduct(address, processes)
         self.draw_history()
+        if self.options.film and join_frames(self.folder / FRAMES, self.options.film):
+            self.outputs.append(("film", self.options.film.resolve()))
         return code
 
     def start_controller(self, processes: Processes, number: int = 0) -> None:
@@ -120,7 +132,8 @@ class Walk:
         processes.start(
             "controller", "robots.ambler_sim.modules.controller",
             "--state", str(self.folder / "robot.json"), "--record", str(self.folder / "footsteps.jsonl"),
-            "--backend", backend,
+            "--backend", backend, *(("--gui",) if options.gui else ()),
+            *(("--film", str(self.folder / FRAMES), str(options.film_from)) if options.film else ()),
             "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
             "--terrain", options.terrain,
             *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)[:4]))),
@@ -238,7 +251,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--arcs", type=int, help="in how many arcs; by default two or more, of about 10 m")
     parser.add_argument("--terrain", choices=TERRAINS, default="rolling", help="what kind of ground")
     parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")
-    parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
+    parser.add_argument("--backend", choices=BACKENDS, default="auto")
+    parser.add_argument("--gui", action="store_true", help="show physics in PyBullet's own window")
+    parser.add_argument(
+        "--film", type=Path, metavar="FILE", help="an animated picture of the walk: .webp, .gif or .png"
+    )
+    parser.add_argument("--film-from", type=int, default=0, metavar="STEP", help="film from that footstep on")
     parser.add_argument("--pace", type=float, default=10.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
@@ -256,9 +274,7 @@ def _parser() -> argparse.ArgumentParser:
                         help="one fault with that leg move (1, 2, ...); may be repeated")  # fmt: skip
     parser.add_argument("--mode", choices=("sequential", "ahead", "concurrent"), default="concurrent",
                         help="how much goes on at once: nothing; planning one step ahead; perception, too")  # fmt: skip
-    parser.add_argument(
-        "--swap-to", choices=("pybullet", "kinematic"), help="the other controller of --between-arcs swap"
-    )
+    parser.add_argument("--swap-to", choices=BACKENDS[1:], help="the other controller of --between-arcs swap")
     parser.add_argument("--between-arcs", choices=("swap", "ask"),
                         help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
     return parser
@@ -289,6 +305,13 @@ def _may_lock(marker: Path) -> bool:
     return True
 
 
+def without_physics(options: argparse.Namespace) -> str:
+    """Why this walk has no camera and no window; empty: it has physics, in which there are both."""
+    if options.backend in WITHOUT_PHYSICS:
+        return f"the {options.backend} backend has no physics to look at: leave --backend out"
+    return "" if pybullet_is_installed() else "it needs PyBullet, which is not installed here"
+
+
 def main() -> int:
     """The command line."""
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
@@ -298,7 +321,11 @@ def main() -> int:
         scheduled(options.fault)
     except ValueError as error:
         parser.error(str(error))
-    has_physics = options.backend != "kinematic" and pybullet_is_installed()
+    if options.gui and (missing := without_physics(options) or why_no_window()):
+        raise SystemExit(f"ambler: --gui: {missing}")
+    if options.film and (missing := without_physics(options) or why_no_film(options.film)):
+        raise SystemExit(f"ambler: --film: {missing}")
+    has_physics = options.backend not in WITHOUT_PHYSICS and pybullet_is_installed()
     missing = "" if pybullet_is_installed() else " (no PyBullet here)"
     how = "with PyBullet's physics" if has_physics else f"kinematically, without physics{missing}"
     pace = f"{options.pace:g} times as fast as in reality" if options.pace else "as fast as can be"
@@ -307,6 +334,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: the programs are stopped in order
     try:
         walk = Walk(options, _fresh(options.out))
+        console.print(f"Watch it in the browser: [bold]{walk.look}[/bold]", soft_wrap=True)
         code = walk.run()
     except KeyboardInterrupt:
         console.print(f"stopped; what happened so far is in {options.out}", soft_wrap=True)
@@ -319,9 +347,7 @@ def main() -> int:
         console.print(f"  {line}", soft_wrap=True)
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)
-    tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
-    look = f"{tca} view {walk.folder}/journal"
-    console.print(f"Look at any moment again, in the browser: [bold]{look}[/bold]", soft_wrap=True)
+    console.print(f"Look at any moment again, in the browser: [bold]{walk.look}[/bold]", soft_wrap=True)
     return code
 
 

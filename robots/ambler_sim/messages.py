@@ -20,7 +20,7 @@ from robots.ambler_sim.vocabulary import (
     Step,
     Window,
 )
-from tca_module import Broadcast, Command, Failure, Goal, Inform, PointMonitor, Query
+from tca_module import Broadcast, Command, Failure, Goal, Inform, PointMonitor, Query, Variable
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +37,14 @@ class Path:
 
     bends: tuple[Bend, ...]
     ask: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class WayWalked:
+    """How far the robot has come on a path: for people, and as a share of it."""
+
+    text: str
+    share: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +91,7 @@ class MotionError:
 
 
 # The task tree of the paper's figure 2, from the top down.
-TRAVERSE_PATH = Goal("traverse path", Path)
+TRAVERSE_PATH = Goal("traverse path", Path, progress=WayWalked)
 CONFIRM_ARC = Command("confirm arc", int)
 TRAVERSE_ARC = Goal("traverse arc", Arc)
 TAKE_STEPS = Goal("take steps", Ahead)
@@ -104,6 +112,9 @@ STANCE = Query("stance", reply=Stance)
 READINGS = Query("readings", reply=Readings)
 PICTURE = Query("picture", str, reply=str)
 RANGES = Query("ranges", reply=Scan)
+
+# For who looks: SVG. Pages show variables whose names begin so.
+ROBOT_PICTURE = Variable("picture of the Ambler", str)
 
 # Care of the machine, and what spoils it.
 RESET = Command("reset", Reset)

@@ -15,6 +15,7 @@ from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import failure_line, note_of, span
 from tca_tools.view.machines import machine_answer
+from tca_tools.view.pictures import is_picture, picture_in
 from tca_tools.view.reading import Reading
 from tca_tools.why.ends import Cause, causes
 from tca_tools.why.story import NOT_HANDLED, Sentence, story
@@ -224,3 +225,10 @@ def messages_answer(reading: Reading, place: int, before: int, after: int) -> li
 def numbers(text: str) -> list[int]:
     """The numbers of a list such as "3,17": what is none is left out."""
     return [TaskId(int(part)) for part in text.split(",") if part.isdecimal() and len(part) < 16]
+
+
+def picture_answer(reading: Reading, message_id: int) -> dict[str, str] | None:
+    """The picture that a message gave a variable as its value; None if it is none."""
+    with reading:
+        message = reading.feed.history.messages.get(message_id)
+    return picture_in(message) if message is not None and is_picture(message) else None

@@ -20,7 +20,7 @@ from tca_tools.errors import ToolError
 from tca_tools.run.coordinators import STANDINGS as PREVIEWED
 from tca_tools.run.fates import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
-from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
+from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers, picture_answer
 from tca_tools.view.guards import NotAllowed, guards
 from tca_tools.view.machines import machine_picture
 from tca_tools.view.outcomes import Outcomes
@@ -178,6 +178,7 @@ def _number(request: Request, name: str) -> int:
 _ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
     "message/{id:int}": lambda reading, asked: message_answer(reading, asked.path_params["id"], _moment(asked)),
     "machine/{id:int}": lambda reading, asked: machine_picture(reading, asked.path_params["id"]),
+    "picture/{id:int}": lambda reading, asked: picture_answer(reading, asked.path_params["id"]),
     "notes": lambda reading, asked: notes_answer(reading, numbers(asked.query_params.get("ids", "")), _moment(asked)),
     "causes": lambda reading, asked: causes_answer(reading, _moment(asked)),
     "messages": lambda reading, asked: messages_answer(

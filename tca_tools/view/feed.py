@@ -19,6 +19,7 @@ from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, Task, TaskState
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
+from tca_tools.view.pictures import is_picture
 from tca_tools.view.traffic import TRAFFIC_TABLES, Traffic
 from tca_tools.view.verdicts import Verdicts
 from tca_wire.coordination import read_report
@@ -41,6 +42,9 @@ TABLES = {
     "message.id": "i",  # of one that is no task
     "message.name": "t",
     "message.time": "d",
+    "picture.message": "i",  # that gave a variable its value
+    "picture.name": "t",
+    "picture.time": "d",
     "state.task": "i",  # a task's id
     "state.time": "d",
     "state.state": "t",
@@ -190,6 +194,8 @@ class Feed:
         self._traffic.tell_message(message)
         if not isinstance(message, Task) and message.received == self.history.time:
             self.columns.add("message", message.id, message.name, message.received)
+            if is_picture(message):
+                self.columns.add("picture", message.id, message.name, message.received)
 
     def _tell_killed(self, fact: Killed) -> None:
         self._tell_said(fact.task, kill_reason(fact.why, fact.by), is_kill=True)

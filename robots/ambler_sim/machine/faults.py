@@ -129,9 +129,9 @@ class FaultyPlant:
         """The ground falls in, and with it the foot that stands there."""
         self.plant.give_way(x, y)
 
-    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
+    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
         """Draw robot, ground and footprints."""
-        return self.plant.picture(path, trail)
+        return self.plant.picture(path, trail, size)
 
     def close(self) -> None:
         """Free what the simulator holds."""

@@ -20,6 +20,7 @@ UNSEEN = 64
 ROOTS = 1.0
 """How deep (m) rocks are in the ground."""
 
+SOIL = (0.81, 0.67, 0.53, 1.0)
 STONE = (0.45, 0.43, 0.41, 1.0)
 
 
@@ -83,6 +84,7 @@ class GroundBodies:
         middle = ((i + 0.5) * TILE * RESOLUTION, (j + 0.5) * TILE * RESOLUTION, (heights.max() + heights.min()) / 2)
         tile: int = pybullet.createMultiBody(0, shape, basePosition=middle, physicsClientId=self._world)
         pybullet.changeDynamics(tile, -1, lateralFriction=FRICTION, physicsClientId=self._world)
+        pybullet.changeVisualShape(tile, -1, textureUniqueId=-1, rgbaColor=SOIL, physicsClientId=self._world)
         return tile
 
     def _make_rock(self, rock: Rock) -> int:

@@ -102,8 +102,8 @@ class KinematicPlant:
         """The ground falls in, and with it the foot that stands there."""
         self._terrain.give_way(x, y)
 
-    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
-        """A drawing from the side and from above, as SVG."""
+    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:  # noqa: ARG002
+        """A drawing from the side and from above, as SVG, which has any size."""
         feet = to_world(self._pose, feet_of(self._joints))
         stance = Stance(
             self._pose, tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(feet))

@@ -2,15 +2,20 @@
 
 import importlib
 import importlib.util
-from typing import Literal
+import os
+import sys
+from typing import Literal, get_args
 
+from robots.ambler_sim.machine.graphical import GraphicalPlant
 from robots.ambler_sim.machine.kinematic import KinematicPlant
 from robots.ambler_sim.machine.plant import Plant, standing_posture
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.terrain import Terrain, make_terrain
 from robots.ambler_sim.vocabulary import Pose, Posture, Snapshot, TerrainSpec
 
-Backend = Literal["auto", "pybullet", "kinematic"]
+Backend = Literal["auto", "pybullet", "kinematic", "graphical"]
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
+WITHOUT_PHYSICS = {plant.name: plant for plant in (KinematicPlant, GraphicalPlant)}
 START = Pose(0.0, 0.0, 0.0, 0.0)
 
 
@@ -21,14 +26,16 @@ def make_robot(
     pace: float = 0.0,
     state: Snapshot | None = None,
     start: Pose = START,
+    window: bool = False,
 ) -> Robot:
     """A robot standing at *start* on new ground, or where the snapshot *state* left it (whose terrain then counts).
 
     "auto" takes the backend of *state* if that can be had, else PyBullet if it is installed, else the kinematic one.
+    With *window* physics is shown in one.
     """
     ground = make_terrain(state.terrain if state else terrain or TerrainSpec())
     posture = state.posture if state else standing_posture(ground, start)
-    plant = _make_plant(_chosen(backend, state), ground, posture)
+    plant = _make_plant(_chosen(backend, state), ground, posture, window=window)
     return Robot(plant, ground, pace=pace, state=state)
 
 
@@ -37,17 +44,24 @@ def pybullet_is_installed() -> bool:
     return importlib.util.find_spec("pybullet") is not None
 
 
+def why_no_window() -> str:
+    """What is missing here for a window; empty: nothing."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        return "it needs a screen, and there is none here: $DISPLAY is not set"
+    return ""
+
+
 def _chosen(backend: Backend, state: Snapshot | None) -> str:
     if backend != "auto":
         return backend
     wanted = state.backend if state else "pybullet"
-    return wanted if wanted == "kinematic" or pybullet_is_installed() else "kinematic"
+    return wanted if wanted in WITHOUT_PHYSICS or pybullet_is_installed() else "kinematic"
 
 
-def _make_plant(backend: str, terrain: Terrain, posture: Posture) -> Plant:
-    if backend == "kinematic":
-        return KinematicPlant(terrain, posture)
-    # Imported late: the module needs PyBullet, which may not be installed.
-    physics = importlib.import_module("robots.ambler_sim.machine.physics")
-    plant: Plant = physics.BulletPlant(terrain, posture)
+def _make_plant(backend: str, terrain: Terrain, posture: Posture, *, window: bool) -> Plant:
+    if backend in WITHOUT_PHYSICS:
+        return WITHOUT_PHYSICS[backend](terrain, posture)
+    # Imported late: these modules need PyBullet, which may not be installed.
+    module, name = ("window", "BulletWindow") if window else ("physics", "BulletPlant")
+    plant: Plant = getattr(importlib.import_module(f"robots.ambler_sim.machine.{module}"), name)(terrain, posture)
     return plant

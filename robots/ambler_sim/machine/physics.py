@@ -1,4 +1,4 @@
-"""The Ambler in PyBullet: rigid-body dynamics, motors, compliant feet. The only file that knows the physics engine."""
+"""The Ambler in PyBullet: rigid-body dynamics, motors, compliant feet."""
 
 import tempfile
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class BulletPlant:
 
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._terrain = terrain
-        self._world = pybullet.connect(pybullet.DIRECT)
+        self._world = self.connect()
         pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=self._world)
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=TICK, numSolverIterations=ITERATIONS, physicsClientId=self._world
@@ -46,6 +46,11 @@ class BulletPlant:
         self._prepare_joints()
         self._heading = posture.heading
         self._assume(posture)
+
+    def connect(self) -> int:
+        """A new physics world, which nobody sees."""
+        world: int = pybullet.connect(pybullet.DIRECT)
+        return world
 
     def drive(self, joints: Array, rates: Array) -> None:
         """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""
@@ -114,11 +119,12 @@ class BulletPlant:
         self._terrain.give_way(x, y)
         self._ground.remake(x, y)
 
-    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
-        """A photograph from ahead and above, as PNG."""
+    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
+        """A photograph from ahead and above, as PNG. It is taken twice as large: the renderer draws hard edges."""
         pose = self.attitude().pose
-        frame = self._frame(photograph.camera_for(pose), photograph.RENDERED)
-        from_sun = self._frame(photograph.sun_over(pose), photograph.SHADOW_SIZE)
+        frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]))
+        shadows = photograph.SHADOW_SIZE * size[0] // photograph.SIZE[0]
+        from_sun = self._frame(photograph.sun_over(pose), (shadows, shadows))
         written = path.with_suffix(".png")
         photograph.write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
         return written

@@ -55,8 +55,8 @@ class Plant(Protocol):
     def give_way(self, x: float, y: float) -> None:
         """Let the ground around a point fall in."""
 
-    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
-        """Draw robot, ground and footprints; returns the path written, whose ending may differ."""
+    def picture(self, path: Path, trail: Sequence[Foot], size: tuple[int, int]) -> Path:
+        """Draw robot, ground and footprints, in about that size; returns the path written, whose ending may differ."""
 
     def close(self) -> None:
         """Free what the simulator holds."""

@@ -15,6 +15,8 @@ from robots.ambler_sim.machine.odometry import Odometry, compass
 from robots.ambler_sim.machine.pacing import MoveWatch, OnTick, Pacer
 from robots.ambler_sim.machine.plant import Plant, make_posture
 from robots.ambler_sim.machine.terrain import Terrain
+from robots.ambler_sim.pictures.drawing import draw
+from robots.ambler_sim.pictures.photograph import SIZE
 from robots.ambler_sim.planning.body import require_reach
 from robots.ambler_sim.planning.stability import least_norm_loads, support_margin
 from robots.ambler_sim.vocabulary import (
@@ -246,9 +248,13 @@ class Robot:
             self.terrain.gradient_at(true.pose.x, true.pose.y), tilt, support_margin(true),
         )  # fmt: skip
 
-    def picture(self, path: str | Path) -> Path:
+    def picture(self, path: str | Path, size: tuple[int, int] = SIZE) -> Path:
         """Draw the robot where it is now; returns the path written, whose ending depends on the backend."""
-        return self._plant.picture(Path(path), tuple(self._trail))
+        return self._plant.picture(Path(path), tuple(self._trail), size)
+
+    def drawing(self) -> str:
+        """A drawing of where the robot is now, as SVG, whatever the backend."""
+        return draw(self.true_stance(), self.terrain, self._trail)
 
     def state(self) -> Snapshot:
         """The state that another process needs to go on from here."""

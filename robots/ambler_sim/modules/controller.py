@@ -12,7 +12,8 @@ from typing import cast
 import msgspec
 
 from robots.ambler_sim.errors import AmblerError, AmplifierTripped, JointFault, TerrainContact, Tilting
-from robots.ambler_sim.machine.making import Backend, make_robot
+from robots.ambler_sim.machine.graphical import GraphicalPlant
+from robots.ambler_sim.machine.making import BACKENDS, Backend, make_robot
 from robots.ambler_sim.machine.robot import Robot
 from robots.ambler_sim.machine.shared import Machine
 from robots.ambler_sim.machine.snapshot import load_snapshot, save_snapshot
@@ -38,6 +39,8 @@ from robots.ambler_sim.messages import (
     MotionError,
     Reset,
 )
+from robots.ambler_sim.modules.display import Display
+from robots.ambler_sim.pictures.film import FilmCamera
 from robots.ambler_sim.vocabulary import (
     BodyMove,
     Fault,
@@ -53,18 +56,16 @@ from robots.ambler_sim.vocabulary import (
 from tca_module import FailureRaised, Module, Task
 
 
-def make_module(robot: Robot, state_file: Path | None, record: Path | None = None) -> Module:
+def make_module(
+    robot: Robot, state_file: Path | None, record: Path | None = None, camera: FilmCamera | None = None
+) -> Module:
     """The module that moves *robot*; it saves the robot after each move, and a line for each footstep for those who
-    judge the walk.
+    judge the walk. A *camera* films the moves.
     """
     controller = Module("controller")
     controller.resource("range finder")
     machine = Machine(robot)
-
-    def goes_on(task: Task) -> bool:
-        """Between two control ticks: scan if somebody waits for one; stop if the task was killed."""
-        machine.tick()
-        return not task.cancelled
+    display = Display(robot, while_moving=robot.backend == GraphicalPlant.name)
 
     def save() -> None:
         if state_file is not None:
@@ -74,7 +75,7 @@ def make_module(robot: Robot, state_file: Path | None, record: Path | None = Non
     def move_leg(task: Task, move: LegMove) -> Footfall:
         try:
             with machine.moving(move.leg):
-                return robot.move_leg(move, on_tick=lambda _: goes_on(task))
+                return robot.move_leg(move, on_tick=lambda _: goes_on(task, machine, display, camera))
         except AmblerError as error:
             raise failure_of(error) from error
         finally:
@@ -84,7 +85,8 @@ def make_module(robot: Robot, state_file: Path | None, record: Path | None = Non
     def move_body(task: Task, move: BodyMove) -> Pose:
         try:
             with machine.moving():
-                pose = robot.move_body(move, lambda _: goes_on(task))
+                pose = robot.move_body(move, lambda _: goes_on(task, machine, display, camera))
+                display.made_a_footstep(task)
         except AmblerError as error:
             raise failure_of(error) from error
         finally:
@@ -98,6 +100,15 @@ def make_module(robot: Robot, state_file: Path | None, record: Path | None = Non
     _care(controller, machine, save)
     save()
     return controller
+
+
+def goes_on(task: Task, machine: Machine, display: Display, camera: FilmCamera | None) -> bool:
+    """Between two control ticks: scan if somebody waits for one; stop if the task was killed."""
+    machine.tick()
+    display.tick(task)
+    if camera is not None:
+        camera.tick()
+    return not task.cancelled
 
 
 def _answer_questions(controller: Module, machine: Machine) -> None:
@@ -183,7 +194,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.controller", description=__doc__)
     parser.add_argument("--state", type=Path, help="file to save the robot in, and to go on from")
     parser.add_argument("--record", type=Path, help="file for a line for each footstep: what is believed, what is true")
-    parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
+    parser.add_argument("--film", nargs=2, metavar=("FOLDER", "FIRST"), help="photographs of moves, from a footstep on")
+    parser.add_argument("--backend", choices=BACKENDS, default="auto")
+    parser.add_argument("--gui", action="store_true", help="show physics in a window")
     parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.30, help="steepest rise per run of hills")
@@ -195,9 +208,12 @@ def main() -> None:
     saved = load_snapshot(options.state) if options.state else None
     rocks = tuple(Rock(*rock) for rock in options.rock)
     terrain = TerrainSpec(seed=options.seed, slope=options.slope, rocks=rocks, kind=options.terrain)
-    robot = make_robot(cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved)
+    robot = make_robot(
+        cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved, window=options.gui
+    )
     try:
-        make_module(robot, options.state, options.record).run()
+        camera = FilmCamera(robot, Path(options.film[0]), int(options.film[1])) if options.film else None
+        make_module(robot, options.state, options.record, camera).run()
     finally:
         robot.close()
 

@@ -3,12 +3,36 @@
 import math
 from collections.abc import Callable, Iterator
 
-from robots.ambler_sim.messages import CONFIRM_ARC, LOSE_PROGRAM, TRAVERSE_ARC, TRAVERSE_PATH, WALKED, Path
+from robots.ambler_sim.messages import (
+    CONFIRM_ARC,
+    LOSE_PROGRAM,
+    TRAVERSE_ARC,
+    TRAVERSE_PATH,
+    WALKED,
+    Path,
+    WayWalked,
+)
 from robots.ambler_sim.planning.gait import pose_on
 from robots.ambler_sim.vocabulary import Arc, Pose
-from tca_module import Module, Task
+from tca_module import Module, SentTask, Task, Timeout
 
 START = Pose(0.0, 0.0, 0.0, 0.0)
+BETWEEN_REPORTS = 1.0
+"""Seconds between two reports of progress, at least."""
+
+
+class Odometer:
+    """The length of the way between the poses it was shown, from the origin on."""
+
+    def __init__(self) -> None:
+        self.metres = 0.0
+        self._last = START
+
+    def add(self, pose: Pose) -> float:
+        """The robot is here now; the metres so far."""
+        self.metres += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
+        self._last = pose
+        return self.metres
 
 
 def make_module(
@@ -25,11 +49,13 @@ def make_module(
 
     @manager.handles(TRAVERSE_PATH)
     def traverse_path(task: Task, path: Path) -> None:
+        arcs = []
         with task.sequence():
             for number, arc in enumerate(course_of(path)):
                 if number and path.ask:
                     task.command(CONFIRM_ARC, number)
-                task.goal(TRAVERSE_ARC, arc, delay_planning=True)
+                arcs.append(task.goal(TRAVERSE_ARC, arc, delay_planning=True))
+        tell_progress(task, path, arcs, odometer)
 
     @manager.handles(CONFIRM_ARC, resource="operator")
     def confirm_arc(_: Task, number: int) -> None:
@@ -47,6 +73,24 @@ def make_module(
     return manager
 
 
+def tell_progress(task: Task, path: Path, arcs: list[SentTask[None]], odometer: Odometer) -> None:
+    """Report how far the robot has come, until it is there: a goal's handler can't when it has returned."""
+    length, told = sum(bend.length for bend in path.bends), 0.0
+    for arc in arcs:
+        while not is_over(arc):
+            if odometer.metres != told:
+                told = odometer.metres
+                task.report(WayWalked(f"{told:.1f} of {length:.1f} m", round(min(told / length, 1.0), 3)))
+
+
+def is_over(arc: SentTask[None]) -> bool:
+    """Wait a moment for the end of an arc."""
+    try:
+        return arc.next_change(timeout=BETWEEN_REPORTS) is None
+    except Timeout:
+        return False
+
+
 def course_of(path: Path) -> Iterator[Arc]:
     """The path's pieces, each from where the one before should end."""
     start = START
@@ -54,17 +98,3 @@ def course_of(path: Path) -> Iterator[Arc]:
         arc = Arc(start, bend.curvature, bend.length)
         yield arc
         start = pose_on(arc, arc.length)
-
-
-class Odometer:
-    """The length of the way between the poses it was shown, from the origin on."""
-
-    def __init__(self) -> None:
-        self.metres = 0.0
-        self._last = START
-
-    def add(self, pose: Pose) -> float:
-        """The robot is here now; the metres so far."""
-        self.metres += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
-        self._last = pose
-        return self.metres

@@ -140,13 +140,14 @@ def _height_bands(view: View, pose: Pose, terrain: Terrain) -> list[str]:
     cos, sin = np.cos(pose.heading), np.sin(pose.heading)
     heights = terrain.heights_at(pose.x + cos * ahead - sin * left, pose.y + sin * ahead + cos * left)
     strata = np.floor((heights - heights.min()) / STRATUM).astype(int)
-    strips = []
+    strips: dict[str, list[str]] = {}
     for row, levels in zip(rows, strata, strict=True):
         starts = np.flatnonzero(np.diff(levels, prepend=-1))
         for start, end in zip(starts, [*starts[1:], len(levels)], strict=True):
             colour = _soil_colour(levels[start] / max(strata.max(), 1))
-            strips.append(_strip(view, (row, columns[start]), (side, side * (end - start)), colour))
-    return strips
+            strip = _strip(view, (row, columns[start]), (side, side * (end - start)))
+            strips.setdefault(colour, []).append(strip)
+    return [f'<path fill="{colour}" d="{"".join(together)}"/>' for colour, together in strips.items()]
 
 
 def _soil_colour(share: float) -> str:
@@ -154,11 +155,11 @@ def _soil_colour(share: float) -> str:
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
-def _strip(view: View, corner: tuple[float, float], size: tuple[float, float], colour: str) -> str:
-    """A filled rectangle a little too large, so that no seam is seen."""
+def _strip(view: View, corner: tuple[float, float], size: tuple[float, float]) -> str:
+    """A rectangle a little too large, so that no seam is seen: a piece of a path."""
     x, y = view.at(corner[0], corner[1] + size[1])
     width, height = size[0] * SCALE + 0.6, size[1] * SCALE + 0.6
-    return f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" fill="{colour}"/>'
+    return f"M{x:.1f} {y:.1f}h{width:.1f}v{height:.1f}h{-width:.1f}z"
 
 
 def _relative(pose: Pose, x: float, y: float) -> tuple[float, float]:

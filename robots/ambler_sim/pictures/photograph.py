@@ -23,7 +23,9 @@ RENDERED = (2 * SIZE[0], 2 * SIZE[1])
 
 SUN = (3.0, -5.0, 9.0)
 SUN_DISTANCE = 60.0
-SHADOW_SIZE = (900, 900)
+SHADOW_SIZE = 900
+"""Pixels on each side of the rendering that shadows are taken from, for a picture of full size."""
+
 SHADOW = 0.58
 SOIL = np.array([206.0, 164.0, 126.0])
 AMBIENT, DIFFUSE = 0.45, 0.62

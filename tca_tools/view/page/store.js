@@ -56,6 +56,7 @@ export class Store {
     this.failuresOf = new Map(); // the same by message
     this.verdicts = []; // the same by their rows, with those of what came directly
     this.links = []; // who sends what to whom: { sender, message, kind, handler, times, less }, see traffic.py
+    this.pictures = new Map(); // by name: { times, messages }, see pictures.py
     this.version = 0;
     this.first = Infinity; // when the first message was sent or handled
     this.lastly = -Infinity; // when something began or ended last, other than a connection
@@ -108,10 +109,20 @@ export class Store {
     this.#addFailures(tables.failure);
     this.#addVerdicts(tables.verdict);
     this.#addTraffic(tables);
+    this.#addPictures(tables.picture);
     this.lengths = head.lengths;
     this.version += 1;
     this.end = this.last;
     this.goOn();
+  }
+
+  #addPictures({ message, name, time }) {
+    name.forEach((one, i) => {
+      if (!this.pictures.has(one)) this.pictures.set(one, { times: [], messages: [] });
+      const { times, messages } = this.pictures.get(one);
+      times.push(time[i]);
+      messages.push(message[i]);
+    });
   }
 
   #addTasks({ id: ids, parent: parents, name, sender, role, form, time }) {

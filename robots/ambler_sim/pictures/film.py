@@ -1,0 +1,57 @@
+"""An animated picture of a walk: photographs taken while the robot moves, put together by Pillow."""
+
+import importlib.util
+from pathlib import Path
+
+from robots.ambler_sim.machine.robot import Robot
+
+SIZE = (480, 300)
+EVERY = 0.25
+"""Seconds of the robot's time between two frames."""
+
+FRAMES_PER_SECOND = 25
+QUALITY = 45
+"""Of WebP, 0 to 100."""
+
+ENDINGS = (".gif", ".png", ".webp")
+
+
+class FilmCamera:
+    """Photographs a robot while it moves, from its footstep number *first* on, into a folder."""
+
+    def __init__(self, robot: Robot, folder: Path, first: int) -> None:
+        self._robot, self._folder, self._first = robot, folder, first
+        self._due = 0.0
+
+    def tick(self) -> None:
+        """A move goes on."""
+        now = self._robot.time
+        if self._robot.footsteps >= self._first and now >= self._due:
+            self._due = now + EVERY
+            self._folder.mkdir(exist_ok=True)
+            self._robot.picture(self._folder / f"{round(now * 1000):010d}.png", SIZE)
+
+
+def why_no_film(file: Path) -> str:
+    """What is missing here for a film to be put together; empty: nothing."""
+    if file.suffix not in ENDINGS:
+        return f"{file} should end in one of {', '.join(ENDINGS)}"
+    if importlib.util.find_spec("PIL") is None:
+        return "it needs Pillow, which is not installed here"
+    return ""
+
+
+def join_frames(folder: Path, file: Path) -> int:
+    """Put a folder's photographs together; how many there were. Without any nothing is written."""
+    import PIL.Image  # noqa: PLC0415 - it may not be installed
+
+    frames: list[PIL.Image.Image] = []
+    for path in sorted(folder.glob("*.png")):
+        with PIL.Image.open(path) as frame:
+            frames.append(frame.copy())
+    if frames:
+        frames[0].save(
+            file, save_all=True, append_images=frames[1:], duration=1000 // FRAMES_PER_SECOND, loop=0, quality=QUALITY,
+            method=4,
+        )  # fmt: skip
+    return len(frames)

@@ -1,0 +1,94 @@
+"""The picture of the robot that others see: how often it is drawn, and that the walk does not depend on it."""
+
+from typing import Any
+
+import pytest
+from ambler.builders import the_first_leg_move
+
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.messages import ROBOT_PICTURE
+from robots.ambler_sim.modules.display import BETWEEN_PICTURES, WHILE_MOVING, Display
+from robots.ambler_sim.vocabulary import TerrainSpec
+from tca_module import CentralLost, TcaError
+
+HILLS = TerrainSpec(seed=2, slope=0.3)
+
+
+class FakeSender:
+    """Takes values of variables, or fails."""
+
+    def __init__(self, error: TcaError | None = None) -> None:
+        self.values: list[Any] = []
+        self.error = error
+
+    def set_variable(self, variable: Any, value: Any, *, wait: bool) -> None:
+        assert (variable, wait) == (ROBOT_PICTURE, False)
+        self.values.append(value)
+        if self.error:
+            raise self.error
+
+
+class FakeClock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_footsteps_are_drawn_at_most_once_a_period() -> None:
+    clock, sender = FakeClock(), FakeSender()
+    robot = make_robot("kinematic", terrain=HILLS)
+    display: Any = Display(robot, while_moving=False, clock=clock)
+    for pause in (0.0, BETWEEN_PICTURES / 2, BETWEEN_PICTURES / 2):
+        clock.now += pause
+        display.made_a_footstep(sender)
+        display.tick(sender)
+    assert sender.values == [robot.drawing()] * 2
+
+
+@pytest.mark.parametrize(("ours", "of_robot", "drawn"), [(1.0, 0.5, 1), (0.5, 1.0, 1), (1.0, 1.0, 2)])
+def test_moves_are_drawn_when_time_has_passed_for_the_robot_and_for_us(
+    ours: float, of_robot: float, drawn: int
+) -> None:
+    clock, sender = FakeClock(), FakeSender()
+    robot = make_robot("kinematic", terrain=HILLS)
+    display: Any = Display(robot, while_moving=True, clock=clock)
+    display.tick(sender)
+    clock.now += ours * WHILE_MOVING
+    robot.time += of_robot * WHILE_MOVING
+    display.tick(sender)
+    assert len(sender.values) == drawn
+
+
+def test_a_move_goes_on_without_central() -> None:
+    robot = make_robot("graphical", terrain=HILLS)
+    sender = FakeSender(CentralLost("away"))
+    display: Any = Display(robot, while_moving=True)
+    move = the_first_leg_move(robot)
+    assert robot.move_leg(move, lambda _: display.tick(sender) is None).reached
+    assert sender.values
+
+
+def test_the_graphical_backend_goes_where_the_quick_one_goes_and_looks_different_on_its_way() -> None:
+    quick, graphical = make_robot("kinematic", terrain=HILLS), make_robot("graphical", terrain=HILLS)
+    assert graphical.backend == "graphical"
+    pictures = [graphical.drawing()]
+
+    def draw(_: float) -> bool:
+        pictures.append(graphical.drawing())
+        return True
+
+    move = the_first_leg_move(quick)
+    assert quick.move_leg(move) == graphical.move_leg(move, draw)
+    assert quick.true_stance() == graphical.true_stance()
+    assert len(set(pictures)) > 10
+
+
+def test_the_graphical_backend_is_swapped_in_and_out() -> None:
+    quick = make_robot("kinematic", terrain=HILLS)
+    graphical = make_robot("graphical", state=quick.state())
+    back = make_robot(state=graphical.state())
+    again = make_robot("kinematic", state=make_robot("kinematic", state=quick.state()).state())
+    assert (graphical.backend, back.backend) == ("graphical", "graphical")
+    assert back.true_stance() == again.true_stance()

@@ -1,0 +1,83 @@
+"""A film of a walk: when photographs are taken, and that they are put together in order."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robots.ambler_sim import __main__ as walk
+from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.machine.robot import Robot
+from robots.ambler_sim.pictures.film import EVERY, FRAMES_PER_SECOND, SIZE, FilmCamera, join_frames
+from robots.ambler_sim.pictures.photograph import write_png
+
+PIL_IMAGE = pytest.importorskip("PIL.Image")
+
+
+@pytest.fixture
+def robot(monkeypatch: pytest.MonkeyPatch) -> Robot:
+    """Its photographs are all alike."""
+    robot = make_robot("kinematic")
+
+    def picture(path: Path, size: tuple[int, int]) -> Path:
+        path.write_text(f"{size}")
+        return path
+
+    monkeypatch.setattr(robot, "picture", picture)
+    return robot
+
+
+def test_photographs_are_taken_by_the_robots_time_from_a_footstep_on(robot: Robot, tmp_path: Path) -> None:
+    camera = FilmCamera(robot, tmp_path / "frames", first=2)
+    robot.time = 5.0
+    camera.tick()
+    assert list(tmp_path.iterdir()) == []
+    robot.footsteps = 2
+    for _ in range(5):
+        camera.tick()
+        robot.time += EVERY / 2
+    frames = sorted((tmp_path / "frames").iterdir())
+    assert [frame.name for frame in frames] == ["0000005000.png", "0000005250.png", "0000005500.png"]
+    assert frames[0].read_text() == f"{SIZE}"
+
+
+@pytest.mark.parametrize("ending", ["webp", "gif", "png"])
+def test_photographs_are_put_together_in_order(tmp_path: Path, ending: str) -> None:
+    for number, gray in ((3, 250), (1, 10), (2, 130)):
+        write_png(tmp_path / f"{number:010d}.png", np.full((6, 8, 3), gray, dtype=np.uint8))
+    file = tmp_path / f"film.{ending}"
+    assert join_frames(tmp_path, file) == 3
+    with PIL_IMAGE.open(file) as film:
+        grays = []
+        for number in range(film.n_frames):
+            film.seek(number)
+            grays.append(film.convert("L").getpixel((4, 3)))
+        assert film.size == (8, 6)
+        assert grays == pytest.approx([10, 130, 250], abs=4)
+        assert film.info["duration"] == 1000 / FRAMES_PER_SECOND
+
+
+def test_no_film_without_photographs(tmp_path: Path) -> None:
+    assert join_frames(tmp_path / "none", tmp_path / "film.webp") == 0
+    assert not (tmp_path / "film.webp").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--film", "walk.mp4"], "walk.mp4 should end in one of .gif, .png, .webp"),
+        (
+            ["--film", "walk.gif", "--backend", "kinematic"],
+            "the kinematic backend has no physics to look at: leave --backend out",
+        ),
+    ],
+)
+def test_a_film_that_cannot_be_made_is_refused_at_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, options: list[str], told: str
+) -> None:
+    monkeypatch.setattr(walk, "pybullet_is_installed", lambda: True)
+    monkeypatch.setattr(sys, "argv", ["ambler", "--out", str(tmp_path / "walk"), *options])
+    with pytest.raises(SystemExit, match=f"^ambler: --film: {told}$"):
+        walk.main()
+    assert not (tmp_path / "walk").exists()

@@ -1,0 +1,99 @@
+"""Pictures that modules publish as variables: the page shows them as they were at the moment shown."""
+
+import base64
+import json
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, expect
+from tools.story import Story
+
+from tca_wire.vocabulary import MessageClass
+from view.conftest import Look, until
+
+pytestmark = pytest.mark.slow
+
+PNG = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAMAAAACCAIAAAASFvFNAAAADUlEQVR4nGNgwAcAAB4AAY6hUpQAAAAASUVORK5CYII=")
+
+
+def svg(width: int) -> str:
+    """A picture, and a script that no page may run."""
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="9"><script>parent.ran = true</script></svg>'
+    )
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """Pictures of an arm at 1 and 3 s, a map at 2 s, something else at 4 s."""
+    story = Story().module("arm", "reach")
+    told = [(1.0, "arm", svg(11)), (2.0, "map", PNG), (3.0, "arm", svg(33)), (4.0, "mind", {"svg": svg(1)})]
+    for time, name, value in told:
+        story.at(time).received(f"picture of {name}", MessageClass.VARIABLE, "arm", data=value)
+    story.at(5.0).received("speed of arm", MessageClass.VARIABLE, "arm", data=svg(5))
+    return story.at(6.0).write(tmp_path / "arm")
+
+
+def widths(page: Page) -> Any:
+    """The pictures that are seen, by name: how wide they are of themselves."""
+    return page.evaluate(
+        """() => Object.fromEntries([...document.querySelectorAll('#pictures details:not([hidden])')].map(
+          (box) => [box.querySelector('summary').textContent, box.querySelector('img').naturalWidth]))"""
+    )
+
+
+@pytest.mark.parametrize(
+    ("moment", "expected"),
+    [
+        (1.5, {"picture of arm": 11}),
+        (2.5, {"picture of arm": 11, "picture of map": 3}),
+        (3.5, {"picture of arm": 33, "picture of map": 3}),
+    ],
+)
+def test_pictures_are_those_of_the_moment(look: Look, arm: Path, moment: float, expected: dict[str, int]) -> None:
+    page = look(arm, "#t=0.5")
+    expect(page.locator("#pictures")).to_be_hidden()
+    page.evaluate("(time) => { location.hash = `#t=${time}`; }", moment)
+    until(
+        page,
+        """(expected) => [...document.querySelectorAll('#pictures details:not([hidden]) img')].map((one) => one.naturalWidth).join() === expected""",
+        ",".join(map(str, expected.values())),
+    )
+    assert widths(page) == expected
+    assert page.evaluate("() => window.ran") is None
+
+
+def test_a_closed_picture_is_not_fetched_until_it_is_opened(look: Look, arm: Path) -> None:
+    page = look(arm, "#t=1.5")
+    picture = page.locator("#pictures details").first
+    until(page, "() => document.querySelector('#pictures img').naturalWidth === 11")
+    picture.locator("summary").click()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.evaluate("() => { location.hash = '#t=3.5'; }")
+    until(page, "() => document.querySelectorAll('#pictures img')[1]?.naturalWidth === 3")
+    assert page.evaluate("() => document.querySelector('#pictures img').naturalWidth") == 11
+    picture.locator("summary").click()
+    until(page, "() => document.querySelector('#pictures img').naturalWidth === 33")
+    assert len([url for url in asked if "api/picture/" in url]) == 2
+
+
+def test_other_values_are_no_pictures(look: Look, arm: Path) -> None:
+    page = look(arm)
+    box = page.locator("#pictures details", has_text="picture of mind")
+    expect(box.locator("p")).to_have_text("this value is neither SVG as text nor PNG as bytes")
+    expect(box.locator("img")).to_be_hidden()
+    expect(page.locator("#pictures details")).to_have_count(3)
+
+
+def test_the_server_tells_values_of_pictures_only(serve: Callable[[Path], str], arm: Path) -> None:
+    address = serve(arm)
+    with urllib.request.urlopen(f"{address}api/picture/1", timeout=20) as answer:
+        kind, data = json.loads(answer.read())["image"].split(",")
+    assert (kind, base64.b64decode(data).decode()) == ("data:image/svg+xml;base64", svg(11))
+    for nothing in (5, 77):
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"{address}api/picture/{nothing}", timeout=20)
