@@ -167,7 +167,7 @@ class Schedule:
             one.release = Period(now, one.period)
         else:
             self.take_off(one)
-        place = len(processor.activities) if position is None else position
+        place = len(processor.activities) if position is None else min(position, len(processor.activities))
         processor.activities.insert(place, one)
         one.processor = processor
 

@@ -361,6 +361,7 @@ def test_allocation_by_hand(baton: VirtualBaton) -> None:
     application.set_priority("machines", 1)
     assert list(allocated(application)) == ["machines", "rest"]
     application.move("c.r0.on", "rest", 0)
+    application.move("c.r2.on", "rest", 10**30)  # to the end
     application.move("c.r1.on", "fresh")
     application.remove("c.r2.machine")
     report = application.allocation()
