@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
 
 from tca_activities.analysis import Demand, automatic, one_each, one_for_all
 from tca_activities.analysis.policies import Policy
@@ -16,6 +18,9 @@ from tca_module import MisuseError
 POLICIES: dict[str, Policy] = {"one_for_all": one_for_all, "one_each": one_each, "automatic": automatic}
 """By their names."""
 BY_HAND = "by hand"
+
+_Allocation = dict[Annotated[str, msgspec.Meta(min_length=1)], list[str]]
+_MOST = 2**63  # more is no whole number for others
 
 
 class Application:
@@ -39,6 +44,7 @@ class Application:
         self._baton = baton or Baton()
         self._started_at = self._stopped_at = 0.0
         self._changed: list[Callable[[], object]] = []
+        self._added: list[Callable[[Component[Any]], object]] = []
         for component in components:
             self._add(component)
         self.allocate(policy)
@@ -51,10 +57,9 @@ class Application:
         are on no processor yet.
         """
         self._add(component)
+        self._tell()
         if self.policy in POLICIES:
             self.allocate(POLICIES[self.policy])
-        else:
-            self._tell()
 
     def _add(self, component: Component[Any]) -> None:
         if component.name in self.components:
@@ -65,7 +70,9 @@ class Application:
         with self._baton.changing() as schedule:
             for activity in activities:
                 schedule.add(activity)
-        self.components[component.name] = component
+        self.components = {**self.components, component.name: component}  # other threads go through the old one
+        for function in self._added:
+            function(component)
 
     # --- at work ----------------------------------------------------------------------------------------------------
 
@@ -117,7 +124,7 @@ class Application:
         """Allocate all activities by a policy, or by hand: the names of activities in order of subscription, by
         processors. ``automatic`` needs an execution time of each activity: declared, or measured in a run before.
         """
-        allocation = policy(self._demands(policy)) if callable(policy) else policy
+        allocation = _checked(policy(self._demands(policy)) if callable(policy) else policy)
         _check_complete(allocation, self._baton.schedule)
         ready = self._baton.ready(allocation)
         with self._baton.changing() as schedule:
@@ -158,7 +165,7 @@ class Application:
 
     def set_priority(self, processor: str, priority: int) -> None:
         """The higher one goes first. All begin with 0, and among equal ones the shorter period goes first."""
-        if not isinstance(priority, int):
+        if not (isinstance(priority, int) and abs(priority) < _MOST):
             raise MisuseError(f"the priority of processor '{processor}' is a whole number, not {priority!r:.60}")
         with self._by_hand() as schedule:
             if (found := schedule.processor(processor)) is None:
@@ -171,6 +178,12 @@ class Application:
         change.
         """
         self._changed.append(function)
+
+    def on_add(self, function: Callable[[Component[Any]], object]) -> None:
+        """Call a function with each component, those that are added later included: before they are ticked."""
+        self._added.append(function)
+        for component in self.components.values():
+            function(component)
 
     # --- what is known of it ----------------------------------------------------------------------------------------
 
@@ -212,11 +225,17 @@ class Application:
             function()
 
 
-def _check_complete(allocation: Mapping[str, Sequence[str]], schedule: Schedule) -> None:
+def _checked(allocation: Mapping[str, Sequence[str]]) -> _Allocation:
+    """One whose processors and activities have names."""
+    try:
+        return msgspec.convert(allocation, _Allocation)
+    except msgspec.ValidationError as error:
+        wanted = f"a policy ({', '.join(POLICIES)}) or a dictionary of lists of names"
+        raise MisuseError(f"an allocation is {wanted}, not {allocation!r:.60}: {error}") from None
+
+
+def _check_complete(allocation: _Allocation, schedule: Schedule) -> None:
     """Each activity once."""
-    if not isinstance(allocation, Mapping):
-        names = ", ".join(POLICIES)
-        raise MisuseError(f"an allocation is a policy ({names}) or a dictionary, not {allocation!r:.60}")
     places = [name for names in allocation.values() for name in names]
     for name in places:
         schedule.activity(name)

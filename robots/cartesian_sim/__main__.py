@@ -15,6 +15,7 @@ from pathlib import Path
 from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, WallPoint
 from robots.cartesian_sim.robot import NAME, CleaningRobot
 from robots.processes import Processes
+from tca_activities import Application
 from tca_activities.manager import ActivityMove, ApplicationMessages
 from tca_activities.page.command import activities
 from tca_module import Client, SentTask, TcaError, connect
@@ -69,7 +70,7 @@ class CleaningShow:
         finally:
             is_clean.set()
             changing.join()
-        self._count()
+        self.say(counted(self._robot.application))
 
     def _done(self, text: str, sent: SentTask[None]) -> None:
         self.say(text)
@@ -87,20 +88,20 @@ class CleaningShow:
                 processors = self._robot.application.allocation().processors
                 self.say(f"allocated anew: {policy}, then by hand: {len(processors)} processors")
 
-    def _count(self) -> None:
-        """Whether a tick was lost: each activity is ticked once a period, or left out if it is too late for that."""
-        application = self._robot.application
-        figures, processors = application.figures(), application.allocation().processors
-        periods = {one.name: one.period for processor in processors for one in processor.activities}
-        due = sum(int(figures.running_for / period) + 1 for period in periods.values())  # the first one at once
-        ticks = sum(one.ticks for one in figures.activities)
-        late, left_out = (sum(getattr(one, of) for one in figures.activities) for of in ("overruns", "left_out"))
-        lost = due - ticks - left_out
-        told = "no other is missing" if abs(lost) <= len(periods) else f"{lost:,} are missing"
-        self.say(
-            f"{due:,} ticks were due in {duration(figures.running_for)}: {ticks:,} were made ({late:,} too late),"
-            f" {left_out:,} were left out as the next was due already, {told}"
-        )
+
+def counted(application: Application) -> str:
+    """Whether a tick was lost: each activity is ticked once a period, or left out if it is too late for that."""
+    figures, processors = application.figures(), application.allocation().processors
+    periods = [one.period for processor in processors for one in processor.activities]
+    due = sum(int(figures.running_for / period) + 1 for period in periods)  # the first one at once
+    ticks = sum(one.ticks for one in figures.activities)
+    late, left_out = (sum(getattr(one, of) for one in figures.activities) for of in ("overruns", "left_out"))
+    lost = due - ticks - left_out
+    told = "no other is missing" if abs(lost) <= len(periods) else f"{lost:,} are missing"
+    return (
+        f"{due:,} ticks were due in {duration(figures.running_for)}: {ticks:,} were made ({late:,} too late),"
+        f" {left_out:,} were left out as the next was due already, {told}"
+    )
 
 
 def _save(robot: CleaningRobot, changes: list[str], folder: Path) -> None:

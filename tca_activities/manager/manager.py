@@ -49,8 +49,7 @@ class Manager:
         self._is_behind = False
         self._looks = 0
         application.on_change(self._take_change)
-        for region in self._regions():
-            region.on_transition(self._take_transition)
+        application.on_add(self._take_component)
 
     def handle_in(self, module: Module) -> None:
         """Publish in this module, and handle commands, once it runs. It has a resource of its own for that, so that
@@ -97,6 +96,11 @@ class Manager:
     def _take_change(self) -> None:
         self._is_reallocated = True
 
+    def _take_component(self, component: Component[Any]) -> None:
+        for region in component.regions.values():
+            region.on_transition(self._take_transition)
+        self._is_behind = True
+
     def _take_transition(self, change: RegionChange) -> None:
         region = f"{change.component}.{change.region}"
         self._changes.append(TransitionEntry(region, change.source, change.target, change.event))
@@ -109,11 +113,10 @@ class Manager:
             self._is_behind = True  # what was told meanwhile may be lost
 
     def _publish_news(self, sender: Sender) -> None:
-        """Whatever has changed. A new central is told everything, and so is one that was away."""
+        """Whatever has changed. With a component more it is everything, and for a central that is new or was away."""
         is_second = self._looks % _FIGURES == 0
         if self._is_behind or (is_second and sender.get_variable(self.messages.application, None) is None):
             self._publish_all(sender)
-            self._is_behind = False
         if self._changes:
             self._publish_states(sender)
         if self._is_reallocated:
@@ -124,6 +127,7 @@ class Manager:
             sender.set_variable(self.messages.figures, self.application.figures(), wait=False)
 
     def _publish_all(self, sender: Sender) -> None:
+        self._is_behind = False
         name, components = self.application.name, self.application.components
         entries = [_component_entry(component) for component in components.values()]
         entry = ApplicationEntry(name, self._module_name, entries, list(POLICIES), self._controls)

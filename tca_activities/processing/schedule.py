@@ -12,6 +12,7 @@ from tca_wire.text.measures import duration
 
 _EXACT = 1e-9  # seconds: so much comes of rounding
 _LONG = 1.0  # seconds: no tick should take so long
+_LONGEST = 1e9  # seconds: threads can't wait for much longer
 
 
 class ScheduledActivity:
@@ -166,7 +167,7 @@ class Schedule:
             one.release = Period(now, one.period)
         else:
             self.take_off(one)
-        place = len(processor.activities) if position is None else position
+        place = len(processor.activities) if position is None else min(position, len(processor.activities))
         processor.activities.insert(place, one)
         one.processor = processor
 
@@ -202,10 +203,11 @@ class Schedule:
 
 
 def _check_period(name: str, seconds: float) -> None:
-    if not (isinstance(seconds, (int, float)) and 0 < seconds < math.inf):
-        raise MisuseError(f"the period of activity '{name}' must be more than 0 seconds, not {seconds!r:.60}")
+    if not (isinstance(seconds, (int, float)) and _EXACT <= seconds <= _LONGEST):
+        wanted = f"{_EXACT:g} to {_LONGEST:g} seconds"
+        raise MisuseError(f"the period of activity '{name}' must be {wanted}, not {seconds!r:.60}")
 
 
 def _check_estimate(name: str, seconds: float | None) -> None:
-    if not (seconds is None or (isinstance(seconds, (int, float)) and 0 <= seconds < math.inf)):
-        raise MisuseError(f"the estimate of activity '{name}' must be 0 seconds or more, not {seconds!r:.60}")
+    if not (seconds is None or (isinstance(seconds, (int, float)) and 0 <= seconds <= _LONGEST)):
+        raise MisuseError(f"the estimate of activity '{name}' must be 0 to {_LONGEST:g} seconds, not {seconds!r:.60}")

@@ -389,7 +389,11 @@ def _why_none(segment: Path) -> str:
 def _checked(path: Path) -> Path:
     if path.is_dir():
         if not segments_in(path):
-            raise UnusableLog(f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): name the journal of one run")
+            below = max(path.glob(f"*/*{SEGMENT_SUFFIX}"), default=None)
+            one = f", such as {below.parent}" if below else ""
+            raise UnusableLog(
+                f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): name the journal of one run{one}"
+            )
     elif not path.exists():
         raise UnusableLog(f"{path}: there is no such file or directory: name a journal directory or a segment")
     elif not path.is_file():

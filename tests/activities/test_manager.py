@@ -15,7 +15,7 @@ from tca_activities.manager import (
     Manager,
     ProcessorPriority,
 )
-from tca_module import Client, Command, MisuseError, Module, TaskFailed, connect
+from tca_module import Callback, Client, Command, MisuseError, Module, TaskFailed, connect
 from tca_module.testing import LocalCentral
 
 NAMES = ApplicationMessages("robot")
@@ -38,6 +38,12 @@ class Town(NamedTuple):
         """What central knows of the processors."""
         report = self.user.get_variable(NAMES.allocation)
         return {one.name: [each.name for each in one.activities] for one in report.processors}
+
+
+@pytest.fixture
+def few_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three transitions at most wait for central."""
+    monkeypatch.setattr("tca_activities.manager.manager._MOST_WAITING", 3)
 
 
 @pytest.fixture
@@ -82,6 +88,42 @@ def test_every_transition_is_told(town: Town) -> None:
     town.central.advance(1.0)
     figures = {one.name: one.ticks for one in town.user.get_variable(NAMES.figures).activities}
     assert figures["x.enabling.machine"] == 10
+
+
+@pytest.mark.usefixtures("few_wait")
+def test_a_transition_is_told_that_is_made_while_others_are(town: Town, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    set_variable = Callback.set_variable
+
+    def disable_meanwhile(self: Callback, variable: Any, value: Any, **how: Any) -> None:
+        set_variable(self, variable, value, **how)
+        if variable.name == NAMES.states.name:
+            told.extend(change.event for change in value.changes)
+            if len(told) == 3:
+                town.joint.command.put("disable")
+                town.baton.run(0.1)
+
+    monkeypatch.setattr(Callback, "set_variable", disable_meanwhile)
+    town.carry_out(NAMES.start)
+    for event in ("enable", "disable", "enable"):
+        town.joint.command.put(event)
+    town.baton.run(0.1)
+    town.central.advance(0.2)
+    assert told == ["enable", "disable", "enable", "disable"]
+
+
+def test_a_component_that_is_added_is_known_and_told_of(town: Town) -> None:
+    town.carry_out(NAMES.start)
+    late = Joint("late")
+    town.application.add(late)
+    late.command.put("enable")
+    town.baton.run(0.1)
+    town.central.advance(0.1)
+    assert [one.name for one in town.user.get_variable(NAMES.application).components] == ["x", "late"]
+    assert "late.movement.machine" in town.allocated()["all"]
+    told = town.user.get_variable(NAMES.states)
+    assert told.states["late.enabling"] == "enabled"
+    assert ("late.enabling", "enable") in [(one.region, one.event) for one in told.changes]
 
 
 def test_commands_change_the_allocation(town: Town) -> None:

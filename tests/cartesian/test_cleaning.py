@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from cartesian.virtual_robot import VirtualRobot
 
 import robots
+from robots.cartesian_sim.__main__ import counted
 from robots.cartesian_sim.generated import JointTarget
 from robots.cartesian_sim.guide import PATTERN
 from robots.cartesian_sim.mechanism import OVERTRAVEL, POWER_UP, Axis
@@ -25,6 +27,18 @@ def test_the_code_is_that_of_the_model(tmp_path: Path) -> None:
     (tmp_path / "robots" / "__init__.py").touch()
     said = write_code(read_model(there / "cleaning.toml"), there)
     assert [line.partition(": ")[2] for line in said] == ["as it was"] * 2 + ["left alone"] * 3
+
+
+def test_the_show_counts_the_ticks_that_are_missing() -> None:
+    robot = VirtualRobot()
+    robot.baton.run(1.005)
+    due, made, rest = re.split(r" ticks were due in 1 s: | were made \(0 too late\), ", counted(robot.application))
+    assert due == made
+    assert rest == "0 were left out as the next was due already, no other is missing"
+    robot.application.remove("x.movement.machine")
+    robot.baton.run(1.0)
+    robot.application.move("x.movement.machine", "all")
+    assert counted(robot.application).endswith(", 100 are missing")
 
 
 def test_a_motor_follows_at_its_rate_and_its_brake_stops_it() -> None:

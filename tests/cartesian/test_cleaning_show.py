@@ -16,10 +16,7 @@ def test_the_wall_is_cleaned_in_a_show(tmp_path: Path) -> None:
     done = re.findall(r"s  (.*): done", shown.stdout)
     assert done == ["enable", "reference", "move to (1.5, 0.9)", "clean"]
     assert "allocated anew: automatic" in shown.stdout
-    counted = re.search(r"([\d,]+) ticks, ([\d,]+) were due in .*, ([\d,]+) came too late", shown.stdout)
-    assert counted is not None
-    ticks, due, late = (int(number.replace(",", "")) for number in counted.groups())
-    assert due - late - 100 <= ticks <= due + 100
+    assert re.search(r" ticks were due in .* left out as the next was due already, no other is missing\n", shown.stdout)
     assert (tmp_path / "wall.svg").read_text().count('class="clean"') == 1
     transitions = (tmp_path / "transitions.txt").read_text()
     assert "tool.referencing: off switch to referenced" in transitions

@@ -61,6 +61,9 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
         open_log(tmp_path / "nothing")
     with pytest.raises(UnusableLog, match="a directory without segments"):
         open_log(tmp_path / "empty")
+    walking().write(tmp_path / "best" / "journal")
+    with pytest.raises(UnusableLog, match=f"name the journal of one run, such as {tmp_path / 'best' / 'journal'}$"):
+        open_log(tmp_path / "best")
     with pytest.raises(UnusableLog, match="neither a file nor a directory"):
         open_log(Path("/dev/null"))
 
