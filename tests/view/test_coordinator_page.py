@@ -1,11 +1,6 @@
 """A coordinator with a preview on the page: its machine, and the marks of what ran ahead."""
 
-import json
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable
-from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +8,7 @@ import pytest
 from playwright.sync_api import Page
 from tools.deliveries import deliver, written
 
+from view.answers import answer
 from view.conftest import Look, until
 
 pytestmark = pytest.mark.slow
@@ -58,15 +54,7 @@ def test_the_server_tells_which_states_are_likely(serve: Callable[[Path], str], 
     address = serve(delivery)
 
     def asked(moment: float) -> Any:
-        deadline = time.monotonic() + 20
-        while True:  # the journal is read while the server already answers
-            try:
-                with urllib.request.urlopen(f"{address}api/message/2?at={moment}", timeout=20) as answer:
-                    return json.loads(answer.read())["machine"]
-            except urllib.error.HTTPError as error:
-                if error.code != HTTPStatus.NOT_FOUND or time.monotonic() > deadline:
-                    raise
-                time.sleep(0.02)
+        return answer(f"{address}api/message/2?at={moment}")["machine"]
 
     assert asked(3)["active"] == [1]
     assert asked(3)["foreseen"] == [2, 4, 6, 7, 8, 9]

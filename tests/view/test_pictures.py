@@ -1,7 +1,6 @@
 """Pictures that modules publish as variables: the page shows them as they were at the moment shown."""
 
 import base64
-import json
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ from playwright.sync_api import Page, expect
 from tools.story import Story
 
 from tca_wire.vocabulary import MessageClass
+from view.answers import answer
 from view.conftest import Look, until
 
 pytestmark = pytest.mark.slow
@@ -91,8 +91,7 @@ def test_other_values_are_no_pictures(look: Look, arm: Path) -> None:
 
 def test_the_server_tells_values_of_pictures_only(serve: Callable[[Path], str], arm: Path) -> None:
     address = serve(arm)
-    with urllib.request.urlopen(f"{address}api/picture/1", timeout=20) as answer:
-        kind, data = json.loads(answer.read())["image"].split(",")
+    kind, data = answer(f"{address}api/picture/1")["image"].split(",")
     assert (kind, base64.b64decode(data).decode()) == ("data:image/svg+xml;base64", svg(11))
     for nothing in (5, 77):
         with pytest.raises(urllib.error.HTTPError, match="404"):
