@@ -11,6 +11,7 @@ from typing import Any, ParamSpec, Self, TypeVar
 from tca_missions.client.catalogue import Catalogue
 from tca_missions.client.conditions import ConditionVerified, MissionCondition
 from tca_missions.client.errors import BadParameter, NotOffered
+from tca_missions.client.interrupts import interrupt_held
 from tca_missions.client.mission_goal import MissionGoal
 from tca_missions.client.offered_task import OfferedTask
 from tca_missions.client.running_task import RunningTask, given_parameters, running_tasks
@@ -169,8 +170,14 @@ class BaseMission:
 
     def run(self, name: str, /, **parameters: Any) -> Any:
         """Run a task by name: ``mission.run("GoTo", goal_x=1.0)`` is ``mission.GoTo(goal_x=1.0)``."""
-        task = self._task(name)
-        handle = self._start(task, parameters)
+        task, handle = self._task(name), None
+        try:
+            with interrupt_held():
+                handle = self._start(task, parameters)
+        except KeyboardInterrupt as interrupt:
+            if handle is not None:
+                self._stopping.stop_after(interrupt, [handle], "the mission was interrupted")
+            raise
         if not parameters.get("foreground", task.runs_in_foreground):
             return handle
         return self.finish(handle)

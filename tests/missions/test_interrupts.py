@@ -1,0 +1,48 @@
+"""Ctrl-C at the moment in which a task is sent."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from missions.rover import rover
+
+from tca_missions import Mission
+from tca_missions.client import mission as client
+from tca_missions.client.interrupts import interrupt_held
+
+
+def test_a_task_that_is_sent_as_ctrl_c_is_pressed_has_stopped_when_the_call_returns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    @contextmanager
+    def pressed_meanwhile() -> Iterator[None]:
+        with interrupt_held():
+            yield
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(client, "interrupt_held", pressed_meanwhile)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with rover() as (central, robot), Mission("rover", central=central) as mission:
+            with pytest.raises(KeyboardInterrupt):
+                mission.Drive(x=5.0, fails="never")
+            assert robot.done in ([], ["to 5", "stands at 5"])
+            assert not mission.running_tasks()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_second_ctrl_c_is_not_held() -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        reached: list[int] = []
+        with pytest.raises(KeyboardInterrupt), interrupt_held():
+            signal.raise_signal(signal.SIGINT)
+            reached.append(1)
+            signal.raise_signal(signal.SIGINT)
+            reached.append(2)
+        assert reached == [1]
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
