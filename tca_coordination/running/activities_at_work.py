@@ -59,15 +59,15 @@ class ActivitiesAtWork:
         """Whether nothing runs any more, and nothing is to be undone."""
         return all(work.is_over for work in self._all()) and not any(self._undoable())
 
-    def present(self, state: int, situation: Situation) -> Present:
-        """How the run stands in that state."""
+    def present(self, state: int, situation: Situation, *, is_new: bool) -> Present:
+        """How the run stands in that state. *is_new*: nothing has been decided in it."""
         work = [EarlyWork(one.state, _phase(one), one.progress, one.share) for one in self._ahead.values()]
         work += [EarlyWork(one.state, WorkPhase.STOPPING, one.progress, one.share) for one in self._ending]
         if self._restoring is not None:
             work.append(EarlyWork(self._restoring[1].state, WorkPhase.RESTORING))
         spoilt = frozenset().union(*(one.spoilt for one in self._spoilers))
         is_done = self.current is not None and self.current.is_done
-        return Present(state, dict(self._now.known), situation, is_done, work, spoilt)
+        return Present(state, dict(self._now.known), situation, is_done, is_new, work, spoilt)
 
     def _all(self) -> Iterator[StartedActivity]:
         if self.current is not None:

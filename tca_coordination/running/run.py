@@ -127,7 +127,7 @@ class CoordinationRun:
         if self._look_ahead is None:
             return Decision([])
         situation = self._situation()
-        present = self._work.present(self._interpreter.current, situation)
+        present = self._work.present(self._interpreter.current, situation, is_new=bool(self._taken))
         return self._look_ahead.decide(present)
 
     def _situation(self) -> Situation:

@@ -6,6 +6,8 @@ import pytest
 from coordination.delivery_robot import (
     ARM,
     BOX_B_FREE,
+    FINGERS,
+    GRIPPER,
     MOVE_ARM,
     MOVE_BASE,
     STUCK,
@@ -131,6 +133,44 @@ def test_what_a_state_needs_as_it_was_is_undone() -> None:
             "12 -> end (done)",
         ]
         assert ran.result(timeout=5).wasted == 1
+
+
+def test_each_visitor_is_greeted() -> None:
+    """The first one has gone before the robot comes to the door. What was said then is not for the second one."""
+    seen = Perceived(BOX_B_FREE)
+    with Coordination("patrol", facts={"base": "A"}) as machine:
+        waiting, to_door = machine.state("waiting"), machine.state("to the door", base("B"))
+        greet = machine.state("greet", Activity(Do(GRIPPER, "hello", FINGERS)))
+        back = machine.state("back", base("A"))
+        waiting.to(to_door, on="go")
+        waiting.to(machine.final("end"), on="stop")
+        to_door.to(greet, when=BOX_B_FREE, likelihood=seen)
+        to_door.to(back, likelihood=Perceived(BOX_B_FREE, negated=True))
+        greet.to(back)
+        back.to(waiting)
+    with play(machine, AS_SOON_AS_LIKELY) as run:
+        ran = run.begin()
+        run.box_b(1.0)
+        run.event("go")
+        run.central.advance(3)
+        run.box_b(0.0)
+        run.central.advance(27)
+        run.event("go")
+        run.central.advance(2)
+        run.box_b(1.0)
+        run.central.advance(30)
+        run.event("stop")
+        assert [line for line in run.happened() if "hello" in line or "greet" in line] == [
+            "0 gripper hello: ahead",
+            "1 gripper hello: done",
+            "8 gripper hello: wasted",
+            "32 gripper hello: ahead",
+            "33 gripper hello: done",
+            "38 -> greet (done [box B is free])",
+            "38 gripper hello: kept",
+        ]
+        end = ran.result(timeout=5)
+        assert (end.kept, end.wasted) == (1, 1)
 
 
 def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
