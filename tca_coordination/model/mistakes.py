@@ -7,8 +7,8 @@ T = TypeVar("T")
 
 
 class Mistakes:
-    """Errors in likelihoods, costs and policies. In a run each is told once, and the run goes on without that bit of
-    preview; elsewhere it is raised.
+    """Errors in likelihoods, costs and policies, and in what reads the progress of early work. In a run each is told
+    once, and the run goes on without that bit of preview; elsewhere it is raised.
     """
 
     def __init__(self, tell: Callable[[str], object] | None = None) -> None:

@@ -52,6 +52,8 @@ class Present:
     """As the machine without a preview would see it. Its progress is that of the current activity."""
     is_done: bool = False
     """Whether the current activity has been done, and the machine waits for something else."""
+    is_new: bool = False
+    """Whether the machine has taken a transition since the last decision."""
     work: Sequence[EarlyWork] = ()
     spoilt: Collection[str] = frozenset()
     """Variables that early work has changed in vain, and that have not been restored or made anew."""
@@ -287,21 +289,11 @@ class _Deciding:
         return None
 
     def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:
-        """What is done stays while its state may still come, and nothing needs or makes the same variable."""
-        if work.phase is not WorkPhase.DONE or work.state not in self._reachable():
+        """What is done stays while the current state does, and nothing that runs needs or makes the same variable."""
+        if work.phase is not WorkPhase.DONE or self.present.is_new:
             return Objection(work.state, Reason.NOT_FORESEEN)
         clash = self.running.clash((), self._activity(work.state).makes)
         return Objection(work.state, Reason.CONFLICT, clash.variable, clash.state) if clash else None
-
-    def _reachable(self) -> set[int]:
-        """The states that may come, however unlikely."""
-        found: set[int] = set()
-        ahead = [self.present.current]
-        while ahead:
-            new = {arrow.target for arrow in self.automaton.arcs(ahead.pop())} - found
-            found |= new
-            ahead += new
-        return found
 
     def _objection_to_result(self, state: int, activity: Activity) -> Objection | None:
         """What speaks against building on an activity that is done."""

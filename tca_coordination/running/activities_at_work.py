@@ -8,6 +8,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping
 
 from tca_coordination.model.activities import Activity
+from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Fact, Situation
 from tca_coordination.preview.decide import EarlyWork, Present, WorkPhase
 from tca_coordination.running.facts import KnownFacts
@@ -24,9 +25,11 @@ class ActivitiesAtWork:
 
     def __init__(
         self, facts: Mapping[str, Fact], task: Task, failures: FailureNotes, patience: float,
-        put: Callable[[Callable[[], object]], object],
+        put: Callable[[Callable[[], object]], object], mistakes: Mistakes,
     ) -> None:  # fmt: skip
-        """*put*: takes what has happened, for the thread of the run."""
+        """*put*: takes what has happened, for the thread of the run. *mistakes*: takes what raises where the progress
+        of early work is read.
+        """
         self.current: StartedActivity | None = None
         """The activity of the current state, if it has begun."""
         self.kept = self.wasted = 0
@@ -37,6 +40,7 @@ class ActivitiesAtWork:
         self._failures = failures
         self._patience = patience
         self._put = put
+        self._mistakes = mistakes
         self._ahead: dict[int, StartedActivity] = {}
         self._ending: list[StartedActivity] = []
         """Told to stop, and not over yet."""
@@ -59,15 +63,15 @@ class ActivitiesAtWork:
         """Whether nothing runs any more, and nothing is to be undone."""
         return all(work.is_over for work in self._all()) and not any(self._undoable())
 
-    def present(self, state: int, situation: Situation) -> Present:
-        """How the run stands in that state."""
+    def present(self, state: int, situation: Situation, *, is_new: bool) -> Present:
+        """How the run stands in that state. *is_new*: nothing has been decided in it."""
         work = [EarlyWork(one.state, _phase(one), one.progress, one.share) for one in self._ahead.values()]
         work += [EarlyWork(one.state, WorkPhase.STOPPING, one.progress, one.share) for one in self._ending]
         if self._restoring is not None:
             work.append(EarlyWork(self._restoring[1].state, WorkPhase.RESTORING))
         spoilt = frozenset().union(*(one.spoilt for one in self._spoilers))
         is_done = self.current is not None and self.current.is_done
-        return Present(state, dict(self._now.known), situation, is_done, work, spoilt)
+        return Present(state, dict(self._now.known), situation, is_done, is_new, work, spoilt)
 
     def _all(self) -> Iterator[StartedActivity]:
         if self.current is not None:
@@ -216,7 +220,8 @@ class ActivitiesAtWork:
         self._put(lambda: self._note(task, change))
 
     def _note(self, task: ActivityTask, change: Change) -> None:
-        task.note(change, self._failures)
+        is_current = self.current is not None and task in self.current.tasks
+        task.note(change, self._failures, Mistakes() if is_current else self._mistakes)
         if not change.is_over:
             return
         for work in list(self._all()):
@@ -290,5 +295,5 @@ def _phase(work: StartedActivity) -> WorkPhase:
 
 
 def _undoing(work: StartedActivity) -> Activity:
-    """What undoes an activity, as an activity."""
-    return Activity(*work.activity.undo, makes=work.activity.makes)
+    """What undoes an activity, as an activity whose progress nobody asks for."""
+    return Activity(*work.activity.undo, makes=work.activity.makes, progress=lambda _: 0.0)

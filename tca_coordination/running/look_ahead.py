@@ -24,6 +24,11 @@ class LookAhead:
         self._limits = limits
         self._needed = needed_later(machine)
 
+    @property
+    def mistakes(self) -> Mistakes:
+        """Take what functions raise that only a preview calls."""
+        return self._mistakes
+
     def decide(self, present: Present) -> Decision:
         """The states that are foreseen, and what to start and stop."""
         automaton = self._machine.automaton(present.situation, self._mistakes)

@@ -11,6 +11,7 @@ from typing import Any
 
 from tca_coordination.model.activities import Activity
 from tca_coordination.model.machine import Coordination
+from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Situation
 from tca_coordination.model.statechart import Interpreter, TakenArrow
 from tca_coordination.model.states import DONE, FAILED
@@ -50,7 +51,8 @@ class CoordinationRun:
         self._heard = deque[Callable[[], object]]()
         self._events = deque[str]()
         self._variables: dict[str, Any] = {}
-        self._work = ActivitiesAtWork(machine.facts, task, failures, patience, self._heard.append)
+        mistakes = look_ahead.mistakes if look_ahead is not None else Mistakes()
+        self._work = ActivitiesAtWork(machine.facts, task, failures, patience, self._heard.append, mistakes)
         self._unmet = ""
         """Why the current activity can't begin, in words; "" if it can."""
         self._failed_at_once = set[int]()
@@ -127,7 +129,7 @@ class CoordinationRun:
         if self._look_ahead is None:
             return Decision([])
         situation = self._situation()
-        present = self._work.present(self._interpreter.current, situation)
+        present = self._work.present(self._interpreter.current, situation, is_new=bool(self._taken))
         return self._look_ahead.decide(present)
 
     def _situation(self) -> Situation:

@@ -1,9 +1,11 @@
 """An activity that was started: its tasks, how far they are, and what they are to the machine."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from tca_coordination.model.activities import Activity, Do
+from tca_coordination.model.mistakes import Mistakes
 from tca_coordination.model.situation import Fact
 from tca_coordination.running.failures import FailureNotes, NotedFailure
 from tca_module import Change, Command, MisuseError, Refused, SentTask, Task
@@ -39,11 +41,13 @@ class ActivityTask:
         """Whether it ended otherwise than done."""
         return self.failure is not None or bool(self.killed)
 
-    def note(self, change: Change, failures: FailureNotes) -> None:
-        """Its state has changed, or it has told of its progress."""
+    def note(self, change: Change, failures: FailureNotes, mistakes: Mistakes) -> None:
+        """Its state has changed, or it has told of its progress. *mistakes*: takes what raises where that is read."""
         if self._reports is not None:
+            what = f"the progress of {self._activity!r} stays as it was"
             for report in self._reports.arrived():
-                self.progress = self._activity.progress(report)
+                read = partial(self._activity.progress, report)
+                self.progress = mistakes.otherwise(self.progress, what, read)
         if change.state != self.do.message.life_cycle.initial:
             is_killed = change.is_over and change.by == "central"
             self.has_begun |= change.is_late or change.missed > 0 or not (is_killed or change.by == "client")

@@ -96,7 +96,7 @@ class PlayedRun:
         self.spoilers: list[tuple[int, set[str]]] = []  # wasted work, and what of it nobody has made anew
         self.current = 0
         self.progress = 0.0
-        self.is_begun = self.is_done = self.is_unfit = False
+        self.is_begun = self.is_done = self.is_unfit = self.is_new = False
         self.started = self.kept = self.restored = 0
         self._enter(0)
 
@@ -172,6 +172,7 @@ class PlayedRun:
 
     def _enter(self, state: int) -> None:
         self.current, self.progress, self.is_begun, self.is_done, self.is_unfit = state, 0.0, False, False, False
+        self.is_new = True
         activity = self.machine.activity(state)
         found = next((one for one in self.work if one.state == state and one.phase in (*BUSY, "done", "failed")), None)
         if found is None or found.phase is WorkPhase.STOPPING or activity is None:
@@ -243,8 +244,9 @@ class PlayedRun:
     def _decide(self) -> None:
         spoilt = {name for _, names in self.spoilers for name in names}
         situation = Situation("", self.plain, {}, min(self.progress, 1.0))
-        present = Present(self.current, self.now, situation, self.is_done, self.work, spoilt)
+        present = Present(self.current, self.now, situation, self.is_done, self.is_new, self.work, spoilt)
         decision = decide(self.machine, present, self.policy, self.needed, self.limits)
+        self.is_new = False
         for stop in decision.stops:
             work = next(
                 one for one in self.work if one.state == stop.state and one.phase not in ("stopping", "restoring")

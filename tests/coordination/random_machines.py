@@ -92,6 +92,30 @@ def _machine(random: Random, *, unlikely: bool) -> Coordination:
     return machine
 
 
+def random_round(random: Random) -> Coordination:
+    """A machine that goes round and round, past some of its states only while FREE is true."""
+    with Coordination("round", facts=dict.fromkeys(NAMES, 0)) as machine:
+        waiting = machine.state("waiting")
+        states = [
+            machine.state(f"s{number}", _small_activity(random, number)) for number in range(random.randint(3, 5))
+        ]
+        waiting.to(machine.final("end"), on="stop")
+        waiting.to(states[0], on="go", likelihood=random.choice([None, Prior(0.9)]))
+        for state, *later in zip(states, [*states[1:], waiting], [*states[2:], waiting, states[0]], strict=True):
+            random.shuffle(later)
+            state.to(later[0], when=FREE, likelihood=Perceived(FREE))
+            state.to(later[1], likelihood=Perceived(FREE, negated=True))
+            state.to(waiting, on="failed", likelihood=Prior(0.0))
+    return machine
+
+
+def _small_activity(random: Random, number: int) -> Activity:
+    kind = random.choice(KINDS)
+    do = Do(kind, Work(f"s{number} {kind.name}", random.randint(1, 3) + ODD[kind]), AGENTS[kind])
+    makes = {random.choice(NAMES): number} if random.random() < 0.3 else {}
+    return Activity(do, makes=makes, undo=Do(kind, Work(f"undo s{number}", 1.007), AGENTS[kind]))
+
+
 def _activity(random: Random, label: str) -> Activity:
     kinds = random.sample(KINDS, random.choice([1, 1, 2]))
     tasks = [

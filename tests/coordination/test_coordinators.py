@@ -1,5 +1,7 @@
 """What a coordinator does whatever its policy: failures, events, guards that wait, ends, and what it refuses."""
 
+from threading import Event
+
 import pytest
 from coordination.delivery_robot import (
     ARM,
@@ -18,6 +20,7 @@ from coordination.delivery_robot import (
 )
 
 from tca_coordination import COORDINATION_EVENT, Activity, Coordination, Coordinator, Discrete, Do, MachineEvent
+from tca_coordination.model.statechart import Interpreter
 from tca_module import Command, ExceptionHandler, MisuseError, Module, Outcome, Recovery, Task, TaskFailed, connect
 from tca_module.testing import LocalCentral
 
@@ -298,6 +301,37 @@ def test_an_event_for_a_run_that_is_just_beginning_is_heard() -> None:
                 run = user.command(coordinator.message, coordinator.chart)
                 user.broadcast(COORDINATION_EVENT, MachineEvent("long", "stop"))
                 assert run.result(timeout=5).state == "end"
+
+
+def test_an_event_for_a_run_that_never_began_is_none_of_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first run fails before it listens, and after an event for it has come."""
+    begins, told, restart = Event(), Event(), Interpreter.restart
+
+    def fail_once(interpreter: Interpreter) -> None:
+        if not begins.is_set():
+            begins.set()
+            assert told.wait(5)
+            raise RuntimeError("no chart today")
+        restart(interpreter)
+
+    monkeypatch.setattr(Interpreter, "restart", fail_once)
+    coordinator, module = Coordinator(delivery(), policy=None), Module("coordinator")
+    coordinator.handle_in(module)
+    with LocalCentral() as central, connect("user", central) as user:
+        module.central = central
+        with module.running():
+            first = user.command(coordinator.message, coordinator.chart)
+            assert begins.wait(5)
+            user.broadcast(COORDINATION_EVENT, MachineEvent("deliver", "object given"))
+            central.until_quiet(ignoring=[coordinator.message])
+            told.set()
+            with pytest.raises(TaskFailed, match="no chart today"):
+                first.result(timeout=5)
+            second = user.command(coordinator.message, coordinator.chart)
+            assert next(iter(second.progress())).current == 0
+            central.until_quiet()
+            assert user.tasks(MOVE_BASE) == []
+            second.kill("enough")
 
 
 def test_a_module_has_one_coordinator() -> None:

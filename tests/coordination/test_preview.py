@@ -104,6 +104,7 @@ def decided(
     free: float = 1.0,
     progress: float = 0.6,
     is_done: bool = False,
+    is_new: bool = False,
     spoilt: Sequence[str] = (),
     policy: Policy | None = None,
 ) -> Decision:
@@ -112,9 +113,10 @@ def decided(
         [state.label for state in machine.states].index(current),
         START if facts is None else facts,
         situation(free, progress),
-        is_done,
-        work,
-        spoilt,
+        is_done=is_done,
+        is_new=is_new,
+        work=work,
+        spoilt=spoilt,
     )
     return decide(automaton, present, policy or Discrete(0.5, progress_only), needed_later(machine), PreviewLimits())
 
@@ -255,6 +257,51 @@ def test_a_result_that_is_no_longer_foreseen_is_wasted_where_another_activity_ma
     decision = decided("going to C", {**START, "arm": "B"}, [ahead("arm to B", WorkPhase.DONE)])
     assert decision.stops == [Objection(number("arm to B"), Reason.CONFLICT, "arm", number("arm to C"))]
     assert decision.starts == [Start(number("arm to C"))]
+
+
+def test_a_result_that_is_no_longer_foreseen_lasts_as_long_as_the_current_state() -> None:
+    """The arm was on its way to box B, which is occupied now. Nothing else moves the arm before the gripper opens."""
+    with Coordination("lasting", facts=START) as machine:
+        going = machine.state("going to B", base("B"))
+        reach, greet = machine.state("arm to B", arm("B", can_undo=True)), machine.state("greeting", drop("A"))
+        going.to(reach, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
+        going.to(greet, likelihood=Perceived(BOX_B_FREE, negated=True))
+        reach.to(going)
+        greet.to(going)
+        arm_a = machine.state("arm to A", arm("A"))
+        going.to(arm_a, on="somebody comes")
+        arm_a.to(greet)
+    done = [EarlyWork(reach.number, WorkPhase.DONE)]
+
+    def stops(current: str, free: float, *, is_new: bool) -> list[Objection]:
+        return decided(current, {**START, "arm": "B"}, done, machine=machine, free=free, is_new=is_new).stops
+
+    assert stops("going to B", 0.0, is_new=False) == []
+    assert stops("going to B", 0.0, is_new=True) == [Objection(reach.number, Reason.NOT_FORESEEN)]
+    assert stops("going to B", 1.0, is_new=True) == [], "the path that was taken leads there"
+
+
+def test_a_result_that_is_no_longer_foreseen_costs_no_look_at_the_whole_machine() -> None:
+    asked: list[str] = []
+
+    def likely(situation: Situation) -> float:
+        asked.append(situation.state)
+        return 0.9
+
+    with Coordination("long", facts=START) as machine:
+        going, reach = machine.state("going to B", base("B")), machine.state("arm to B", arm("B"))
+        waits = [machine.state(f"waiting {number}") for number in range(50)]
+        going.to(reach, when=BOX_B_FREE, likelihood=Prior(0.1))
+        going.to(waits[0], likelihood=Prior(0.9))
+        for wait, following in zip(waits, [*waits[1:], machine.final("end")], strict=True):
+            wait.to(following, on="go", likelihood=likely)
+        reach.to(waits[0])
+    automaton = machine.automaton(situation())
+    done = [EarlyWork(reach.number, WorkPhase.DONE)]
+    present = Present(going.number, {**START, "arm": "B"}, situation(), work=done)
+    limits = PreviewLimits(horizon=3)
+    assert decide(automaton, present, Discrete(0.5), needed_later(machine), limits).stops == []
+    assert len(asked) < 5
 
 
 def test_what_failed_ahead_is_left_to_its_turn() -> None:

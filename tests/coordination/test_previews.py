@@ -6,6 +6,8 @@ import pytest
 from coordination.delivery_robot import (
     ARM,
     BOX_B_FREE,
+    FINGERS,
+    GRIPPER,
     MOVE_ARM,
     MOVE_BASE,
     STUCK,
@@ -17,7 +19,7 @@ from coordination.delivery_robot import (
 )
 
 from tca_coordination import Activity, Agent, Continuous, Coordination, Discrete, Do, Perceived, Policy, Prior
-from tca_module import ExceptionHandler, Module, Outcome, Task, connect
+from tca_module import Command, ExceptionHandler, Module, Outcome, Task, TaskFailed, connect
 
 AS_SOON_AS_LIKELY = Discrete(0.2, utility=lambda candidate: candidate.probability)
 
@@ -133,6 +135,44 @@ def test_what_a_state_needs_as_it_was_is_undone() -> None:
         assert ran.result(timeout=5).wasted == 1
 
 
+def test_each_visitor_is_greeted() -> None:
+    """The first one has gone before the robot comes to the door. What was said then is not for the second one."""
+    seen = Perceived(BOX_B_FREE)
+    with Coordination("patrol", facts={"base": "A"}) as machine:
+        waiting, to_door = machine.state("waiting"), machine.state("to the door", base("B"))
+        greet = machine.state("greet", Activity(Do(GRIPPER, "hello", FINGERS)))
+        back = machine.state("back", base("A"))
+        waiting.to(to_door, on="go")
+        waiting.to(machine.final("end"), on="stop")
+        to_door.to(greet, when=BOX_B_FREE, likelihood=seen)
+        to_door.to(back, likelihood=Perceived(BOX_B_FREE, negated=True))
+        greet.to(back)
+        back.to(waiting)
+    with play(machine, AS_SOON_AS_LIKELY) as run:
+        ran = run.begin()
+        run.box_b(1.0)
+        run.event("go")
+        run.central.advance(3)
+        run.box_b(0.0)
+        run.central.advance(27)
+        run.event("go")
+        run.central.advance(2)
+        run.box_b(1.0)
+        run.central.advance(30)
+        run.event("stop")
+        assert [line for line in run.happened() if "hello" in line or "greet" in line] == [
+            "0 gripper hello: ahead",
+            "1 gripper hello: done",
+            "8 gripper hello: wasted",
+            "32 gripper hello: ahead",
+            "33 gripper hello: done",
+            "38 -> greet (done [box B is free])",
+            "38 gripper hello: kept",
+        ]
+        end = ran.result(timeout=5)
+        assert (end.kept, end.wasted) == (1, 1)
+
+
 def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
     robot = Module("robot")
 
@@ -153,6 +193,27 @@ def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
         run.central.advance(20)
         assert ran.result(timeout=5).wasted == 1
     assert "did not undo what was done ahead in vain" in caplog.text
+
+
+def test_others_come_before_an_early_task_in_a_queue() -> None:
+    robot, places = Module("robot"), list[str]()
+
+    @robot.handles(MOVE_BASE, resource="base")
+    def drive(task: Task, _: str) -> None:
+        task.sleep(8)
+
+    @robot.handles(MOVE_ARM, resource="arm")
+    def move(_: Task, place: str) -> None:
+        places.append(place)
+
+    with play(fork(arm("box B"), arm("home")), AS_SOON_AS_LIKELY, robot) as run:
+        run.box_b(1.0)
+        with connect("locker", run.central) as locker, locker.lock("arm"):
+            run.begin()
+            run.user.command(MOVE_ARM, "look around", sequential=False)
+            run.central.until_quiet()
+        run.central.advance(5)
+    assert places == ["look around", "box B"]
 
 
 def test_what_cannot_be_undone_is_not_begun() -> None:
@@ -259,6 +320,65 @@ def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -
             run.central.advance(20)
             assert ran.result(timeout=5).kept == 0
         assert len([one for one in caplog.records if one.name == "tca.coordinator"]) == 1, options
+
+
+def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
+    """It raises, or gives what is no number. That is told once, and counts only if the state is entered."""
+
+    def unread(report: float) -> float:
+        return report["done"]  # type: ignore[index,no-any-return]
+
+    for progress in (unread, lambda _: "half way"):
+        caplog.clear()
+        with play(fork(arm("box B", progress=progress, undo=Do(MOVE_ARM, "home", ARM)), base("C"))) as run:
+            run.box_b(1.0)
+            ran = run.begin()
+            run.central.advance(5.2)
+            run.box_b(0.0)
+            run.central.advance(30)
+            end = ran.result(timeout=5)
+            assert (end.state, end.wasted) == ("end", 1)
+        told = [one.message for one in caplog.records if one.name == "tca.coordinator"]
+        assert len(told) == 1
+        assert 'the progress of Activity(arm to "box B") stays as it was: ' in told[0]
+
+
+def test_a_progress_of_the_current_task_that_fails_ends_a_run() -> None:
+    with play(fork(arm("box B", progress=lambda _: "half way"), base("C")), Discrete(2.0)) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(30)
+        with pytest.raises(TaskFailed, match="could not convert string to float"):
+            ran.result(timeout=5)
+
+
+def test_what_undoes_early_work_may_tell_its_progress_in_its_own_way() -> None:
+    unfold = Command("unfold", progress=str)
+    robot = Module("robot")
+
+    @robot.handles(MOVE_BASE, resource="base")
+    def drive(task: Task, _: str) -> None:
+        task.sleep(8)
+
+    @robot.handles(MOVE_ARM, resource="arm")
+    def move(task: Task, _: str) -> None:
+        task.sleep(3)
+
+    @robot.handles(GRIPPER)
+    def open_it(task: Task, _: str) -> None: ...
+
+    @robot.handles(unfold, resource="arm")
+    def work(task: Task) -> None:
+        task.report("half way")
+        task.sleep(1)
+
+    with play(fork(arm("box B", undo=Do(unfold, None, ARM)), opened(arm="home")), AS_SOON_AS_LIKELY, robot) as run:
+        run.box_b(1.0)
+        ran = run.begin()
+        run.central.advance(4)
+        run.box_b(0.0)
+        run.central.advance(20)
+        assert ran.result(timeout=5).wasted == 1
 
 
 class Odd(Policy):

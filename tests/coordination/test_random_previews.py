@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import pytest
 from coordination.conditions import check_conditions
-from coordination.random_machines import FREE, befall, random_machine, run_of
+from coordination.executions import check_executions
+from coordination.random_machines import FREE, befall, random_machine, random_round, run_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -71,6 +72,18 @@ def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> Non
     )  # wrong predictions may cost time, again and again, but it stands nowhere still
 
 
+@settings(max_examples=40)
+@given(SEEDS)
+def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
+    machine = random_round(Random(seed))
+    check_executions(machine, lived(machine, EAGER, seed).entries)
+
+
+def test_such_executions_often_begin_ahead() -> None:
+    rounds = [(random_round(Random(seed)), seed) for seed in range(8)]
+    assert sum(check_executions(machine, lived(machine, EAGER, seed).entries) for machine, seed in rounds) > 8
+
+
 @pytest.mark.soak
 @settings(max_examples=200)
 @given(SEEDS)
@@ -79,5 +92,6 @@ def test_all_of_that_of_many_machines(seed: int) -> None:
         test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine,
         test_nothing_ahead_violates_a_condition_of_the_current_activity,
         test_a_machine_goes_the_way_that_it_goes_without_a_preview,
+        test_each_visit_to_a_state_has_an_execution_of_its_own,
     ):
         test.hypothesis.inner_test(seed)  # type: ignore[attr-defined]

@@ -1,0 +1,68 @@
+"""Reads from a journal whether each visit to a state had an execution of its activity of its own."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+from coordination.conditions import activities_seen
+
+from tca_coordination import Coordination
+from tca_coordination.model.states import DONE
+from tca_wire.coordination import CoordinationReport, read_report
+from tca_wire.journal.facts import Entry, StateChanged
+
+
+class Told(NamedTuple):
+    """A report of a run."""
+
+    number: int
+    """Of its entry."""
+    time: float
+    report: CoordinationReport
+
+
+def check_executions(machine: Coordination, entries: list[Entry]) -> int:
+    """An activity that was done in a state began after the state was last left, and after the last transition from
+    which on it was not foreseen. How many of them began ahead.
+    """
+    told = list(_reports(entries))
+    seen = [one for one in activities_seen(machine, entries) if one.entered is not None]
+    ahead = 0
+    for place, one in enumerate(told):
+        state = one.report.before
+        if one.report.taken.split(" ")[0] != DONE or machine.states[state].activity is None:
+            continue
+        entered = max((place for place, other in enumerate(told[:place]) if other.report.taken), default=0)
+        since = _last_left(told[: entered + 1], state)
+        own = [
+            began
+            for execution in seen
+            if execution.state == state and execution.ended <= one.number
+            if (began := entries[execution.began].time) >= since
+        ]
+        assert own, (
+            f"{machine.states[state]!r} is left at {one.time:g} s, and nothing was done for it since {since:g} s"
+        )
+        ahead += own[-1] < told[entered].time
+    return ahead
+
+
+def _last_left(told: list[Told], state: int) -> float:
+    """The moment at which a state was left, or a transition was taken that made it unforeseen; the last of these before
+    it was entered, as the last report tells.
+    """
+    found = 0.0
+    for one, following in pairwise(told):
+        is_rest = not (following.time == one.time and following.report.taken)  # only then is told what is foreseen
+        is_foreseen = any(foreseen.state == state for foreseen in one.report.preview)
+        is_off = is_rest and not is_foreseen and one.report.current != state
+        if one.report.taken and (one.report.before == state or is_off):
+            found = one.time
+    return found
+
+
+def _reports(entries: list[Entry]) -> Iterator[Told]:
+    for number, entry in enumerate(entries):
+        for fact in entry.facts:
+            if isinstance(fact, StateChanged) and (report := read_report(fact.body)):
+                yield Told(number, entry.time, report)
