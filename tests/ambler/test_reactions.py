@@ -150,7 +150,7 @@ def test_a_move_that_tilts_the_robot_begins_again_when_it_is_level(
     """All legs of one side are a little short, which nobody notices before the move."""
     monkeypatch.setattr(tip_over, "MOST_TILT", 1.0)
     shorter = np.zeros((6, 3))
-    shorter[:3, 2] = -0.12
+    shorter[:3, 2] = -0.16
     robot._drive(robot._command + shorter)
     pose = robot.stance().pose
     user.command(MOVE_BODY, BodyMove(replace(pose, x=pose.x + 0.1), 1.0)).result(timeout=10)

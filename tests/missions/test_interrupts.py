@@ -33,15 +33,19 @@ def test_a_task_that_is_sent_as_ctrl_c_is_pressed_has_stopped_when_the_call_retu
         signal.signal(signal.SIGINT, before)
 
 
+def press_twice(reached: list[int]) -> None:
+    with interrupt_held():
+        for number in (1, 2):
+            signal.raise_signal(signal.SIGINT)
+            reached.append(number)
+
+
 def test_a_second_ctrl_c_is_not_held() -> None:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         reached: list[int] = []
-        with pytest.raises(KeyboardInterrupt), interrupt_held():
-            signal.raise_signal(signal.SIGINT)
-            reached.append(1)
-            signal.raise_signal(signal.SIGINT)
-            reached.append(2)
+        with pytest.raises(KeyboardInterrupt):
+            press_twice(reached)
         assert reached == [1]
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:

@@ -7,11 +7,13 @@ from robots.ambler_sim.planning.gait import with_foot
 from robots.ambler_sim.planning.stability import conservative_margin, energy_margin, support_margin
 from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
 
-LEAST_SUPPORT = 0.3
+LEAST_SUPPORT = 0.35
+"""Metres. With less, two springy feet bear nearly all, and the body tilts by more than a degree."""
+
 LEAST_CONSERVATIVE = -0.2
 """Metres: below 0 the failure of one more leg could tip the robot. On slopes of 30 % the gait itself comes to -0.15."""
 
-LEAST_ENERGY = 0.015
+LEAST_ENERGY = 0.018
 """Metres: a little less than LEAST_SUPPORT means on level ground; downhill the robot tips more easily."""
 
 LEAST_LOAD = 500.0

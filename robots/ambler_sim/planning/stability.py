@@ -1,11 +1,15 @@
 """How far the robot is from tipping over, from its stance alone."""
 
+import math
+
 import numpy as np
 
 from robots.ambler_sim.geometry import AMBLER, GRAVITY, Array, feet_of, stance_joints, to_world
 from robots.ambler_sim.vocabulary import LEGS, Stance
 
 WEIGHT = AMBLER.mass * GRAVITY
+
+LEAST_CORNERS = 3
 
 Corner = tuple[float, float, float]
 
@@ -41,8 +45,12 @@ def support_polygon(stance: Stance, *lifted: int) -> Array:
 
 
 def support_margin(stance: Stance, *lifted: int) -> float:
-    """Horizontal distance (m) of the centre of gravity from the nearest support edge; negative when it is outside."""
+    """Horizontal distance (m) of the centre of gravity from the nearest support edge; negative when it is outside, -inf
+    when fewer than three feet stand.
+    """
     corners = support_polygon(stance, *lifted)
+    if len(corners) < LEAST_CORNERS:
+        return -math.inf
     edges, to_centre = _edges_and_arms(corners, stance)
     return float((_inward(edges, to_centre) / np.hypot(edges[:, 0], edges[:, 1])).min())
 
