@@ -19,10 +19,12 @@ from robots.ambler_sim.planning.replanning import (
     OBSTACLE_RADIUS,
     RAISE,
     another_way,
+    centring,
     felt,
     raised,
     shuffle,
 )
+from robots.ambler_sim.planning.stability import conservative_margin
 from robots.ambler_sim.vocabulary import Contact, Foot, LegMove, Obstacle, Stance
 
 
@@ -140,3 +142,13 @@ def test_a_foot_that_cannot_be_brought_to_its_place_stays() -> None:
     stance = with_foot(a_stance(), Foot(2, 0.9, 0.4, 0.0))
     walls = [wall(-0.6, y / 2) for y in range(-6, 8)]
     assert 2 not in {move.leg for move in shuffle(with_obstacles(a_map(), walls), stance, blocked=2)}
+
+
+def test_a_body_that_stands_badly_is_brought_to_where_any_leg_can_be_lifted() -> None:
+    assert centring(a_stance()) is None
+    badly = a_stance()
+    badly = replace(badly, pose=replace(badly.pose, x=0.6))
+    move = centring(badly)
+    assert move is not None
+    assert conservative_margin(badly) < 0.0
+    assert conservative_margin(replace(badly, pose=move.goal)) > 0.2

@@ -5,6 +5,8 @@ step is planned anew, the feet are shuffled into the standard configuration and 
 walk is given up. The modules that plan and move need not know of this one.
 """
 
+from dataclasses import replace
+
 from robots.ambler_sim.errors import AmblerError, PathBlocked
 from robots.ambler_sim.messages import (
     ACHIEVED_POSITION,
@@ -21,7 +23,7 @@ from robots.ambler_sim.messages import (
     StepEnd,
 )
 from robots.ambler_sim.planning.gait import TOLERANCE, after_step
-from robots.ambler_sim.planning.replanning import another_step, felt, raised, shuffle, window_around
+from robots.ambler_sim.planning.replanning import another_step, centring, felt, raised, shuffle, window_around
 from robots.ambler_sim.recovery import (
     DO_AGAIN,
     GIVE_UP,
@@ -117,15 +119,21 @@ def ground(task: Task, stance: Stance) -> ElevationMap:
 
 @recovery.handles(SHUFFLE_FEET)
 def shuffle_feet(task: Task) -> None:
-    """Bring the feet into the standard configuration, and begin the rest of the arc from there."""
+    """Bring the body to where it stands best, and the feet into the standard configuration around it; begin the rest of
+    the arc from there.
+    """
     trouble, stance = task.trouble, task.query(STANCE)
     arc_task = trouble.attached
     assert arc_task is not None
     if trouble.invocations > FORGOTTEN_AFTER:
         task.inform(FORGET_FELT)
-    moves = shuffle(ground(task, stance), stance, _leg_of(trouble.failing))
+    shift = centring(stance)
+    there = replace(stance, pose=shift.goal) if shift else stance
+    moves = shuffle(ground(task, stance), there, _leg_of(trouble.failing))
     abandon(trouble, "begun again")
     with task.sequence():
+        if shift:
+            task.command(MOVE_BODY, shift)
         for move in moves:
             task.command(MOVE_LEG, move)
     arc_task.retry()

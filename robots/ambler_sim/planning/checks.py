@@ -1,7 +1,7 @@
 """Checks before and after a move: from a stance, a planned move and sensors to a verdict."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 from robots.ambler_sim.planning.gait import with_foot
 from robots.ambler_sim.planning.stability import conservative_margin, energy_margin, support_margin
@@ -53,9 +53,16 @@ def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
 
 
 def margins_of_body_move(stance: Stance, move: BodyMove) -> Margins:
-    """The least at either end of the move: between them the body is nowhere nearer to an edge, feet are convex."""
-    both = stance, replace(stance, pose=move.goal)
-    return Margins(*(min(map(margin, both)) for margin in (support_margin, conservative_margin, energy_margin)))
+    """The least at either end of the move: between them the body is nowhere nearer to an edge, feet are convex. Of a
+    move that leads to where the robot stands better, those of its end: it stands already where the move begins.
+    """
+    before, after = _margins(stance), _margins(replace(stance, pose=move.goal))
+    least = Margins(*map(min, astuple(before), astuple(after)))
+    return after if least == before else least
+
+
+def _margins(stance: Stance) -> Margins:
+    return Margins(support_margin(stance), conservative_margin(stance), energy_margin(stance))
 
 
 def is_stable(margins: Margins) -> bool:

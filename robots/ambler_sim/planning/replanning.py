@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 from robots.ambler_sim.errors import AmblerError, NoFootfall, NoStep, OutOfReach, PathBlocked, UnstableMove
 from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, offset, side_of
-from robots.ambler_sim.planning.body import plan_body_move
+from robots.ambler_sim.planning.body import plan_body_move, plan_shift
 from robots.ambler_sim.planning.checks import is_stable, margins_of_body_move, margins_of_leg_move
 from robots.ambler_sim.planning.elevation import height_at
 from robots.ambler_sim.planning.footfall import choose_foothold
 from robots.ambler_sim.planning.gait import mean_height, next_leg, next_step, standard_places, with_foot
 from robots.ambler_sim.planning.leg_recovery import plan_swing
 from robots.ambler_sim.planning.mapping import AHEAD, SIZE
-from robots.ambler_sim.planning.stability import energy_margin
+from robots.ambler_sim.planning.stability import conservative_margin, energy_margin
 from robots.ambler_sim.vocabulary import (
     LEGS,
     NO_LEG,
@@ -50,6 +50,12 @@ WIDER = 1.0
 
 BESIDE = ((0.0, 0.0), (0.35, 0.0), (-0.35, 0.0), (0.0, 0.35), (0.0, -0.35))
 """Metres from a place of the standard configuration."""
+
+SHIFTS = (0.0, 0.2, -0.2, 0.4, -0.4, 0.6, -0.6)
+"""Metres that the body may be shifted ahead or to the left, to stand better."""
+
+STANDS_WELL = 0.2
+"""Metres to the edge, without any one leg, with which the body is not shifted."""
 
 ADVANCES = (0.5, 0.25, 0.12)
 """How far (m) the body goes on with a footstep."""
@@ -124,6 +130,24 @@ def _alternative(ground: ElevationMap, step: Step) -> Alternative:
         if not is_stable(margins):
             raise UnstableMove(f"the step with leg {step.leg} would leave only {margins}")
     return Alternative(step, leg_move, body_move)
+
+
+def centring(stance: Stance) -> BodyMove | None:
+    """The move of the body to where any leg can be lifted, as far as the feet allow; None if it is there, or if nowhere
+    near is better.
+    """
+    best, most = None, conservative_margin(stance)
+    if most >= STANDS_WELL:
+        return None
+    for ahead in SHIFTS:
+        for left in SHIFTS:
+            x, y = offset(stance.pose, ahead, left)
+            with contextlib.suppress(AmblerError):
+                move = plan_shift(stance, replace(stance.pose, x=x, y=y))
+                margin = conservative_margin(replace(stance, pose=move.goal))
+                if margin > most:
+                    best, most = move, margin
+    return best
 
 
 def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]:
