@@ -57,8 +57,8 @@ MOST_TILT = 0.03
 five springy feet may come to 1.3.
 """
 
-SPARED = 0.1
-"""Metres: ground gives way under a leg without which the robot stands by that much; else it would fall."""
+SPARED = 0.5
+"""Metres: ground gives way under the next leg without which the robot stands by that much; else it would rock."""
 
 PUT_DOWN_AT_MOST = 3
 """Times that a leg is lowered at the end of its move."""
@@ -317,11 +317,13 @@ class Robot:
         self._plant.begin_armed()
         if self._gives_way not in LEGS or any(map(self._hangs, LEGS)):
             return
-        if support_margin(self.true_stance(), self._gives_way) > SPARED:
-            foot = self.true_stance().feet[self._gives_way]
-            self._plant.give_way(foot.x, foot.y)
-            self._gives_way = NO_LEG
-            self._settle()
+        stance = self.true_stance()
+        for leg in (*LEGS[self._gives_way :], *LEGS[: self._gives_way]):
+            if support_margin(stance, leg) > SPARED:
+                self._plant.give_way(stance.feet[leg].x, stance.feet[leg].y)
+                self._gives_way = NO_LEG
+                self._settle()
+                return
 
     def _require_amplifiers(self) -> None:
         """Raise AmplifierTripped, before anything moves, if the amplifier of a leg is off."""
