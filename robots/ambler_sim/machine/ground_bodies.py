@@ -1,9 +1,15 @@
-"""The ground as bodies of the physics engine: tiles around the robot, which come and go as it walks, and rocks."""
+"""The ground as bodies of the physics engine: tiles around the robot, which are laid elsewhere as it walks, and rocks.
+
+The engine never gives back what a height field took, so a tile is not removed: its heights are replaced.
+"""
 
 from collections import deque
+from typing import NamedTuple
 
+import numpy as np
 import pybullet
 
+from robots.ambler_sim.geometry import Array
 from robots.ambler_sim.machine.terrain import MOST_ADDED, RESOLUTION, Terrain
 from robots.ambler_sim.vocabulary import Rock
 
@@ -12,6 +18,12 @@ TILE = 64
 
 NEAR = 15.0
 """Metres around the robot that have ground: the range finder reaches 14 m."""
+
+DEEPEST = 300.0
+"""Metres that the ground may be above or below the start."""
+
+AWAY = -1000
+"""Where tiles lie that are not needed, in tiles."""
 
 FRICTION = 1.0
 UNSEEN = 64
@@ -24,12 +36,20 @@ SOIL = (0.81, 0.67, 0.53, 1.0)
 STONE = (0.45, 0.43, 0.41, 1.0)
 
 
+class Tile(NamedTuple):
+    """A piece of ground: the numbers of its body and of its height field."""
+
+    body: int
+    shape: int
+
+
 class GroundBodies:
     """The ground of a physics world."""
 
     def __init__(self, world: int, terrain: Terrain) -> None:
         self._world, self._terrain = world, terrain
-        self._tiles: dict[tuple[int, int], int] = {}
+        self._tiles: dict[tuple[int, int], Tile] = {}
+        self._spare: list[Tile] = []
         self._around: tuple[int, int, int, int] | None = None
         self.rocks = [self._make_rock(rock) for rock in terrain.spec.rocks]
         self._added: deque[int] = deque()
@@ -37,10 +57,10 @@ class GroundBodies:
     @property
     def tiles(self) -> frozenset[int]:
         """The numbers of the bodies that are ground."""
-        return frozenset(self._tiles.values())
+        return frozenset(tile.body for tile in self._tiles.values())
 
     def follow(self, x: float, y: float) -> None:
-        """The robot is here: make the tiles around it, and remove those that are far away."""
+        """The robot is here: lay the tiles around it; those that are far away are laid there."""
         size = TILE * RESOLUTION
         first, last = int((x - NEAR) // size), int((x + NEAR) // size)
         lowest, highest = int((y - NEAR) // size), int((y + NEAR) // size)
@@ -48,10 +68,12 @@ class GroundBodies:
             return
         self._around = first, last, lowest, highest
         near = {(i, j) for i in range(first, last + 1) for j in range(lowest, highest + 1)}
-        for place in set(self._tiles) - near:
-            pybullet.removeBody(self._tiles.pop(place), physicsClientId=self._world)
+        for place in sorted(set(self._tiles) - near):
+            self._spare.append(self._tiles.pop(place))
+            self._lay(self._spare[-1], AWAY, AWAY)
         for place in sorted(near - set(self._tiles)):
-            self._tiles[place] = self._make_tile(*place)
+            self._tiles[place] = self._spare.pop() if self._spare else self._make_tile()
+            self._shape(self._tiles[place], *place)
 
     def add(self, rock: Rock) -> None:
         """Put a rock onto the ground; the oldest ones that were added go."""
@@ -67,25 +89,39 @@ class GroundBodies:
         size = TILE * RESOLUTION
         corners = {(int((x + i) // size), int((y + j) // size)) for i in (-1, 1) for j in (-1, 1)}
         for place in sorted(corners & set(self._tiles)):
-            pybullet.removeBody(self._tiles[place], physicsClientId=self._world)
-            self._tiles[place] = self._make_tile(*place)
+            self._shape(self._tiles[place], *place)
 
-    def _make_tile(self, i: int, j: int) -> int:
-        """A height field. The engine puts the middle of its height range at z = 0, hence the offset."""
+    def _make_tile(self) -> Tile:
+        """Flat, but as high and deep as any ground: the engine looks for contacts within the first heights for ever."""
+        heights = np.zeros((TILE + 1, TILE + 1))
+        heights[0, 0], heights[-1, -1] = -DEEPEST, DEEPEST
+        shape = self._height_field(heights)
+        body: int = pybullet.createMultiBody(0, shape, physicsClientId=self._world)
+        pybullet.changeDynamics(body, -1, lateralFriction=FRICTION, physicsClientId=self._world)
+        pybullet.changeVisualShape(body, -1, textureUniqueId=-1, rgbaColor=SOIL, physicsClientId=self._world)
+        return Tile(body, shape)
+
+    def _shape(self, tile: Tile, i: int, j: int) -> None:
+        """Give a tile the heights of a place, and lay it there."""
         heights = self._terrain.lattice(i * TILE, j * TILE, TILE + 1, TILE + 1)
-        shape = pybullet.createCollisionShape(
+        self._height_field(heights, replaceHeightfieldIndex=tile.shape)
+        self._lay(tile, i, j)
+
+    def _lay(self, tile: Tile, i: int, j: int) -> None:
+        middle = ((i + 0.5) * TILE * RESOLUTION, (j + 0.5) * TILE * RESOLUTION, 0.0)
+        pybullet.resetBasePositionAndOrientation(tile.body, middle, (0, 0, 0, 1), physicsClientId=self._world)
+
+    def _height_field(self, heights: Array, **options: int) -> int:
+        number: int = pybullet.createCollisionShape(
             pybullet.GEOM_HEIGHTFIELD,
             meshScale=[RESOLUTION, RESOLUTION, 1],
             heightfieldData=heights.T.ravel().tolist(),
             numHeightfieldRows=TILE + 1,
             numHeightfieldColumns=TILE + 1,
             physicsClientId=self._world,
+            **options,
         )
-        middle = ((i + 0.5) * TILE * RESOLUTION, (j + 0.5) * TILE * RESOLUTION, (heights.max() + heights.min()) / 2)
-        tile: int = pybullet.createMultiBody(0, shape, basePosition=middle, physicsClientId=self._world)
-        pybullet.changeDynamics(tile, -1, lateralFriction=FRICTION, physicsClientId=self._world)
-        pybullet.changeVisualShape(tile, -1, textureUniqueId=-1, rgbaColor=SOIL, physicsClientId=self._world)
-        return tile
+        return number
 
     def _make_rock(self, rock: Rock) -> int:
         """An upright cylinder that does not move, seen by cameras and felt by feet."""
