@@ -87,15 +87,16 @@ class Activity:
             raise MisuseError(f"{self!r}: its cost must be a number, 0 or more, not {cost!r:.60}")
         return cost
 
-    def data_at(self, share: float, rank: int, task: Do) -> Any:
-        """The data of one of its tasks at a share of full speed; with rank 0, when its state is entered, its own."""
-        return task.data if rank == 0 or self.adapt is None else self.adapt(task.data, share, rank)
-
-    def check_data_at(self, share: float, rank: int) -> bool:
-        """Raises what ``adapt`` raises, and MisuseError if its data do not fit; otherwise true."""
-        for task in self.tasks:
-            task.message.encode_data(self.data_at(share, rank, task))
-        return True
+    def data_at(self, share: float, rank: int) -> list[Any]:
+        """The data of its tasks at a share of full speed; with rank 0, when its state is entered, their own. Raises
+        what ``adapt`` raises, and BadData if its data do not fit.
+        """
+        if rank == 0 or self.adapt is None:
+            return [task.data for task in self.tasks]
+        data = [self.adapt(task.data, share, rank) for task in self.tasks]
+        for task, adapted in zip(self.tasks, data, strict=True):
+            task.message.encode_data(adapted)
+        return data
 
     def progress(self, report: Any) -> float:
         """The progress in [0, 1] that a report of one of its tasks stands for."""

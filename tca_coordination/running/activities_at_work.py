@@ -6,6 +6,7 @@ likelihoods see these, as they would without a preview. The present ones are how
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 from tca_coordination.model.activities import Activity
 from tca_coordination.model.mistakes import Mistakes
@@ -132,7 +133,7 @@ class ActivitiesAtWork:
         self.current = self._ahead.pop(state)
         self.kept += len(work.tasks)
         self._set_role(work, TaskRole.KEPT)
-        work.share, work.rank = 1.0, 0
+        work.share, work.rank, work.data = 1.0, 0, work.activity.data_at(1.0, 0)
         self._begin_entered(work.activity)
         if work.is_finished:
             self._plain.finish(work.activity)
@@ -147,10 +148,10 @@ class ActivitiesAtWork:
 
     # --- ahead -----------------------------------------------------------------------------------------------------
 
-    def begin_ahead(self, state: int, activity: Activity, share: float, rank: int) -> None:
-        """Start the activity of a state that is foreseen, at a share of its full speed."""
+    def begin_ahead(self, state: int, activity: Activity, share: float, rank: int, data: list[Any]) -> None:
+        """Start the activity of a state that is foreseen, at a share of its full speed, with the data for that."""
         work = StartedActivity(state, activity, TaskRole.AHEAD, self._now.begin(activity))
-        work.share, work.rank = share, rank
+        work.share, work.rank, work.data = share, rank, data
         self._ahead[state] = work
         self._start(work)
 
@@ -162,7 +163,7 @@ class ActivitiesAtWork:
         """Tell handlers of new speeds, where they can be told now."""
         for work in (*self._ahead.values(), *([self.current] if self.current is not None else [])):
             if work.activity.adapt is not None:
-                work.adapt_speed()
+                work.update_tasks()
 
     def drop(self, state: int, why: str) -> None:
         """What was done ahead of a state is of no use."""
@@ -208,7 +209,7 @@ class ActivitiesAtWork:
     # --- tasks -----------------------------------------------------------------------------------------------------
 
     def _start(self, work: StartedActivity) -> None:
-        work.start(self._task, work.activity.tasks, self._heard)
+        work.start(self._task, self._heard)
         self._news.append(work)
 
     def _set_role(self, work: StartedActivity, role: TaskRole) -> None:

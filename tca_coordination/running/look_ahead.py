@@ -1,6 +1,7 @@
 """How a machine looks ahead: the policy and limits of a coordinator, and what is known of its machine beforehand."""
 
 from collections.abc import Callable
+from typing import Any
 
 from tca_coordination.model.activities import Activity
 from tca_coordination.model.machine import Coordination
@@ -34,8 +35,8 @@ class LookAhead:
         automaton = self._machine.automaton(present.situation, self._mistakes)
         return decide(automaton, present, self._policy, self._needed, self._limits, self._mistakes)
 
-    def can_run_at(self, activity: Activity, share: float, rank: int) -> bool:
-        """Whether an activity has data for a share of its full speed and a rank."""
-        return self._mistakes.otherwise(
-            False, f"{activity!r} does not run early", lambda: activity.check_data_at(share, rank)
-        )
+    def data_at(self, activity: Activity, share: float, rank: int, otherwise: str) -> list[Any] | None:
+        """The data of an activity's tasks at a share of full speed and a rank; None if it has none. *otherwise*: what
+        becomes of it then, in words.
+        """
+        return self._mistakes.otherwise(None, f"{activity!r} {otherwise}", lambda: activity.data_at(share, rank))

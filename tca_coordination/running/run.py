@@ -161,17 +161,21 @@ class CoordinationRun:
         ranks = {one.state: rank for rank, one in enumerate(decision.preview, 1)}
         speeds = {change.state: change.share for change in decision.speeds}
         for start in decision.starts:
-            activity = self._activity(start.state)
+            activity, rank = self._activity(start.state), ranks[start.state]
             assert activity is not None
-            if self._look_ahead.can_run_at(activity, start.share, ranks[start.state]):
-                self._work.begin_ahead(start.state, activity, start.share, ranks[start.state])
+            data = self._look_ahead.data_at(activity, start.share, rank, "does not run early")
+            if data is not None:
+                self._work.begin_ahead(start.state, activity, start.share, rank, data)
         for state, rank in ranks.items():
             work = self._work.ahead(state)
             if work is None:
                 continue
             share = speeds.get(state, work.share)
-            if (share, rank) != (work.share, work.rank) and self._look_ahead.can_run_at(work.activity, share, rank):
-                work.share, work.rank = share, rank
+            if (share, rank) == (work.share, work.rank):
+                continue
+            data = self._look_ahead.data_at(work.activity, share, rank, "runs on as it does")
+            if data is not None:
+                work.share, work.rank, work.data = share, rank, data
         self._work.adapt_speeds()
 
     def _move(self) -> bool:

@@ -1,6 +1,6 @@
 """An activity that was started: its tasks, how far they are, and what they are to the machine."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -18,8 +18,8 @@ Heard = Callable[["ActivityTask", Change], object]
 class ActivityTask:
     """A task of an activity that was started."""
 
-    def __init__(self, under: Task, do: Do, activity: Activity, share: float, rank: int, heard: Heard) -> None:
-        """*share*: of its full speed. *rank*: its place in the preview list, or 0."""
+    def __init__(self, under: Task, do: Do, data: Any, activity: Activity, rank: int, heard: Heard) -> None:
+        """*data*: its own, or what they are at another speed. *rank*: its place in the preview list, or 0."""
         self.do = do
         self.progress = 0.0
         self.has_begun = False
@@ -29,10 +29,9 @@ class ActivityTask:
         self.killed = ""
         """By whom and why, in words; "" if it was not."""
         self._activity = activity
-        self._at = share, rank
-        self._data = activity.data_at(share, rank, do)
+        self._data = data
         send: Any = under.command if isinstance(do.message, Command) else under.goal
-        self.sent: SentTask[Any] = send(do.message, self._data, sequential=False, priority=-rank)
+        self.sent: SentTask[Any] = send(do.message, data, sequential=False, priority=-rank)
         self.sent.on_change(lambda change: heard(self, change))
         self._reports = self.sent.progress() if do.message.progress.kind is not type(None) else None
 
@@ -58,17 +57,17 @@ class ActivityTask:
         if change.state != self.do.message.life_cycle.done:
             self.killed = change.text or "its end was not seen"
 
-    def run_at(self, share: float, rank: int) -> None:
-        """Have it run at another share or rank. A handler that does not agree goes on as before."""
-        if self.is_over or self._at == (share, rank):
+    def update(self, data: Any) -> None:
+        """Have it run with other data. A handler that does not agree goes on as before."""
+        if self.is_over or data is self._data:
             return
-        data = self._activity.data_at(share, rank, self.do)
+        encode = self.do.message.encode_data
         try:
-            if data != self._data:
+            if encode(data) != encode(self._data):  # arrays have no equality that is true or false
                 self.sent.update_send(data)
         except Refused:  # not now: it has yet to begin, or to take over the speed before
             return
-        self._at, self._data = (share, rank), data
+        self._data = data
 
     def request_end(self, why: str) -> None:
         """Ask its handler to end it."""
@@ -95,6 +94,8 @@ class StartedActivity:
         """Of its full speed."""
         self.rank = 0
         """Its place in the preview list; 0: its state is entered."""
+        self.data = activity.data_at(self.share, self.rank)
+        """Of its tasks, for that share and rank."""
         self.tasks: list[ActivityTask] = []
         self.kill_at: float | None = None
         """It has been asked to end; at that moment it is killed."""
@@ -102,10 +103,12 @@ class StartedActivity:
         self.is_finished = False
         """What it makes is known to hold."""
 
-    def start(self, under: Task, tasks: Sequence[Do], heard: Heard) -> None:
+    def start(self, under: Task, heard: Heard) -> None:
         """Send its tasks."""
-        activity, share, rank = self.activity, self.share, self.rank
-        self.tasks = [ActivityTask(under, do, activity, share, rank, heard) for do in tasks]
+        self.tasks = [
+            ActivityTask(under, do, data, self.activity, self.rank, heard)
+            for do, data in zip(self.activity.tasks, self.data, strict=True)
+        ]
 
     @property
     def is_over(self) -> bool:
@@ -132,10 +135,10 @@ class StartedActivity:
         """The least of its tasks' progress."""
         return min(task.progress for task in self.tasks)
 
-    def adapt_speed(self) -> None:
-        """Tell its tasks of its speed and rank."""
-        for task in self.tasks:
-            task.run_at(self.share, self.rank)
+    def update_tasks(self) -> None:
+        """Tell its tasks of their data, where these have changed."""
+        for task, data in zip(self.tasks, self.data, strict=True):
+            task.update(data)
 
     def request_end(self, why: str, kill_at: float) -> None:
         """Ask for the end of its tasks; those that go on are killed at that moment."""

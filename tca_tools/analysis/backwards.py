@@ -17,6 +17,7 @@ from operator import itemgetter
 from tca_tools.analysis.standing import going_on, last_change
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
 from tca_tools.run.at_time import RunAt
+from tca_tools.run.coordinators import ends_waited_for
 from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import Moment
@@ -77,7 +78,9 @@ class Causes:
 
     def _in_handler(self, at: _At, handling: Handling) -> _Back:
         """Back to where the handler last resumed, or else began."""
-        over = self._over.get(id(handling)) or self._over.setdefault(id(handling), self._as_ended(handling.waits))
+        if (over := self._over.get(id(handling))) is None:
+            waits = [*handling.waits, *ends_waited_for(self._run, handling)]
+            over = self._over[id(handling)] = self._as_ended(waits)
         place = bisect_right(over, at.time, key=_END)
         start, wait = over[place - 1][1:] if place else (handling.start, None)
         before = _At(start, wait.awaited, wait=wait) if wait else _At(start, handling.message_id)

@@ -10,7 +10,7 @@ from math import inf
 from operator import itemgetter
 from typing import NamedTuple
 
-from tca_tools.run.records import Task
+from tca_tools.run.records import HandlerWait, Handling, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.coordination import CoordinationChart, TaskRole, read_chart, read_report
 from tca_wire.life_cycles import Effect
@@ -121,6 +121,20 @@ def agent_task(run: Run, task: Task) -> SentByCoordinator | None:
     above = run.tasks.get(task.parent)
     record = coordinator_of(run, above) if above is not None else None
     return record.tasks.get(task.id) if record is not None else None
+
+
+def ends_waited_for(run: Run, handling: Handling) -> list[HandlerWait]:
+    """The waits of a coordinator for its tasks, except those that it sent in vain. It waits for whatever comes first,
+    so the journal has none of them.
+    """
+    coordinator = run.tasks.get(handling.message_id)
+    record = coordinator_of(run, coordinator) if coordinator is not None else None
+    sent = [run.tasks[one.id] for one in record.tasks.values() if not one.is_wasted] if record is not None else []
+    return [
+        HandlerWait(task.id, task.received, Moment.END_ACHIEVING, task.time_of(Moment.END_ACHIEVING), handling)
+        for task in sent
+        if task.has_ended and task.by is handling
+    ]
 
 
 def coordinators(run: Run) -> Iterator[tuple[Task, CoordinatorRecord]]:

@@ -6,7 +6,7 @@ from coordination.delivery_robot import ARM, MOVE_ARM, arm, delivery, opened, pl
 from coordination.test_previews import AS_SOON_AS_LIKELY, fork
 from tools.runs import OPENED
 
-from tca_coordination import Do, Policy
+from tca_coordination import Coordination, Do, Policy
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
 
@@ -27,11 +27,19 @@ def deliver(free: float, policy: Policy | None = AS_SOON_AS_LIKELY, changed: flo
 
 def undone() -> list[Entry]:
     """The arm is ahead at box B when that turns out to be taken, and has to go home first."""
-    ahead = arm("box B", undo=Do(MOVE_ARM, "home", ARM))
-    with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
+    return _taken_after(4, fork(arm("box B", undo=Do(MOVE_ARM, "home", ARM)), opened(arm="home")))
+
+
+def too_late() -> list[Entry]:
+    """The arm is ahead at box B when that turns out to be taken; it is not yet at box C when the base has come."""
+    return _taken_after(6, fork(arm("box B"), arm("box C")))
+
+
+def _taken_after(seconds: float, machine: Coordination) -> list[Entry]:
+    with play(machine, AS_SOON_AS_LIKELY) as run:
         run.box_b(1.0)
         ran = run.begin()
-        run.central.advance(4)
+        run.central.advance(seconds)
         run.box_b(0.0)
         run.central.advance(20)
         ran.result(timeout=5)

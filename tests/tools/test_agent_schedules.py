@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from tools.deliveries import figure_7, killed, undone, written
+from tools.deliveries import figure_7, killed, too_late, undone, written
 
+from tca_tools.analysis.backwards import Causes
+from tca_tools.analysis.critical_path import critical_path
 from tca_tools.gantt.chart import Bar
 from tca_tools.run.coordinators import coordinators, gain
 from tca_tools.run.fold import folded
@@ -73,6 +75,24 @@ def test_the_gain_of_each_run(logs: list[Path]) -> None:
             (0, 0, 0.0, 0.0, 31.0),
         )
     ]
+
+
+def test_critical_paths_lead_through_the_tasks_that_were_waited_for(logs: list[Path], tmp_path: Path) -> None:
+    """Not through those that were done ahead in time or in vain; what is undone before the next may begin counts."""
+    drive, grip, reach = ("base", 8.0), ("gripper", 1.0), ("arm", 3.0)
+    ways = {
+        logs[0]: [drive, grip, reach, drive],
+        logs[1]: [drive, drive, grip, reach, drive],
+        logs[2]: [drive, drive, reach, grip, reach, drive],
+        written(undone(), tmp_path / "undone"): [drive, reach, grip],
+        written(too_late(), tmp_path / "too late"): [("coordinate fork", 6.0), reach],  # the user took 6 s
+    }
+    for log, way in ways.items():
+        run = folded(open_log(log))
+        ((coordinator, _),) = coordinators(run)
+        path = critical_path(run, Causes(run), coordinator)
+        steps = [(one.resource, round(one.seconds, 3)) for one in path.steps]
+        assert [(resource, seconds) for resource, seconds in steps if seconds > 0] == way
 
 
 def test_marks_of_what_ran_ahead(tca: Tca, logs: list[Path], expect: Callable[[str, str], None]) -> None:
