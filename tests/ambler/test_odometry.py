@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from ambler.builders import an_arc, take_steps
 
-from robots.ambler_sim.machine.making import make_robot
+from robots.ambler_sim.machine.making import Backend, make_robot, pybullet_is_installed
 from robots.ambler_sim.vocabulary import BodyMove, Fault, TerrainSpec
 
 
@@ -40,8 +40,15 @@ def test_a_footstep_is_recorded_with_what_is_believed_and_what_is_true() -> None
     assert step.margin > 0.3
 
 
-def test_a_leg_that_is_put_down_into_a_hole_does_not_lift_the_robot() -> None:
-    robot = make_robot("kinematic", terrain=TerrainSpec(seed=3, slope=0.3))
+@pytest.mark.parametrize(
+    "backend",
+    [
+        "kinematic",
+        pytest.param("pybullet", marks=pytest.mark.skipif(not pybullet_is_installed(), reason="no PyBullet")),
+    ],
+)
+def test_a_leg_that_is_put_down_into_a_hole_does_not_lift_the_robot(backend: Backend) -> None:
+    robot = make_robot(backend, terrain=TerrainSpec(seed=3, slope=0.3))
     pose = robot.stance().pose
     robot.inject(Fault("soft spot", leg=1))
     robot.move_body(BodyMove(replace(pose, x=pose.x + 0.1), 1.0))

@@ -69,10 +69,9 @@ class GroundBodies:
         self._around = first, last, lowest, highest
         near = {(i, j) for i in range(first, last + 1) for j in range(lowest, highest + 1)}
         for place in sorted(set(self._tiles) - near):
-            self._spare.append(self._tiles.pop(place))
-            self._lay(self._spare[-1], AWAY, AWAY)
+            self._put_away(self._tiles.pop(place))
         for place in sorted(near - set(self._tiles)):
-            self._tiles[place] = self._spare.pop() if self._spare else self._make_tile()
+            self._tiles[place] = self._another_tile()
             self._shape(self._tiles[place], *place)
 
     def add(self, rock: Rock) -> None:
@@ -89,7 +88,16 @@ class GroundBodies:
         size = TILE * RESOLUTION
         corners = {(int((x + i) // size), int((y + j) // size)) for i in (-1, 1) for j in (-1, 1)}
         for place in sorted(corners & set(self._tiles)):
+            before, self._tiles[place] = self._tiles[place], self._another_tile()
             self._shape(self._tiles[place], *place)
+            self._put_away(before)  # were its own heights replaced, feet would go on standing on the old ones
+
+    def _put_away(self, tile: Tile) -> None:
+        self._lay(tile, AWAY, AWAY)
+        self._spare.append(tile)
+
+    def _another_tile(self) -> Tile:
+        return self._spare.pop() if self._spare else self._make_tile()
 
     def _make_tile(self) -> Tile:
         """Flat, but as high and deep as any ground: the engine looks for contacts within the first heights for ever."""
